@@ -5,9 +5,8 @@
 #include <string.h>
 #include "cli_derive_options.h"
 #include "tool/json.h"
-#include "tool/clock.h"
 #include "tool/output.h"
-#include "cli_session.h"
+#include "tool/clock.h"
 
 /* The file that was made, wherever. */
 struct made {
@@ -42,7 +41,7 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
                                     struct umb_error *error)
 {
     struct umb_client *client;
-    enum umb_status status = umbc_connect(options->session, &client, error);
+    enum umb_status status = umbu_connect(&options->session, &client, error);
     if (status == UMB_OK) {
         status = umb_client_derive(client, options->target, settings, &made->bytes, &made->size,
                                    made->asset, error);

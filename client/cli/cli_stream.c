@@ -14,9 +14,8 @@
 
 #include "cli_http.h"
 #include "tool/json.h"
-#include "tool/clock.h"
 #include "tool/output.h"
-#include "cli_session.h"
+#include "tool/clock.h"
 #include "cli_stream_options.h"
 #include "format/content.h"
 #include "format/file_map.h"
@@ -56,12 +55,11 @@ static int open_source(struct stream *s)
     } else if (s->o.file) {
         status = umb_region_file_open(s->o.file, &s->source, &error);
     } else {
-        struct umbc_session session;
-        umbc_session_read(s->o.session, &session);
+        struct umbu_session session = s->o.session;
         if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
             session.options.call_timeout_ms = s->o.timeout_s * 1000;
         }
-        status = umb_client_open(session.address, &session.options, &s->client, &error);
+        status = umbu_connect(&session, &s->client, &error);
         if (status == UMB_OK) {
             status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
         }

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
-#include "cli_session.h"
 #include "umbrage/questions.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */
@@ -73,7 +72,7 @@ enum umb_status umbc_volume_open(const struct umbc_query_options *options,
     if (umbc_is_file(options->target)) {
         return open_file(asset, error);
     }
-    enum umb_status status = umbc_connect(options->session, &asset->client, error);
+    enum umb_status status = umbu_connect(&options->session, &asset->client, error);
     if (status == UMB_OK) {
         status = umb_client_get_limits(asset->client, &asset->limits, error);
     }

@@ -40,7 +40,7 @@ static const char *default_text(const struct umbu_option *option)
 
 static void print_option(const struct umbu_option *option, FILE *out)
 {
-    char left[96], text[1024], letter[6] = "";
+    char left[96], text[1024], range[80] = "", letter[6] = "";
     const char *value = value_name(option), *standard = default_text(option);
     if (option->letter != '\0') {
         (void)snprintf(letter, sizeof letter, "-%c, ", option->letter);
@@ -48,8 +48,11 @@ static void print_option(const struct umbu_option *option, FILE *out)
     const int length =
         snprintf(left, sizeof left, "  %s%s%s%s%s", letter, umbu_is_word(option) ? "" : "--",
                  option->name, value != NULL ? " " : "", value != NULL ? value : "");
-    (void)snprintf(text, sizeof text, "%s%s%s%s", option->help,
-                   standard != NULL ? " (default: " : "", standard != NULL ? standard : "",
+    if (option->kind == UMBU_KIND_ODD) {
+        umbu_expects(option, range, sizeof range);
+    }
+    (void)snprintf(text, sizeof text, "%s%s%s%s%s%s", option->help, range[0] != '\0' ? ": " : "",
+                   range, standard != NULL ? " (default: " : "", standard != NULL ? standard : "",
                    standard != NULL ? ")" : "");
     if (length + 2 > (int)HELP_COLUMN) {
         (void)fprintf(out, "%s\n%*s", left, (int)HELP_COLUMN, "");

@@ -23,9 +23,7 @@ static const struct unit {
                   {"", 1}},
   TIME_UNITS[] = {{"m", 60000}, {"s", 1000}, {"ms", 1}, {"", 1000}};
 
-/* Decimal digits at text; moves it behind them. False if there is none, or the number is too large.
- */
-static bool read_count(const char **text, uint64_t *value)
+bool umbu_read_count(const char **text, uint64_t *value)
 {
     const char *at = *text;
     uint64_t number = 0;
@@ -111,21 +109,11 @@ static bool put_number(const struct umbu_option *option, const char *text, void 
     return true;
 }
 
-static bool put_numbers(const struct umbu_option *option, const char *text, void *field)
-{
-    double *values = field;
-    bool good = umbu_read_numbers(text, option->count, values);
-    for (size_t i = 0; good && i < option->count; i++) {
-        good = values[i] >= option->low && values[i] <= option->high;
-    }
-    return good;
-}
-
 static bool put_count(const struct umbu_option *option, const char *text, void *field)
 {
     uint64_t value;
-    if (!read_count(&text, &value) || *text != '\0' || value < option->min || value > option->max ||
-        (option->kind == UMBU_KIND_ODD && value % 2 == 0) ||
+    if (!umbu_read_count(&text, &value) || *text != '\0' || value < option->min ||
+        value > option->max || (option->kind == UMBU_KIND_ODD && value % 2 == 0) ||
         (option->kind == UMBU_KIND_POWER && (value == 0 || (value & (value - 1)) != 0))) {
         return false;
     }
@@ -136,7 +124,7 @@ static bool put_bytes(const struct umbu_option *option, const char *text, void *
 {
     uint64_t value;
     const struct unit *unit = BYTE_UNITS;
-    if (!read_count(&text, &value)) {
+    if (!umbu_read_count(&text, &value)) {
         return false;
     }
     while (strcmp(text, unit->name) != 0) {
@@ -200,7 +188,7 @@ static bool put_choice(const struct umbu_option *option, const char *text, void 
 static bool put_sides(const struct umbu_option *option, const char *text, void *field)
 {
     uint64_t width, height;
-    if (!read_count(&text, &width) || *text++ != 'x' || !read_count(&text, &height) ||
+    if (!umbu_read_count(&text, &width) || *text++ != 'x' || !umbu_read_count(&text, &height) ||
         *text != '\0' || width < 1 || height < 1 || width > option->max || height > option->max) {
         return false;
     }
@@ -255,7 +243,7 @@ static bool put(const struct umbu_option *option, const char *text, void *field)
     case UMBU_KIND_NUMBER:
         return put_number(option, text, field);
     case UMBU_KIND_NUMBERS:
-        return put_numbers(option, text, field);
+        return umbu_read_numbers(text, option->count, field);
     case UMBU_KIND_BYTES:
         return put_bytes(option, text, field);
     case UMBU_KIND_TIME:
@@ -278,9 +266,30 @@ enum umb_status umbu_read_value(const struct umbu_option *option, const char *te
         return option->read(option, text, field, error);
     }
     if (option->kind == UMBU_KIND_LIST) {
-        return put_in_list(option, text, field, error);
+        const enum umb_status status =
+            option->read != NULL ? option->read(option, text, NULL, error) : UMB_OK;
+        return status == UMB_OK ? put_in_list(option, text, field, error) : status;
     }
     return put(option, text, field) ? UMB_OK : umbu_refuse(option, text, error);
+}
+
+enum umb_status umbu_read_bias(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error)
+{
+    struct umb_query_settings *settings = field;
+    const char *at = text;
+    double value = 0;
+    if (strcmp(text, "auto") == 0 || strcmp(text, "none") == 0) {
+        settings->bias_mode = text[0] == 'a' ? UMB_BIAS_AUTO : UMB_BIAS_NONE;
+        return UMB_OK;
+    }
+    if (!umbu_read_number(&at, &value) || !(value >= 0 && value <= 1e6) ||
+        (strcmp(at, "vox") != 0 && strcmp(at, "m") != 0)) {
+        return umbu_refuse(option, text, error);
+    }
+    settings->bias_mode = *at == 'v' ? UMB_BIAS_VOXELS : UMB_BIAS_METRES;
+    settings->bias = value;
+    return UMB_OK;
 }
 
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
@@ -344,6 +353,8 @@ static void number_text(const struct umbu_option *option, char *text, size_t siz
     } else if (option->above) {
         (void)snprintf(text, size, "%s above %g and at most %g%s", what, option->low, option->high,
                        unit);
+    } else if (isinf(option->low)) {
+        (void)snprintf(text, size, "%s%s", what, unit);
     } else if (isinf(option->high)) {
         (void)snprintf(text, size, "%s of %g or more%s", what, option->low, unit);
     } else {
@@ -392,8 +403,7 @@ void umbu_expects(const struct umbu_option *option, char *text, size_t size)
         number_text(option, text, size);
         break;
     case UMBU_KIND_NUMBERS:
-        (void)snprintf(text, size, "%s, %u numbers of at most %g", value, option->count,
-                       option->high);
+        (void)snprintf(text, size, "%u finite numbers %s", option->count, value);
         break;
     case UMBU_KIND_BYTES:
     case UMBU_KIND_TIME:

@@ -105,9 +105,11 @@ static enum umb_status take_word(struct umbu_parsed *parsed, const char *text,
             words++;
         }
     }
-    return umb_fail(error, UMB_E_ARGUMENT,
-                    "argument '%.80s' is one too many: %zu %s taken; see --help", text, words,
-                    words == 1 ? "is" : "are");
+    return words == 0
+               ? umb_fail(error, UMB_E_ARGUMENT, "argument '%.80s' is not taken; see --help", text)
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "argument '%.80s' is one too many; give at most %zu; see --help", text,
+                          words);
 }
 
 /* Finds "--name", "--name=value", "-o" or "-ovalue"; *value is what is attached, or NULL. */
@@ -116,7 +118,7 @@ static bool find_option(const struct umbu_command *command, const char *text, st
 {
     if (text[1] != '-') {
         *value = text[2] != '\0' ? text + 2 : NULL;
-        return find_letter(command, text[1], found);
+        return text[2] != '=' && find_letter(command, text[1], found);
     }
     const size_t length = strcspn(text + 2, "=");
     *value = text[2 + length] == '=' ? text + 2 + length + 1 : NULL;
@@ -133,7 +135,7 @@ static enum umb_status take_option(struct umbu_parsed *parsed, int argc, char **
         return umb_fail(error, UMB_E_ARGUMENT, "option '%.80s' is not known; see --help",
                         argv[*at]);
     }
-    if (found.option->kind == UMBU_KIND_FLAG) {
+    if (found.option->value == NULL && found.option->choices == NULL) {
         return value == NULL ? take_value(parsed, &found, "true", error)
                              : umb_fail(error, UMB_E_ARGUMENT, "--%s: takes no value, but has one",
                                         found.option->name);
@@ -308,6 +310,10 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
                char **argv, void *settings)
 {
     struct umb_error error;
+    if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        umbu_print_rows(command, stdout);
+        return fflush(stdout) != 0 || ferror(stdout) ? umb_status_exit(UMB_E_IO) : 0;
+    }
     const enum umb_status status = umbu_parse(parsed, command, argc, argv, settings, &error);
     if (status != UMB_OK) {
         (void)fprintf(stderr, "%s: %s\n", command->name, error.message);

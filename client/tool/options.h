@@ -32,7 +32,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
-#include "umbrage/status.h"
+#include "umbrage/query.h"
 
 #define UMBU_OPTIONS_MAX  128 /* rows of a command, all sections together */
 #define UMBU_SECTIONS_MAX 6
@@ -51,7 +51,7 @@ enum umbu_kind {
     UMBU_KIND_CHOICE,  /* a word of `choices`; the field gets its index */
     UMBU_KIND_SIDES,   /* WxH, each 1 to max */
     UMBU_KIND_MODE,    /* octal permissions that hold all bits of min */
-    UMBU_KIND_LIST,    /* texts, at most max, one for each time the option is given */
+    UMBU_KIND_LIST,    /* texts, at most max, one each time; `read` checks one if it is there */
     UMBU_KIND_READ,    /* by `read` */
 };
 
@@ -119,16 +119,15 @@ struct umbu_option {
         const char **: UMBU_TYPE_TEXTS,                                                            \
         default: UMBU_TYPE_OTHER)
 
-#define UMBU_FLAG                .kind = UMBU_KIND_FLAG
-#define UMBU_TEXT                .kind = UMBU_KIND_TEXT
-#define UMBU_COUNT(low_, high_)  .kind = UMBU_KIND_COUNT, .min = (low_), .max = (high_)
-#define UMBU_ODD(low_, high_)    .kind = UMBU_KIND_ODD, .min = (low_), .max = (high_)
-#define UMBU_POWER(low_, high_)  .kind = UMBU_KIND_POWER, .min = (low_), .max = (high_)
-#define UMBU_LOG2(low_, high_)   UMBU_POWER(low_, high_), .as_log2 = true
-#define UMBU_NUMBER(low_, high_) .kind = UMBU_KIND_NUMBER, .low = (low_), .high = (high_)
-#define UMBU_ABOVE(low_, high_)  UMBU_NUMBER(low_, high_), .above = true
-#define UMBU_NUMBERS(count_, limit_)                                                               \
-    .kind = UMBU_KIND_NUMBERS, .count = (count_), .low = -(limit_), .high = (limit_)
+#define UMBU_FLAG                  .kind = UMBU_KIND_FLAG
+#define UMBU_TEXT                  .kind = UMBU_KIND_TEXT
+#define UMBU_COUNT(low_, high_)    .kind = UMBU_KIND_COUNT, .min = (low_), .max = (high_)
+#define UMBU_ODD(low_, high_)      .kind = UMBU_KIND_ODD, .min = (low_), .max = (high_)
+#define UMBU_POWER(low_, high_)    .kind = UMBU_KIND_POWER, .min = (low_), .max = (high_)
+#define UMBU_LOG2(low_, high_)     UMBU_POWER(low_, high_), .as_log2 = true
+#define UMBU_NUMBER(low_, high_)   .kind = UMBU_KIND_NUMBER, .low = (low_), .high = (high_)
+#define UMBU_ABOVE(low_, high_)    UMBU_NUMBER(low_, high_), .above = true
+#define UMBU_NUMBERS(count_)       .kind = UMBU_KIND_NUMBERS, .count = (count_)
 #define UMBU_BYTES(low_, high_)    .kind = UMBU_KIND_BYTES, .min = (low_), .max = (high_)
 #define UMBU_TIME(low_ms, high_ms) .kind = UMBU_KIND_TIME, .min = (low_ms), .max = (high_ms)
 #define UMBU_CHOICE(words)         .kind = UMBU_KIND_CHOICE, .choices = (words)
@@ -187,8 +186,8 @@ UMB_CHECKED enum umb_status umbu_parse(struct umbu_parsed *parsed,
                                        const struct umbu_command *command, int argc, char **argv,
                                        void *settings, struct umb_error *error);
 
-/* The same for a command: prints the help on stdout, or "NAME: message" on stderr. Returns -1 to go
- * on, else the exit code. */
+/* The same for a command: prints the help or, with `--print-options` alone, the rows on stdout, and
+ * "NAME: message" of a failure on stderr. Returns -1 to go on, else the exit code. */
 int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, int argc,
                char **argv, void *settings);
 
@@ -198,6 +197,15 @@ bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 /* Fails with E_ARGUMENT: option, value, and what to give instead. For readers. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
+
+/* A reader: "auto", "none", "1.5vox" or "0.02m" into a struct umb_query_settings. */
+enum umb_status umbu_read_bias(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error);
+#define UMBU_BIAS                                                                                  \
+    UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
+
+/* Reads decimal digits at *text and moves *text behind them; false for none, or too many. */
+bool umbu_read_count(const char **text, uint64_t *value);
 
 /* Reads a finite decimal number at *text and moves *text behind it; false if there is none. */
 bool umbu_read_number(const char **text, double *value);

@@ -18,11 +18,16 @@ int main(int argc, char **argv)
     if (argc > 1 && strcmp(argv[1], "doctor") == 0) {
         return umbb_doctor(argc, argv);
     }
+    if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        umbu_print_rows(&umbb_command, stdout);
+        return fflush(stdout) != 0;
+    }
     struct umbb_options options;
     struct umb_error error = {0};
     enum umb_status status = umbb_options_parse(argc, argv, &options, &error);
     if (status == UMB_OK && options.help) {
-        return fputs(umbb_options_help, stdout) < 0 || fflush(stdout) != 0;
+        umbu_print_help(&umbb_command, stdout);
+        return fflush(stdout) != 0;
     }
     if (status == UMB_OK && options.version) {
         return puts("umbrage-bake " UMB_VERSION) < 0 || fflush(stdout) != 0;
