@@ -26,7 +26,24 @@ RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
 TOOL_LIB := $(BUILD)/libumbrage-tool.a
 
-CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
+# $(call page,FILE): FILE's bytes, an HTML page, as umbu_page_NAME in gen/NAME.c.
+define page
+$(BUILD)/gen/$(basename $(notdir $(1))).c: $(1)
+	@mkdir -p $$(@D)
+	$$(call say,GEN,$$@)
+	$$(Q){ echo '#include <stddef.h>'; name=umbu_page_$(basename $(notdir $(1))); \
+	  echo "extern const unsigned char $$$$name[];"; echo "extern const size_t $$$${name}_size;"; \
+	  echo "const unsigned char $$$$name[] = {"; \
+	  od -An -v -tx1 $$< | sed 's/ \([0-9a-f][0-9a-f]\)/0x\1,/g'; echo '};'; \
+	  echo "const size_t $$$${name}_size = sizeof $$$$name;"; } >$$@
+$(BUILD)/gen/$(basename $(notdir $(1))).o: $(BUILD)/gen/$(basename $(notdir $(1))).c
+	$$(call say,CC,$$<)
+	$$(Q)$$(CC) $$(CFLAGS_ALL) -c $$< -o $$@
+endef
+$(eval $(call page,client/tool/report_head.html))
+$(eval $(call page,client/cli/load_page.html))
+
+CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c)) $(BUILD)/gen/load_page.o
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
 CLI_LIBS := -lcurl
@@ -37,7 +54,7 @@ $(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/
 
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
-$(TOOL_LIB): $(TOOL_OBJ)
+$(TOOL_LIB): $(TOOL_OBJ) $(BUILD)/gen/report_head.o
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
 $(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)

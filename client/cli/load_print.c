@@ -3,7 +3,6 @@
 #include "load_print.h"
 
 #include <inttypes.h>
-#include "tool/json.h"
 
 const double UMBC_LOAD_SHARE[UMBC_LOAD_SHARES] = {0.5, 0.75, 0.9, 0.99, 0.999, 0.9999, 1};
 const char *const UMBC_LOAD_SHARE_NAME[UMBC_LOAD_SHARES] = {"p50",   "p75",    "p90", "p99",
@@ -142,6 +141,7 @@ static void json_result(struct umbu_json *json, const struct umbc_load_result *r
     if (result->has_server) {
         umbu_json_begin(json, "server", '{');
         umbu_json_number(json, "cpu_s", result->server_cpu_s);
+        umbu_json_number(json, "cores", result->server_cpu_s / result->server_s);
         umbu_json_number(json, "points", result->server_points);
         umbu_json_number(json, "cpu_ns_a_point",
                          1e9 * result->server_cpu_s /
@@ -193,17 +193,22 @@ static void json_sweep(struct umbu_json *json, const struct umbc_load_sweep *swe
     umbu_json_end(json, '}');
 }
 
+void umbc_load_put(struct umbu_json *json, const struct umbc_load_story *story)
+{
+    json_settings(json, story);
+    if (story->result->seconds > 0) {
+        json_result(json, story->result);
+        json_moments(json, story->result);
+    }
+    if (story->sweep != NULL) {
+        json_sweep(json, story->sweep);
+    }
+}
+
 void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
 {
     struct umbu_json json = {.file = file};
     umbu_json_begin(&json, NULL, '{');
-    json_settings(&json, story);
-    if (story->result->seconds > 0) {
-        json_result(&json, story->result);
-        json_moments(&json, story->result);
-    }
-    if (story->sweep != NULL) {
-        json_sweep(&json, story->sweep);
-    }
+    umbc_load_put(&json, story);
     umbu_json_close(&json);
 }

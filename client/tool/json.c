@@ -8,8 +8,9 @@
 #include <string.h>
 #include "base/utf8.h"
 
-static void put_string(FILE *file, const char *text, size_t left)
+static void put_string(const struct umbu_json *json, const char *text, size_t left)
 {
+    FILE *file = json->file;
     const uint8_t *p = (const uint8_t *)text;
     (void)fputc('"', file);
     while (left > 0) {
@@ -21,7 +22,7 @@ static void put_string(FILE *file, const char *text, size_t left)
             (void)fputc(*p, file);
         } else if (*p == '\n') {
             (void)fputs("\\n", file);
-        } else if (*p < 0x20 || *p == 0x7f) {
+        } else if (*p < 0x20 || *p == 0x7f || (*p == '<' && json->in_html)) {
             (void)fprintf(file, "\\u%04x", (unsigned)*p);
         } else {
             (void)fwrite(p, 1, length, file);
@@ -39,7 +40,7 @@ static void begin_value(struct umbu_json *json, const char *key)
     }
     json->needs_comma = true;
     if (key != NULL) {
-        put_string(json->file, key, strlen(key));
+        put_string(json, key, strlen(key));
         (void)fputc(':', json->file);
     }
 }
@@ -75,7 +76,7 @@ void umbu_json_close(struct umbu_json *json)
 void umbu_json_bytes(struct umbu_json *json, const char *key, const char *text, size_t length)
 {
     begin_value(json, key);
-    put_string(json->file, text, length);
+    put_string(json, text, length);
 }
 
 void umbu_json_text(struct umbu_json *json, const char *key, const char *text)

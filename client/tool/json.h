@@ -22,6 +22,7 @@
 
 struct umbu_json {
     FILE *file;
+    bool in_html; /* true: inside a <script>; '<' becomes \u003c */
     bool needs_comma;
     unsigned depth;             /* Number of open brackets. */
     char open[UMBU_JSON_DEPTH]; /* [depth] Bracket that closes each. */

@@ -8,21 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tool/json.h"
 #include "tool/output.h"
 #include "study/trade_techniques.h"
 
 #define PATH_BYTES 4096
-
-enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *name,
-                                 const void *bytes, size_t size, struct umb_error *error)
-{
-    char path[PATH_BYTES];
-    if (snprintf(path, sizeof path, "%s/%s", trade->options.folder, name) >= (int)sizeof path) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
-    }
-    return umbu_output_replace(path, UMBU_OUTPUT_COMMAND, bytes, size, error);
-}
 
 static void json_bake(struct umbu_json *json, const struct umbt_trade_bake *bake)
 {
@@ -141,31 +130,36 @@ static void json_rays(struct umbu_json *json, const struct umbt_trade *trade)
     umbu_json_rounded(json, "spread", spread, 6);
 }
 
-void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
+void umbt_trade_put(struct umbu_json *json, const struct umbt_trade *trade)
 {
     char verdict[4096];
+    json_head(json, trade);
+    umbu_json_begin(json, "rays", '{');
+    json_rays(json, trade);
+    umbu_json_end(json, '}');
+    umbu_json_begin(json, "techniques", '{');
+    umbt_trade_techniques_json(json, trade);
+    umbu_json_end(json, '}');
+    umbu_json_begin(json, "bakes", '[');
+    for (uint32_t i = 0; i < trade->bake_count; i++) {
+        json_bake(json, &trade->bakes[i]);
+    }
+    umbu_json_end(json, ']');
+    umbu_json_begin(json, "results", '[');
+    for (uint32_t i = 0; i < trade->result_count; i++) {
+        json_result(json, &trade->results[i]);
+    }
+    umbu_json_end(json, ']');
+    umbt_trade_verdict(trade, verdict, sizeof verdict);
+    umbu_json_text(json, "verdict", verdict);
+    umbu_json_text(json, "missing", trade->missing);
+}
+
+void umbt_trade_json(FILE *to, const struct umbt_trade *trade)
+{
     struct umbu_json json = {.file = to};
     umbu_json_begin(&json, NULL, '{');
-    json_head(&json, trade);
-    umbu_json_begin(&json, "rays", '{');
-    json_rays(&json, trade);
-    umbu_json_end(&json, '}');
-    umbu_json_begin(&json, "techniques", '{');
-    umbt_trade_techniques_json(&json, trade);
-    umbu_json_end(&json, '}');
-    umbu_json_begin(&json, "bakes", '[');
-    for (uint32_t i = 0; i < trade->bake_count; i++) {
-        json_bake(&json, &trade->bakes[i]);
-    }
-    umbu_json_end(&json, ']');
-    umbu_json_begin(&json, "results", '[');
-    for (uint32_t i = 0; i < trade->result_count; i++) {
-        json_result(&json, &trade->results[i]);
-    }
-    umbu_json_end(&json, ']');
-    umbt_trade_verdict(trade, verdict, sizeof verdict);
-    umbu_json_text(&json, "verdict", verdict);
-    umbu_json_text(&json, "missing", trade->missing);
+    umbt_trade_put(&json, trade);
     umbu_json_close(&json);
 }
 
@@ -199,21 +193,17 @@ static enum umb_status print_file(const struct umbt_trade *trade, const char *na
                                   void (*print)(FILE *to, const struct umbt_trade *trade),
                                   struct umb_error *error)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *to = open_memstream(&text, &size);
-    if (to == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    struct umbu_output output;
+    char path[PATH_BYTES];
+    if (snprintf(path, sizeof path, "%s/%s", trade->options.folder, name) >= (int)sizeof path) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
     }
-    print(to, trade);
-    const int failed = ferror(to);
-    if (fclose(to) != 0 || failed) {
-        free(text);
-        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    const enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    const enum umb_status status = umbt_trade_write(trade, name, text, size, error);
-    free(text);
-    return status;
+    print(output.file, trade);
+    return umbu_output_commit(&output, error);
 }
 
 enum umb_status umbt_trade_report(const struct umbt_trade *trade, struct umb_error *error)

@@ -4,16 +4,15 @@
 /* What the files of a study's report share. */
 #include <stdio.h>
 #include "study/trade.h"
+#include "tool/json.h"
 
 /* The whole study as one JSON object. A failed write shows in ferror(to). */
 void umbt_trade_json(FILE *to, const struct umbt_trade *trade);
 
+/* Writes the members of that object. */
+void umbt_trade_put(struct umbu_json *json, const struct umbt_trade *trade);
+
 /* The same as a page that needs nothing else: numbers, charts, pictures. */
 void umbt_trade_page(FILE *to, const struct umbt_trade *trade);
-
-/* Replaces FOLDER/name as a whole. Fails: E_ARGUMENT, E_CANNOT_CREATE, E_IO. */
-UMB_CHECKED enum umb_status umbt_trade_write(const struct umbt_trade *trade, const char *name,
-                                             const void *bytes, size_t size,
-                                             struct umb_error *error);
 
 #endif
