@@ -189,7 +189,8 @@ static bool put_sides(const struct umbu_option *option, const char *text, void *
 {
     uint64_t width, height;
     if (!umbu_read_count(&text, &width) || *text++ != 'x' || !umbu_read_count(&text, &height) ||
-        *text != '\0' || width < 1 || height < 1 || width > option->max || height > option->max) {
+        *text != '\0' || width < 1 || height < 1 || width > option->max || height > option->max ||
+        (option->high > 0 && (double)width * (double)height > option->high)) {
         return false;
     }
     ((unsigned *)field)[0] = (unsigned)width;
@@ -415,6 +416,10 @@ void umbu_expects(const struct umbu_option *option, char *text, size_t size)
     case UMBU_KIND_SIDES:
         (void)snprintf(text, size, "WIDTHxHEIGHT, each from 1 to %llu",
                        (unsigned long long)option->max);
+        if (option->high > 0) {
+            const size_t used = strlen(text);
+            (void)snprintf(text + used, size - used, ", together at most %.0f", option->high);
+        }
         break;
     case UMBU_KIND_MODE:
         (void)snprintf(text, size, "an octal mode from %04llo to %04llo",

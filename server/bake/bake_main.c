@@ -19,8 +19,10 @@ int main(int argc, char **argv)
         return umbb_doctor(argc, argv);
     }
     if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        char doctor[] = "doctor", *words[] = {argv[0], doctor, argv[1], NULL};
+        printf("umbrage-bake\tdoctor\t\t\tcommand\t\t\t\tcheck the sandboxes and this machine\n");
         umbu_print_rows(&umbb_command, stdout);
-        return fflush(stdout) != 0;
+        return umbb_doctor(3, words);
     }
     struct umbb_options options;
     struct umb_error error = {0};

@@ -35,7 +35,7 @@ static const struct umbu_option OPTIONS[] = {
     {"offset", "N", "signed", UMBU_NUMBER(-10, 10), AT(offset), .standard = "0"},
     {"taps", "N", "width", UMBU_ODD(1, 17), AT(taps), .standard = "3", .fields = "taps|tap_count"},
     {"resolution", "N", "side", UMBU_LOG2(64, 1024), AT(log2), .standard = "64"},
-    {"size", "WxH", "pixels", UMBU_SIDES(100), AT(side), .standard = "4x3"},
+    {"size", "WxH", "pixels", UMBU_SIDES(100), .high = 2000, AT(side), .standard = "4x3"},
     {"kind", "KIND", "which", UMBU_CHOICE("one||three"), AT(kind), .standard = "three"},
     {"mode", "MODE", "rights", UMBU_MODE(0600, 0777), AT(mode), .standard = "0660"},
 };
@@ -143,6 +143,28 @@ static void values_of_every_kind_are_stored(void **state)
     assert_true(settings.bytes == 65536 && settings.time_ms == 60000);
 }
 
+static void sizes_and_biases_have_limits(void **state)
+{
+    static const char *const sizes[] = {"''",  "12",       "0x1",  "1x0",    "101x1", "1.5x2",
+                                        "12x", "12x3 x y", "-1x1", "0x10x5", "50x41"};
+    static const char *const biases[] = {"''",  "1",    "-1m",  "2000000m", "1mm",
+                                         "vox", "nanm", "0x1m", "1e999m",   "m"};
+    char line[100];
+    (void)state;
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        (void)snprintf(line, sizeof line, "a --size %s", sizes[i]);
+        assert_int_equal(parse(line), UMB_E_ARGUMENT);
+    }
+    for (size_t i = 0; i < sizeof biases / sizeof biases[0]; i++) {
+        (void)snprintf(line, sizeof line, "a --seed 1 --bias %s", biases[i]);
+        assert_int_equal(parse(line), UMB_E_ARGUMENT);
+    }
+    assert_int_equal(parse("a --size 50x40 --seed 1 --bias 0.02m"), UMB_OK);
+    assert_true(settings.query.bias_mode == UMB_BIAS_METRES && settings.query.bias == 0.02);
+    assert_int_equal(parse("a --seed 1 --bias none"), UMB_OK);
+    assert_int_equal(settings.query.bias_mode, UMB_BIAS_NONE);
+}
+
 /* Values that no number, size or time is. */
 static void hostile_values_are_refused_by_every_kind(void **state)
 {
@@ -207,7 +229,8 @@ static void refusals_name_option_value_and_what_to_give(void **state)
                          "seconds)"},
         {"a --wait 0.5ms", "--wait: '0.5ms' is not valid; give a time from 0ms to 60m (ms, s, m; "
                            "bare: seconds)"},
-        {"a --size 101x1", "--size: '101x1' is not valid; give WIDTHxHEIGHT, each from 1 to 100"},
+        {"a --size 101x1", "--size: '101x1' is not valid; give WIDTHxHEIGHT, each from 1 to 100, "
+                           "together at most 2000"},
         {"a --mode 0060", "--mode: '0060' is not valid; give an octal mode from 0600 to 0777"},
         {"a --origin 1,2", "--origin: '1,2' is not valid; give 3 finite numbers X,Y,Z"},
         {"a --store ''", "--store: '' is not valid; give DIR, not empty"},
@@ -384,6 +407,7 @@ int main(void)
         cmocka_unit_test(defaults_are_read_like_values),
         cmocka_unit_test(options_may_stand_anywhere_and_in_any_form),
         cmocka_unit_test(values_of_every_kind_are_stored),
+        cmocka_unit_test(sizes_and_biases_have_limits),
         cmocka_unit_test(hostile_values_are_refused_by_every_kind),
         cmocka_unit_test(refusals_name_option_value_and_what_to_give),
         cmocka_unit_test(help_and_options_that_stand_alone_need_nothing_else),
