@@ -125,9 +125,9 @@ static const struct umbu_option JOBS[] = {
      "take scenes over the network and bake them; all about them is in DIR, which is no --store",
      UMBU_TEXT, AT(jobs), .otherwise = "off"},
     {"jobs-db", "FILE", "job table, on a local disk", UMBU_TEXT, AT(jobs_db),
-     .otherwise = "jobs.db in the folder of --jobs"},
+     .otherwise = "DIR/jobs.db"},
     {"bake-program", "FILE", "umbrage-bake", UMBU_TEXT, AT(bake_program),
-     .otherwise = "the one beside this program"},
+     .otherwise = "beside umbraged"},
     {"job-sandbox", NULL,
      "sandbox of the bakes of jobs: every layer, or the job fails; the layers that the kernel has; "
      "or none",
