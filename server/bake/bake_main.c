@@ -19,8 +19,11 @@ int main(int argc, char **argv)
         return umbb_doctor(argc, argv);
     }
     if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        static const char *const commands[] = {"tile", "merge", "import", "doctor"};
         char doctor[] = "doctor", *words[] = {argv[0], doctor, argv[1], NULL};
-        printf("umbrage-bake\tdoctor\t\t\tcommand\t\t\t\tcheck the sandboxes and this machine\n");
+        for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
+            printf("umbrage-bake\t%s\t\t\tcommand\t\t\t\t\n", commands[i]);
+        }
         umbu_print_rows(&umbb_command, stdout);
         return umbb_doctor(3, words);
     }

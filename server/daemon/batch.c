@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "daemon/batch_slice.h"
+#include "base/compat.h"
 
 #include "tool/clock.h"
 
@@ -279,7 +280,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
 
 void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
 {
-    struct umbd__slice_result result;
+    struct umbd__slice_result result UMB__UNSET;
     umbd_count(&metrics->batches_started, 1);
     batch->status = umbd__slice_run(batch, 0, batch->points.count, &result);
     if (batch->status != UMB_OK) {

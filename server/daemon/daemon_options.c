@@ -21,10 +21,10 @@
 static enum umb_status check_listen(const struct umbu_option *option, const char *text, void *field,
                                     struct umb_error *error)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     (void)option;
     (void)field;
-    return umbd_address_parse("--listen", text, &address, error);
+    return umbn_address_parse("--listen", text, &address, error);
 }
 
 static const struct umbu_option SERVING[] = {
@@ -125,9 +125,9 @@ static const struct umbu_option JOBS[] = {
      "take scenes over the network and bake them; all about them is in DIR, which is no --store",
      UMBU_TEXT, AT(jobs), .otherwise = "off"},
     {"jobs-db", "FILE", "job table, on a local disk", UMBU_TEXT, AT(jobs_db),
-     .otherwise = "jobs.db in the folder of --jobs"},
+     .otherwise = "DIR/jobs.db"},
     {"bake-program", "FILE", "umbrage-bake", UMBU_TEXT, AT(bake_program),
-     .otherwise = "the one beside this program"},
+     .otherwise = "beside umbraged"},
     {"job-sandbox", NULL,
      "sandbox of the bakes of jobs: every layer, or the job fails; the layers that the kernel has; "
      "or none",
@@ -252,7 +252,7 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
 {
     static const char *const buffers[] = {"--max-message", "--connection-buffer", "--max-buffer"};
     static const char *const files[] = {"--max-bundle", "--owner-bytes", "--job-bytes"};
-    struct umbd_address address;
+    struct umbn_address address;
     if (options->stores[0] == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--store: is needed; see --help");
     }
@@ -280,12 +280,12 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     return status;
 }
 
-int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
                               const struct sockaddr_storage *address)
 {
-    return transport != UMBD_UNIX && !umbd_address_is_loopback(address) &&
+    return transport != UMBN_UNIX && !umbd_address_is_loopback(address) &&
            options->token_file == NULL && !options->without_tokens &&
-           !(transport == UMBD_TLS && options->tls_client_ca != NULL);
+           !(transport == UMBN_TLS && options->tls_client_ca != NULL);
 }
 
 /* A text of the config file, kept as long as the options. */

@@ -64,7 +64,7 @@ static const struct umbu_option OPTIONS[] = {
 };
 
 static const struct umbu_command COMMAND = {
-    .name = "umbrage verify",
+    .name = "umbrage-study verify",
     .usage = "umbrage verify FILE --scene SCENE [options]",
     .summary =
         "Compares an asset with rays traced through the scene it was baked from. Half of the "

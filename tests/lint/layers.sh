@@ -40,6 +40,7 @@ forbid client/rpc "$EMBREE|^tool/|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and 
 forbid client/tool "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^openssl/|^curl/|^(wire|cli|rpc|query|curve|maps|deep|partial)/|$SERVER" "uses the public headers and base"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
 forbid proto/wire "$EMBREE|^tool/|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
+forbid proto/net "$EMBREE|^tool/|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|$SERVER|^rpc_" "uses the core and OpenSSL, and does no I/O"
 forbid server/common "$CLIENT|^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
 forbid server/jobs "$CLIENT|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
 forbid server/daemon "$CLIENT|$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
