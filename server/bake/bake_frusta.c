@@ -11,7 +11,7 @@
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "format/near.h"
 
 /* What all frusta share. */

@@ -20,7 +20,7 @@
 #include "bake/head_room.h"
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "bake/resolution_choice.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"

@@ -7,7 +7,7 @@
 #include "base/page_alloc.h"
 #include "tool/threads.h"
 #include "bake/interrupt.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "common/sha256.h"
 
 /* Seed of the points compared: fixed, so that a failure can be repeated. */
