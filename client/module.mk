@@ -41,7 +41,7 @@ $(BUILD)/gen/$(basename $(notdir $(1))).o: $(BUILD)/gen/$(basename $(notdir $(1)
 	$$(Q)$$(CC) $$(CFLAGS_ALL) -c $$< -o $$@
 endef
 $(eval $(call page,client/tool/report_head.html))
-$(eval $(call page,client/cli/load_page.html))
+$(eval $(call page,client/load/load_page.html))
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c)) $(BUILD)/gen/load_page.o
 

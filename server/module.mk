@@ -43,7 +43,7 @@ BAKE_LIB   := $(BUILD)/libumbrage-bake.a
 STUDY_LIB  := $(BUILD)/libumbrage-study.a
 DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
 
-$(eval $(call page,server/study/trade_page.html))
+$(eval $(call page,server/study/study_page.html))
 
 # As in the core.
 $(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(BUILD)/server/common/%.o: CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))

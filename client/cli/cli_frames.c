@@ -12,7 +12,7 @@
 #include "tool/clock.h"
 #include "tool/json.h"
 #include "tool/output.h"
-#include "cli_stream_view.h"
+#include "cli_paging_view.h"
 
 struct frames_settings {
     const char *target, *path, *depth, *output;

@@ -39,7 +39,7 @@ struct umbb_static {
  * Starts, and marks the cells that hold receivers.
  *
  * In:    casters: of parallel light. frustum: theirs, voxel_step set.
- * Out:   cells: uint64[UMB__NEAR_WORDS] (format/near.h).
+ * Out:   cells: uint64[UMB__RECEIVER_MASK_WORDS] (format/receiver_mask.h).
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_static_init(struct umbb_static *rule,

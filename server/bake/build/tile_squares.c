@@ -191,7 +191,7 @@ static enum umb_status square_merge(struct umbb_squares *squares, const struct s
     *column = square->column;
     column->run_first = squares->runs->count;
     for (size_t i = 0; i < square->column.run_count && status == UMB_OK; i++) {
-        const struct umbb_run run = work->runs.items[square->column.run_first + i];
+        const struct umbb_column_run run = work->runs.items[square->column.run_first + i];
         const uint32_t ref =
             umb_ref_state(run.ref) == UMB_NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
         status = umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error);

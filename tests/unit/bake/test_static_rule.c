@@ -14,7 +14,7 @@
 
 #include "bake/depth/coverage.h"
 #include "bake_soups.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 #include "umbrage/query.h"
 
 #define SIZE   128
@@ -27,7 +27,7 @@ struct ruled {
     int closed_rule;
     uint8_t *open; /* kinds where nothing is closed */
     struct umbb_static rule;
-    uint64_t cells[UMB__NEAR_WORDS];
+    uint64_t cells[UMB__RECEIVER_MASK_WORDS];
     struct umb_octree octree;
 };
 
@@ -238,7 +238,7 @@ static size_t check_soup(struct ruled *r, size_t points)
             double v[3];
             if (window(r, i, taps, v)) {
                 const uint32_t voxel[3] = {(uint32_t)v[0], (uint32_t)v[1], (uint32_t)v[2]};
-                assert_true(umb__near_has(r->cells, 7, voxel));
+                assert_true(umb__receiver_mask_has(r->cells, 7, voxel));
                 behind += wanted ? (size_t)check_window(slow, taps, v) : 0;
             }
         }
@@ -368,8 +368,8 @@ static void cells_are_marked_near_surfaces_only(void **state)
     size_t marked = 0;
     for (uint32_t i = 0; i < 64 * 64 * 64; i++) {
         const uint32_t voxel[3] = {i % 64 * 2, i / 64 % 64 * 2, i / 4096 * 2};
-        marked += umb__near_has(r.cells, 7, voxel);
-        if (umb__near_has(r.cells, 7, voxel)) {
+        marked += umb__receiver_mask_has(r.cells, 7, voxel);
+        if (umb__receiver_mask_has(r.cells, 7, voxel)) {
             assert_in_range(voxel[2], 96 - 13 - 3, 104 + 3);
             assert_true(voxel[0] + voxel[1] <= 130 + 4 * 15);
         }
