@@ -10,8 +10,8 @@
 #define PATH_BYTES  4096
 #define BLOCK_BYTES 3072 /* a multiple of 3: base64 of blocks is base64 of the whole */
 
-extern const unsigned char umbu_page_trade_page[];
-extern const size_t umbu_page_trade_page_size;
+extern const unsigned char umbu_page_study_page[];
+extern const size_t umbu_page_study_page_size;
 
 /* A picture file as an <img>; nothing if it is not there. */
 static void image(FILE *to, const struct umbt_study *study, const char *name, const char *label)
@@ -63,8 +63,8 @@ void umbt_study_page(FILE *to, const struct umbt_study *study)
 {
     const struct umbu_report report = {
         .title = "umbrage: what accuracy costs",
-        .page = umbu_page_trade_page,
-        .page_size = umbu_page_trade_page_size,
+        .page = umbu_page_study_page,
+        .page_size = umbu_page_study_page_size,
         .data = put_data,
         .pictures = put_pictures,
         .user = study,

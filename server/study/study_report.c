@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* report.json, report.csv and the verdict of a study (study.h). */
+/* report.json, report.csv and the summary of a study (study.h). */
 #include "study/study_report.h"
 
 #include <inttypes.h>
@@ -132,7 +132,7 @@ static void json_rays(struct umbu_json *json, const struct umbt_study *study)
 
 void umbt_study_put(struct umbu_json *json, const struct umbt_study *study)
 {
-    char verdict[4096];
+    char summary[4096];
     json_head(json, study);
     umbu_json_begin(json, "rays", '{');
     json_rays(json, study);
@@ -150,8 +150,8 @@ void umbt_study_put(struct umbu_json *json, const struct umbt_study *study)
         json_result(json, &study->results[i]);
     }
     umbu_json_end(json, ']');
-    umbt_study_summary(study, verdict, sizeof verdict);
-    umbu_json_text(json, "verdict", verdict);
+    umbt_study_summary(study, summary, sizeof summary);
+    umbu_json_text(json, "verdict", summary);
     umbu_json_text(json, "missing", study->missing);
 }
 

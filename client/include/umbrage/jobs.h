@@ -63,10 +63,10 @@ struct umb_job_status {
     int has_asset;
     uint8_t asset[UMB_ID_BYTES]; /* when done */
     /* Of a watched job that runs: */
-    char phase[32], unit[32];   /* "bake", "texel" */
-    uint64_t done, total;       /* of the phase; total 0 = not known */
-    double rate;                /* units a second */
-    int64_t left_ms;            /* of the phase, -1 = not known */
+    char phase[32], unit[32]; /* "bake", "texel" */
+    uint64_t done, total;     /* of the phase; total 0 = not known */
+    double rate;              /* units a second */
+    int64_t left_ms;          /* of the phase, -1 = not known */
     /* Of a watched job's last try; total 0 = not known, found: kept from earlier bakes: */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* lines; NULL in lists; borrowed during the call-back */
@@ -128,11 +128,11 @@ UMB_API UMB_CHECKED enum umb_status umb_client_jobs(struct umb_client *client, u
                                                     struct umb_error *error);
 UMB_API void umb_client_jobs_free(struct umb_job_status *jobs); /* NULL is allowed */
 
-/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns UMB_OK, or
- * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got
- * returns. */
+/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns
+ * UMB_OK, or why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what
+ * on_bytes returns. */
 typedef enum umb_status (*umb_job_bytes_fn)(void *user, uint64_t offset, const void *bytes,
-                                          size_t count, uint64_t size);
+                                            size_t count, uint64_t size);
 UMB_API UMB_CHECKED enum umb_status umb_client_fetch(struct umb_client *client,
                                                      const uint8_t asset[UMB_ID_BYTES],
                                                      uint64_t offset, umb_job_bytes_fn on_bytes,

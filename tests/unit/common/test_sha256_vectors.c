@@ -6,7 +6,9 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "store_fixture.h"
+#include <string.h>
+
+#include "common/sha256.h"
 
 static void sha256_equals_the_published_vectors(void **state)
 {
