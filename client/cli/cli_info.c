@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage info: what an asset is, from a file or from a daemon, for people or as JSON. */
 #include "cli_common.h"
-#include "cli_curve.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 #include "tool/json.h"
+#include "umbrage/curve.h"
 
 static const struct umbu_option OPTIONS[] = {
     UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon"),
@@ -33,6 +33,58 @@ static const char *light_kind(enum umb_light_kind kind)
         return "point";
     }
     return "unknown";
+}
+
+/* Kinds of costs: nanoseconds a point for points all over the scene, and next to each other. */
+#define CURVE_COSTS 2
+
+/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or of each kind
+ * [count] or NULL. */
+static void print_curve(const struct umb_curve_row *rows, const double *const ns[CURVE_COSTS],
+                        size_t count)
+{
+    if (count == 0) {
+        return;
+    }
+    (void)printf("  level taps     bound, m  visibility error  nodes  cache lines");
+    for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+        (void)printf("%s", ns[k] == NULL ? "" : k == 0 ? "  ns, scattered" : "  ns, coherent");
+    }
+    (void)putchar('\n');
+    for (size_t i = 0; i < count; i++) {
+        const struct umb_curve_row *row = &rows[i];
+        (void)printf("  %5" PRIu32 " %4" PRIu32 " %12.4g %17.4f %6.2f %12.2f", row->level,
+                     row->taps, row->bound_m, row->visibility_error, row->nodes, row->lines);
+        for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+            if (ns[k] != NULL) {
+                (void)printf(" %*.1f", k == 0 ? 14 : 13, ns[k][i]);
+            }
+        }
+        (void)putchar('\n');
+    }
+}
+
+/* The same under "curve", an array of objects; empty without rows. */
+static void put_curve(struct umbu_json *json, const struct umb_curve_row *rows,
+                      const double *const ns[CURVE_COSTS], size_t count)
+{
+    umbu_json_begin(json, "curve", '[');
+    for (size_t i = 0; i < count; i++) {
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "level", rows[i].level);
+        umbu_json_integer(json, "taps", rows[i].taps);
+        umbu_json_number(json, "bound_m", rows[i].bound_m);
+        umbu_json_number(json, "visibility_error", rows[i].visibility_error);
+        umbu_json_number(json, "nodes", rows[i].nodes);
+        umbu_json_number(json, "lines", rows[i].lines);
+        for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+            if (ns[k] != NULL) {
+                umbu_json_number(json, k == 0 ? "scattered_ns" : "coherent_ns", ns[k][i]);
+            }
+        }
+        umbu_json_end(json, '}');
+    }
+    umbu_json_end(json, ']');
 }
 
 /* key=value lines, indented under a title. */
@@ -170,7 +222,7 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
             print_light(i, &light);
             print_frusta(asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_print(rows, NULL, umb_curve_get(asset, i, rows));
+            print_curve(rows, NULL, umb_curve_get(asset, i, rows));
         }
     }
     (void)printf("unique nodes  ");
@@ -242,7 +294,7 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_json(&json, rows, NULL, umb_curve_get(asset, i, rows));
+            put_curve(&json, rows, NULL, umb_curve_get(asset, i, rows));
             umbu_json_end(&json, '}');
         }
     }
@@ -278,7 +330,7 @@ static int info_file(const char *path, const struct umbc_settings *settings)
 /* --- an asset of a daemon --- */
 
 /* What rows cost on the daemon's machine; NULL where no budget has asked for it yet. */
-static void costs_of(const struct umb_client_light *light, const double *ns[UMBC_CURVE_COSTS])
+static void costs_of(const struct umb_client_light *light, const double *ns[CURVE_COSTS])
 {
     ns[0] = light->scattered_ns[0] > 0 ? light->scattered_ns : NULL;
     ns[1] = light->coherent_ns[0] > 0 ? light->coherent_ns : NULL;
@@ -304,9 +356,9 @@ static void print_description(const struct umb_client_description *about)
         (void)printf("  %" PRIu64 "^3 voxels of %.4g x %.4g x %.4g m, %s\n", light->resolution,
                      light->voxel_m[0], light->voxel_m[1], light->voxel_m[2],
                      light->closed ? "closed" : "open");
-        const double *ns[UMBC_CURVE_COSTS];
+        const double *ns[CURVE_COSTS];
         costs_of(light, ns);
-        umbc_curve_print(light->curve, ns, light->curve_count);
+        print_curve(light->curve, ns, light->curve_count);
     }
     print_lines("plan", about->plan);
     print_lines("settings", about->settings);
@@ -331,9 +383,9 @@ static void print_description_json(const struct umb_client_description *about)
         umbu_json_integer(&json, "resolution", light->resolution);
         umbu_json_vector(&json, "voxel_m", light->voxel_m);
         umbu_json_bool(&json, "closed", light->closed != 0);
-        const double *ns[UMBC_CURVE_COSTS];
+        const double *ns[CURVE_COSTS];
         costs_of(light, ns);
-        umbc_curve_json(&json, light->curve, ns, light->curve_count);
+        put_curve(&json, light->curve, ns, light->curve_count);
         umbu_json_end(&json, '}');
     }
     umbu_json_end(&json, ']');

@@ -17,7 +17,6 @@
 #include "cli_call_size.h"
 #include "tool/progress.h"
 #include "cli_query_dial.h"
-#include "cli_query_volume.h"
 #include "tool/clock.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */

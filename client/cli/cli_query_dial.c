@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli_point_sample.h"
+#include "cli_points.h"
 #include "tool/clock.h"
 
 static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,

@@ -451,10 +451,3 @@ FILE *umbu_output_talk(const char *path)
 {
     return umbu_output_is_stdout(path) ? stderr : stdout;
 }
-
-enum umb_status umbu_output_check_json(const char *path, bool json, struct umb_error *error)
-{
-    return json && umbu_output_is_stdout(path)
-               ? umb_fail(error, UMB_E_ARGUMENT, "-o - and --json both want stdout")
-               : UMB_OK;
-}

@@ -86,10 +86,6 @@ bool umbu_output_is_stdout(const char *path);
 /* Stream for a command's messages: stderr if its output is stdout. */
 FILE *umbu_output_talk(const char *path);
 
-/* Refuses --json together with -o -. Fails: E_ARGUMENT. */
-UMB_CHECKED enum umb_status umbu_output_check_json(const char *path, bool json,
-                                                   struct umb_error *error);
-
 /*
  * Makes the names in a folder durable. File systems that cannot sync a folder (EINVAL, ENOTSUP)
  * have nothing to wait for. _at opens the folder relative to the descriptor parent (AT_FDCWD).

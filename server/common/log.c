@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The daemon's log: key=value lines, each in one write. Never fails its caller. */
 #include "common/log.h"
-#include "common/log_json.h"
 #include "tool/clock.h"
 
 #include <stdarg.h>

@@ -233,13 +233,9 @@ static void errors_of_a_sink_are_explained_by_its_output(void **state)
     folder_remove();
 }
 
-static void json_and_data_do_not_share_stdout(void **state)
+static void a_command_talks_where_its_data_do_not_go(void **state)
 {
-    struct umb_error error;
     (void)state;
-    assert_int_equal(umbu_output_check_json("-", true, &error), UMB_E_ARGUMENT);
-    assert_int_equal(umbu_output_check_json("-", false, &error), UMB_OK);
-    assert_int_equal(umbu_output_check_json(NULL, true, &error), UMB_OK);
     assert_ptr_equal(umbu_output_talk("-"), stderr);
     assert_ptr_equal(umbu_output_talk(NULL), stdout);
 }
@@ -267,7 +263,7 @@ int main(void)
         cmocka_unit_test(commands_write_to_devices_and_keep_permissions),
         cmocka_unit_test(signals_take_the_temporary_with_them),
         cmocka_unit_test(errors_of_a_sink_are_explained_by_its_output),
-        cmocka_unit_test(json_and_data_do_not_share_stdout),
+        cmocka_unit_test(a_command_talks_where_its_data_do_not_go),
         cmocka_unit_test(folders_are_synced_or_their_error_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
