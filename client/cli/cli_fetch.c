@@ -57,8 +57,8 @@ static const struct umbu_option OPTIONS[] = {
     {"max-bytes", "BYTES", "refuse a larger file", UMBU_BYTES(1, (uint64_t)1 << 62), AT(max_bytes),
      .standard = "64G"},
     UMBU_STALL_ROW(struct fetch_settings),
-    UMBC_JSON_ROW(struct fetch_settings),
-    UMBC_QUIET_ROW(struct fetch_settings, "no progress"),
+    {UMBU_JSON_ROW(struct fetch_settings)},
+    {UMBU_QUIET_ROW(struct fetch_settings, "no progress")},
 };
 
 static const struct umbu_command COMMAND = {

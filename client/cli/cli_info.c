@@ -9,9 +9,9 @@
 #include "cli_json.h"
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon"),
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "print the id alone"),
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print the id alone")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -16,9 +16,9 @@ struct job_settings {
 };
 
 static const struct umbu_option JOB_OPTIONS[] = {
-    UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it"),
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "no talk, ids only"),
+    {UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it")},
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk, ids only")},
 };
 
 /* Parses and connects. Returns -1 to go on, else the exit code. */
@@ -72,8 +72,8 @@ int umbc_watch(int argc, char **argv)
 /* --- jobs --- */
 
 static const struct umbu_option JOBS_OPTIONS[] = {
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "ids only"),
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "ids only")},
     {"limit", "N", "so many, 1 to 1000", UMBU_COUNT(1, 1000), UMBU_AT(struct job_settings, limit),
      .standard = "100"},
 };
@@ -190,8 +190,8 @@ int umbc_cancel(int argc, char **argv)
 
 static const struct umbu_option REMOVE_OPTIONS[] = {
     {"ASSET", NULL, "the asset's id", UMBC_ID, UMBU_AT(struct job_settings, asset), .needed = true},
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "no talk"),
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk")},
 };
 
 static const struct umbu_command REMOVE = {

@@ -10,8 +10,8 @@
 #define NAME_WIDTH 32U /* columns */
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "names only"),
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "names only")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -16,12 +16,11 @@ struct pack_settings {
 };
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file"),
+    {UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file")},
     {"output", "FILE", "where to write; replaced atomically; - is stdout", UMBU_TEXT,
      UMBU_AT(struct pack_settings, output), .needed = true, .letter = 'o'},
-    {"json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(struct pack_settings, json),
-     .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct pack_settings, "print nothing but errors"),
+    {UMBU_JSON_ROW(struct pack_settings), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct pack_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command PACK = {

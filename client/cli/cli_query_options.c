@@ -52,7 +52,8 @@ static enum umb_status read_max_error(const struct umbu_option *option, const ch
 }
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET", "asset file, or asset of the daemon"),
+    {UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET",
+                     "asset file, or asset of the daemon")},
     {"points", "FILE|-", "points to ask for; - is stdin", UMBU_TEXT,
      AT(records[UMBC_QUESTION_POINTS]), .excludes = "segments|columns|boxes"},
     {"segments", "FILE|-", "segments x0 y0 z0 x1 y1 z1: lit share, then its lit stretches",
@@ -117,7 +118,7 @@ static const struct umbu_option OPTIONS[] = {
      .needs = "points encoding=text"},
     {"json", NULL, "one object: asset, points, stats, and the answers if they are text", UMBU_FLAG,
      AT(json)},
-    UMBC_QUIET_ROW(struct umbc_query_options, "no summary and no progress on stderr"),
+    {UMBU_QUIET_ROW(struct umbc_query_options, "no summary and no progress on stderr")},
 };
 
 const struct umbu_command umbc_query_command = {

@@ -55,7 +55,7 @@ static const struct umbu_option OPTIONS[] = {
      .needs = "points camera|path"},
     {"json", NULL, "print one JSON object, with every step", UMBU_FLAG, AT(json),
      .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct umbc_stream_options, "print nothing but errors"),
+    {UMBU_QUIET_ROW(struct umbc_stream_options, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {

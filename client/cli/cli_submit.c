@@ -19,14 +19,14 @@ struct submit_settings {
 #define AT(field) UMBU_AT(struct submit_settings, field)
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file"),
+    {UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file")},
     {"wait", NULL, "watch the job to its end, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
     {"priority", "N", "-10 to 10: among your own jobs, higher first", UMBU_NUMBER(-10, 10),
      AT(priority), .standard = "0"},
     UMBU_STALL_ROW(struct submit_settings),
-    UMBC_JSON_ROW(struct submit_settings),
-    UMBC_QUIET_ROW(struct submit_settings,
-                   "the job's id only (with --wait the asset's), no notices"),
+    {UMBU_JSON_ROW(struct submit_settings)},
+    {UMBU_QUIET_ROW(struct submit_settings,
+                    "the job's id only (with --wait the asset's), no notices")},
 };
 
 static const struct umbu_command COMMAND = {

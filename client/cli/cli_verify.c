@@ -15,9 +15,9 @@
 #include "format/file_map.h"
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_settings, "FILE", "the asset file"),
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "print nothing but errors"),
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE", "the asset file")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -70,8 +70,8 @@ static const struct umbu_option OPTIONS[] = {
      AT(settings.admin)},
     {"report", "FILE", "a page with plots that needs nothing else",
      UMBU_READ(read_report, "a file name: stdout has the figures"), AT(report)},
-    UMBC_JSON_ROW(struct umbc_load_options),
-    UMBC_QUIET_ROW(struct umbc_load_options, "no live line"),
+    {UMBU_JSON_ROW(struct umbc_load_options)},
+    {UMBU_QUIET_ROW(struct umbc_load_options, "no live line")},
 };
 
 static const struct umbu_command COMMAND = {

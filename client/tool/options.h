@@ -137,6 +137,12 @@ struct umbu_option {
 #define UMBU_READ(function, expects_)                                                              \
     .kind = UMBU_KIND_READ, .read = (function), .expects = (expects_)
 
+/* Rows that most commands have, for fields `json` and `quiet`; braces and more fields around them.
+ */
+#define UMBU_JSON_ROW(type_) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type_, json)
+#define UMBU_QUIET_ROW(type_, help_)                                                               \
+    "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
+
 /* Rows that stand together in --help. */
 struct umbu_section {
     const char *title;

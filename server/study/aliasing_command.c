@@ -73,8 +73,8 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct aliasing, options.size, 4096, "1280x720")},
     {UMBT_UP_ROW(struct aliasing, options.up)},
     {UMBT_THREADS_ROW(struct aliasing)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct aliasing)},
-    {UMBT_QUIET_ROW(struct aliasing, "no table")},
+    {UMBU_JSON_ROW(struct aliasing), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct aliasing, "no table")},
 };
 
 static const struct umbu_command COMMAND = {

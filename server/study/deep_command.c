@@ -60,8 +60,8 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct deep, options.size, 2048, "320x200")},
     {UMBT_UP_ROW(struct deep, options.up)},
     {UMBT_THREADS_ROW(struct deep)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct deep)},
-    {UMBT_QUIET_ROW(struct deep, "print nothing but errors")},
+    {UMBU_JSON_ROW(struct deep), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct deep, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -81,8 +81,8 @@ static const struct umbu_option OPTIONS[] = {
     {"origin", "X,Y,Z", "metres, subtracted from every point (as query's --origin adds it)",
      UMBU_NUMBERS(3), AT(file.origin)},
     {UMBT_THREADS_ROW(struct points_run)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct points_run)},
-    {UMBT_QUIET_ROW(struct points_run, "no progress, no summary")},
+    {UMBU_JSON_ROW(struct points_run), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct points_run, "no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -40,8 +40,8 @@ static const struct umbu_option OPTIONS[] = {
     {"threads", "N", "threads that work", UMBU_COUNT(1, 256), AT(threads),
      .otherwise = "all processors"},
     {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
-    {UMBT_JSON_ROW(struct umbt_render_options)},
-    {UMBT_QUIET_ROW(struct umbt_render_options, "no progress, no summary")},
+    {UMBU_JSON_ROW(struct umbt_render_options)},
+    {UMBU_QUIET_ROW(struct umbt_render_options, "no progress, no summary")},
 };
 
 static const struct umbu_option TRACED[] = {

@@ -52,8 +52,8 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct study, options.size, 2048, "256x160")},
     {UMBT_UP_ROW(struct study, options.up)},
     {UMBT_THREADS_ROW(struct study)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct study)},
-    {UMBT_QUIET_ROW(struct study, "no table")},
+    {UMBU_JSON_ROW(struct study), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct study, "no table")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -52,7 +52,7 @@ static const struct umbu_option OPTIONS[] = {
     {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
     {UMBT_THREADS_ROW(struct umbt_trade_options)},
     {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
-    {UMBT_QUIET_ROW(struct umbt_trade_options, "no progress, no summary")},
+    {UMBU_QUIET_ROW(struct umbt_trade_options, "no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {

@@ -57,8 +57,8 @@ static const struct umbu_option OPTIONS[] = {
      AT(seed), .standard = "1"},
     {UMBT_THREADS_ROW(struct verify)},
     {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
-    {UMBT_JSON_ROW(struct verify)},
-    {UMBT_QUIET_ROW(struct verify, "print nothing")},
+    {UMBU_JSON_ROW(struct verify)},
+    {UMBU_QUIET_ROW(struct verify, "print nothing")},
 };
 
 static const struct umbu_command COMMAND = {
