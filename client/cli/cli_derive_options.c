@@ -85,7 +85,7 @@ static const struct umbu_command COMMAND = {
         "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
         "cascades of a camera. docs/techniques.md tells how to sample them. Closed assets need to\n"
         "be baked with --effect front=on.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_derive_options, session)},
 };
 

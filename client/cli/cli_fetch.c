@@ -66,7 +66,7 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage fetch ASSET [-o FILE] [options]",
     .summary = "Downloads the packed file of an asset that a job of yours made. ASSET is its id.\n"
                "What an earlier fetch left in FILE.part is not fetched again.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct fetch_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct fetch_settings, session)},
 };
 
 struct fetch {

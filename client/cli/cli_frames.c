@@ -52,7 +52,7 @@ static const struct umbu_command COMMAND = {
     .summary = "Asks a daemon for the shadows of one frame after the other, as a game would: a\n"
                "camera and its depth picture go there, answers come back packed, and where little\n"
                "changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct frames_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct frames_settings, session)},
 };
 
 /* A loop under way. */

@@ -19,7 +19,7 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage info FILE|ASSET [options]",
     .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
                ".umb or .umbm is a file; anything else is an asset of the daemon.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct umbc_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static const char *light_kind(enum umb_light_kind kind)

@@ -43,8 +43,7 @@ static const struct umbu_command WATCH = {
     .summary = "Shows a job's progress until it is over; then its asset, or why there is none.\n"
                "A lost connection is made anew. Exit codes: 0 done, 65 the scene cannot be used,\n"
                "70 the bake went wrong, 75 cancelled or not to be had now.",
-    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_watch(int argc, char **argv)
@@ -82,8 +81,7 @@ static const struct umbu_command JOBS = {
     .name = "umbrage jobs",
     .usage = "umbrage jobs [options]",
     .summary = "Lists your jobs, newest first.",
-    .sections = {{"options", UMBU_ROWS(JOBS_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOBS_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 static void print_job(const struct umb_job_status *job)
@@ -154,8 +152,7 @@ static const struct umbu_command CANCEL = {
     .name = "umbrage cancel",
     .usage = "umbrage cancel JOB [options]",
     .summary = "Ends a job that is not over; harmless if it is.",
-    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_cancel(int argc, char **argv)
@@ -200,7 +197,7 @@ static const struct umbu_command REMOVE = {
     .summary =
         "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes the\n"
         "file when nobody has it any more.",
-    .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS), 0},
+    .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
                  UMBU_SESSION(struct job_settings, session)},
 };
 

@@ -18,7 +18,7 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage list",
     .usage = "umbrage list [options]",
     .summary = "Lists the assets of a daemon, by name.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct umbc_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static void print_json(const struct umb_client_asset *assets, size_t count)

@@ -27,14 +27,14 @@ static const struct umbu_command PACK = {
     .name = "umbrage pack",
     .usage = "umbrage pack FILE -o OUT.umb [options]",
     .summary = "Writes the packed form of an asset, whatever form FILE has.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static const struct umbu_command UNPACK = {
     .name = "umbrage unpack",
     .usage = "umbrage unpack FILE -o OUT.umbm [options]",
     .summary = "Writes the mapped form of an asset, which opens at once, whatever form FILE has.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,

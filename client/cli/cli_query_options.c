@@ -133,8 +133,7 @@ const struct umbu_command umbc_query_command = {
         "Segments, columns and boxes are answered exactly, voxel by voxel, of opaque casters "
         "alone:\n"
         "translucent ones take no part, and a note says so where there are any.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 UMBU_SESSION(struct umbc_query_options, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 
 /* Several lights: here and now, and as text or whole numbers of bytes. */

@@ -64,7 +64,7 @@ static const struct umbu_command COMMAND = {
     .summary =
         "Fetches the part of an asset that is needed, coarse first, and shows how it sharpens.\n"
         "Without --box, --camera, --path or --points it fetches everything.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_stream_options, session)},
 };
 

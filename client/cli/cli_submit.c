@@ -35,7 +35,7 @@ static const struct umbu_command COMMAND = {
     .summary = "Sends a scene with its buffers and textures to a daemon, which bakes it. Bake\n"
                "options are those of umbrage-bake that decide what the asset holds. The same\n"
                "scene with the same options is the same job, however often it is submitted.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  {"bake options", UMBU_BAKE_SETTINGS, UMBU_BAKE_SETTING_COUNT,
                   offsetof(struct submit_settings, bake)},
                  UMBU_SESSION(struct submit_settings, session)},

@@ -27,7 +27,7 @@ static const struct umbu_command COMMAND = {
         "Checks every byte of an asset file and proves that its content has the id it claims.\n"
         "With --scene SCENE the shadows are compared with rays traced in the scene\n"
         "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static void report(const struct umbc_settings *settings, const struct umb_asset_info *info,

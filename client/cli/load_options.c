@@ -84,8 +84,7 @@ static const struct umbu_command COMMAND = {
         "due,\n"
         "not from when it could be sent. Nothing is sent twice. A run in which this program used\n"
         "more than 70 % of a processor says so: it may have measured itself.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 UMBU_SESSION(struct umbc_load_options, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_load_options, session)},
 };
 
 int umbc_load_options_parse(int argc, char **argv, struct umbc_load_options *options)

@@ -150,7 +150,7 @@ struct umbu_section {
     size_t count;
     size_t at; /* Offset in bytes of the section's settings in those of the command */
 };
-#define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0]
+#define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0], 0
 
 struct umbu_command {
     const char *name;                                /* As messages begin: "umbrage query" */

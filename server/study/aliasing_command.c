@@ -89,7 +89,7 @@ static const struct umbu_command COMMAND = {
         "slice (slice), around what slice and scene share (scene), and the same warped (lispsm).",
     .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad\n"
              "data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])

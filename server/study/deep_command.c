@@ -72,7 +72,7 @@ static const struct umbu_command COMMAND = {
         "over traced hits. A surface whose material is BLEND takes --alpha of the light, or its "
         "own\n"
         "constant alpha where that is less than 1; every other surface takes all.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* Lifts points off their surfaces, towards the light, by half of the wider window: a plane does not

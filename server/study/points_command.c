@@ -94,7 +94,7 @@ static const struct umbu_command COMMAND = {
     .notes =
         "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
         "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status view_sample(struct points_run *run, struct umb_error *error)

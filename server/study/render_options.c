@@ -72,8 +72,8 @@ static const struct umbu_command COMMAND = {
     .notes =
         "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
         "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 {"rays", UMBU_ROWS(TRACED), 0},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
+                 {"rays", UMBU_ROWS(TRACED)},
                  UMBU_SESSION(struct umbt_render_options, daemon)},
 };
 

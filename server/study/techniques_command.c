@@ -65,7 +65,7 @@ static const struct umbu_command COMMAND = {
         "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
         "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot create, 74 I/O, 75\n"
         "temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status view_open(struct study *study, struct umb_error *error)

@@ -70,7 +70,7 @@ static const struct umbu_command COMMAND = {
     .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot "
              "create,\n"
              "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* "scenes/city.glb" becomes "city-study". */

@@ -74,7 +74,7 @@ static const struct umbu_command COMMAND = {
     .notes =
         "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another\n"
         "scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* What the options say together. */

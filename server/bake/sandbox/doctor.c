@@ -51,7 +51,7 @@ static const struct umbu_command COMMAND = {
         "action is allowed or a bake does not work, 2 usage, 69 a required layer is missing: the\n"
         "importer's filter, or a layer of the bake's sandbox that jobs need (umbraged\n"
         "--job-sandbox), 73 no temporary folder.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static int has_avx2(void)

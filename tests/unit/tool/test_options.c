@@ -58,7 +58,7 @@ static const struct umbu_command COMMAND = {
     .usage = "thing SCENE [OTHER] [options]",
     .summary = "Does.",
     .notes = "Notes.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, {"more", UMBU_ROWS(MORE), 0}}};
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, {"more", UMBU_ROWS(MORE)}}};
 
 static struct settings settings;
 static struct umbu_parsed parsed;
