@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/vec.h"
-#include "cli_stream_view.h"
+#include "cli_paging_view.h"
 
 #define CAMERA_FORM "eye=X,Y,Z,target=X,Y,Z,far=M[,fov=DEG]"
 #define AT(field)   UMBU_AT(struct umbc_derive_options, field)

@@ -22,7 +22,7 @@
 #include "format/file_map.h"
 #include "format/head.h"
 #include "format/layout.h"
-#include "../rpc/rpc_sha256.h"
+#include "rpc/rpc_sha256.h"
 #include "umbrage/jobs.h"
 
 #define OUTPUT_SIZE 4096

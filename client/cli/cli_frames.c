@@ -12,7 +12,7 @@
 #include <time.h>
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_stream_view.h"
+#include "cli_paging_view.h"
 
 struct frames_settings {
     const char *target, *path, *depth, *output;

@@ -42,7 +42,7 @@ static const struct command COMMANDS[] = {
     {"rm", umbc_rm, "give an asset of yours up", NULL, NULL},
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene",
      NULL, NULL},
-    {"stream", umbc_stream, "fetch the part of an asset that is needed, coarse first", NULL, NULL},
+    {"stream", umbc_paging, "fetch the part of an asset that is needed, coarse first", NULL, NULL},
     {"derive", umbc_derive, "shadow maps for a GPU, from an asset alone", NULL, NULL},
     {"frames", umbc_frames, "ask a daemon for one frame's shadows after the other", NULL, NULL},
     {"pack", umbc_pack, "turn a file into the packed form (.umb)", NULL, NULL},

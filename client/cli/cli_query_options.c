@@ -54,14 +54,14 @@ static enum umb_status read_max_error(const struct umbu_option *option, const ch
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET",
                      "asset file, or asset of the daemon")},
-    {"points", "FILE|-", "points to ask for; - is stdin", UMBU_TEXT,
-     AT(records[UMBC_QUESTION_POINTS]), .excludes = "segments|columns|boxes"},
+    {"points", "FILE|-", "points to ask for; - is stdin", UMBU_TEXT, AT(records[UMBC_ASK_POINTS]),
+     .excludes = "segments|columns|boxes"},
     {"segments", "FILE|-", "segments x0 y0 z0 x1 y1 z1: lit share, then its lit stretches",
-     UMBU_TEXT, AT(records[UMBC_QUESTION_SEGMENTS]), .excludes = "columns|boxes"},
+     UMBU_TEXT, AT(records[UMBC_ASK_SEGMENTS]), .excludes = "columns|boxes"},
     {"columns", "FILE|-", "points: metres from each along the light to its column's first occluder",
-     UMBU_TEXT, AT(records[UMBC_QUESTION_COLUMNS]), .excludes = "boxes"},
+     UMBU_TEXT, AT(records[UMBC_ASK_COLUMNS]), .excludes = "boxes"},
     {"boxes", "FILE|-", "boxes x0 y0 z0 x1 y1 z1: the lit share of the voxels inside", UMBU_TEXT,
-     AT(records[UMBC_QUESTION_BOXES])},
+     AT(records[UMBC_ASK_BOXES])},
     {"format", NULL, "text, or raw little-endian x y z", UMBU_CHOICE("text|f32|f64"), AT(format),
      .standard = "text"},
     {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", UMBU_FLAG,
@@ -142,7 +142,7 @@ static int check_lights(const struct umbc_query_options *options)
     if (!options->all_lights && options->light_count == 1) {
         return -1;
     }
-    if (options->question != UMBC_QUESTION_POINTS) {
+    if (options->volume_query != UMBC_ASK_POINTS) {
         return umbc_usage_error("query", "--light: segments, columns and boxes take one light");
     }
     if (!umbc_is_file(options->target)) {
@@ -184,14 +184,14 @@ static int check_together(const struct umbu_parsed *parsed, struct umbc_query_op
 {
     static const enum umb_answer_format answers[] = {UMB_ANSWER_F32, UMB_ANSWER_F32, UMB_ANSWER_U8,
                                                      UMB_ANSWER_BIT};
-    while (options->question <= UMBC_QUESTION_BOXES && !options->records[options->question]) {
-        options->question++;
+    while (options->volume_query <= UMBC_ASK_BOXES && !options->records[options->volume_query]) {
+        options->volume_query++;
     }
-    if (options->question > UMBC_QUESTION_BOXES) {
+    if (options->volume_query > UMBC_ASK_BOXES) {
         return umbc_usage_error("query", "--points FILE or --points - is needed, or --segments, "
                                          "--columns or --boxes");
     }
-    options->points = options->records[options->question];
+    options->points = options->records[options->volume_query];
     options->settings.format = answers[options->encoding];
     if (options->json && options->encoding != UMBC_ENCODING_TEXT &&
         strcmp(options->out, "-") == 0) {

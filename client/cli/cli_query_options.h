@@ -14,12 +14,12 @@ enum umbc_encoding {
 };
 
 /* What the input's records are. */
-enum umbc_question {
-    UMBC_QUESTION_POINTS,
-    UMBC_QUESTION_SEGMENTS, /* two ends */
-    UMBC_QUESTION_COLUMNS,  /* a point of the column */
-    UMBC_QUESTION_BOXES,    /* two corners */
-    UMBC_QUESTION_COUNT,
+enum umbc_ask_kind {
+    UMBC_ASK_POINTS,
+    UMBC_ASK_SEGMENTS, /* two ends */
+    UMBC_ASK_COLUMNS,  /* a point of the column */
+    UMBC_ASK_BOXES,    /* two corners */
+    UMBC_ASK_COUNT,
 };
 
 #define UMBC_QUERY_LIGHTS_MAX 256
@@ -27,8 +27,8 @@ enum umbc_question {
 struct umbc_query_options {
     const char *target; /* FILE or ASSET */
     struct umbu_session session;
-    const char *records[UMBC_QUESTION_COUNT]; /* File or "-" of the one kind that is asked */
-    enum umbc_question question;
+    const char *records[UMBC_ASK_COUNT]; /* File or "-" of the one kind that is asked */
+    enum umbc_ask_kind volume_query;
     const char *points; /* That of `question` */
     enum umbc_points_format format;
     bool with_normals;

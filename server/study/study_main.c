@@ -30,7 +30,7 @@ static const struct command {
     {"render", umbt_render_command},
     {"verify", umbt_verify_command},
     {"points", umbt_points_command},
-    {"study", umbt_trade_command},
+    {"study", umbt_study_command},
     {"techniques", umbt_techniques_command},
     {"aliasing", umbt_aliasing_command},
     {"deep", umbt_deep_command},
@@ -65,7 +65,7 @@ int main(int argc, char **argv)
         char option[] = "--help", *words[] = {argv[0], option, NULL};
         fputs(help, stdout);
         putchar('\n');
-        return output_finish(umbt_trade_command(2, words));
+        return output_finish(umbt_study_command(2, words));
     }
     if (strcmp(argv[1], "--print-options") == 0) {
         for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
@@ -83,5 +83,5 @@ int main(int argc, char **argv)
                 argv[1]);
         return umb_status_exit(UMB_E_ARGUMENT);
     }
-    return output_finish(umbt_trade_command(argc, argv));
+    return output_finish(umbt_study_command(argc, argv));
 }

@@ -23,7 +23,7 @@
 
 struct verify {
     const char *file, *scene_path;
-    enum umbr_verify_question question;
+    enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
     int force, json, quiet, bounds;
     struct umb_asset *asset;
@@ -50,7 +50,7 @@ static const struct umbu_option OPTIONS[] = {
     {"points", "N", "points a light; with --bounds at most 10000000", UMBU_COUNT(1, 1000000000),
      AT(points), .otherwise = "1000000, with --bounds 100000"},
     {"ask", "WHAT", "points, segments, columns or boxes: what is asked, as often as --points says",
-     UMBU_CHOICE("points|segments|columns|boxes"), AT(question), .standard = "points"},
+     UMBU_CHOICE("points|segments|columns|boxes"), AT(kind), .standard = "points"},
     {"light", "N", "only this light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(light),
      .otherwise = "all"},
     {"seed", "N", "of the points; the same seed gives the same points", UMBU_COUNT(0, UINT64_MAX),
@@ -87,9 +87,9 @@ static enum umb_status options_check(struct verify *verify, struct umb_error *er
         return umb_fail(error, UMB_E_ARGUMENT, "--points: %" PRIu64 ", at most %u with --bounds",
                         verify->points, BOUND_POINTS_MAX);
     }
-    return verify->bounds && verify->question != UMBR_VERIFY_POINTS
+    return verify->bounds && verify->kind != UMBR_VERIFY_POINTS
                ? umb_fail(error, UMB_E_ARGUMENT, "--ask: %s does not go with --bounds",
-                          ASKED[verify->question])
+                          ASKED[verify->kind])
                : UMB_OK;
 }
 
@@ -157,7 +157,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
             .points = verify->points,
-            .question = verify->question,
+            .kind = verify->kind,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
             .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
@@ -197,11 +197,11 @@ static void report_text(const struct verify *verify)
         const struct umbr_verify_result *result = &verify->results[i];
         if (result->records > 0) {
             printf("light %u: %" PRIu64 " %s asked\n", verify->first_light + i, result->records,
-                   ASKED[verify->question]);
+                   ASKED[verify->kind]);
         }
         printf("light %u: %" PRIu64 " %s compared, ", verify->first_light + i, result->points,
-               verify->question > UMBR_VERIFY_SEGMENTS ? ASKED[verify->question] : ASKED[0]);
-        if (verify->question == UMBR_VERIFY_POINTS && verify->info.near_bytes == 0) {
+               verify->kind > UMBR_VERIFY_SEGMENTS ? ASKED[verify->kind] : ASKED[0]);
+        if (verify->kind == UMBR_VERIFY_POINTS && verify->info.receiver_mask_bytes == 0) {
             printf("%" PRIu64 " near a boundary, ", result->near_boundary);
         }
         printf("%" PRIu64 " inside solids left out\n"

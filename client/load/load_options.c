@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The options of `umbrage load`, see load_options.h. */
+#include "load/load_options.h"
+
+#include <string.h>
+
+#define BATCH_MAX  (1U << 22)
+#define RATE_MAX   1e6
+#define RATE_MIN   1e-3 /* above; far less, and when calls are due has no number */
+#define TIME_MAX_S 86400
+#define AT(field)  UMBU_AT(struct umbc_load_options, field)
+
+/* A file: stdout has the figures. */
+static enum umb_status read_report(const struct umbu_option *option, const char *text, void *field,
+                                   struct umb_error *error)
+{
+    if (text[0] == '\0' || strcmp(text, "-") == 0) {
+        return umbu_refuse(option, text, error);
+    }
+    memcpy(field, &text, sizeof text);
+    return UMB_OK;
+}
+
+static const struct umbu_option OPTIONS[] = {
+    {"ASSET", NULL, "asset of the daemon", UMBU_TEXT, AT(settings.asset), .needed = true},
+    {"rate", "R",
+     "open loop: R calls a second, whatever the daemon does; else each connection keeps "
+     "--in-flight calls under way",
+     UMBU_ABOVE(RATE_MIN, RATE_MAX), AT(settings.rate)},
+    {"closed", NULL, "closed loop, as without --rate", UMBU_FLAG, AT(closed),
+     .excludes = "rate|sweep"},
+    {"connections", "N", "connections to the daemon", UMBU_COUNT(1, UMBC_LOAD_CONNS_MAX),
+     AT(settings.connections), .standard = "4", .letter = 'c'},
+    {"in-flight", "N", "calls of a connection", UMBU_COUNT(1, UMBC_LOAD_FLIGHT_MAX),
+     AT(settings.in_flight), .otherwise = "8, with --rate at most 256"},
+    {"stream", NULL, "one QueryStream a connection instead of a call each", UMBU_FLAG,
+     AT(settings.stream)},
+    {"batch", "N", "points a call", UMBU_COUNT(1, BATCH_MAX), AT(source.batch), .standard = "64",
+     .letter = 'b'},
+    {"points", "KIND",
+     "camera: frames on a path over the asset; random: in its bounds; boundary: at borders of "
+     "shadow",
+     UMBU_CHOICE("camera|random|boundary"), AT(source.kind), .standard = "camera"},
+    {"trace", "FILE", "recorded points instead, as of `umbrage query --points`", UMBU_TEXT,
+     AT(source.trace), .excludes = "points"},
+    {"format", NULL, "of the trace", UMBU_CHOICE("text|f32|f64"), AT(source.format),
+     .standard = "text", .needs = "trace"},
+    {"normals", NULL, "raw traces: six numbers a point", UMBU_FLAG, AT(source.with_normals),
+     .needs = "trace format=f32|f64"},
+    {"light", "N", "index of the light", UMBU_COUNT(0, UINT32_MAX), AT(source.light),
+     .standard = "0"},
+    {"taps", "N", "width of the filter window", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.query.taps),
+     .standard = "1"},
+    {"encoding", "NAME", "of the answers: u8, f32, bit", UMBU_CHOICE("f32|u8|bit"),
+     AT(settings.query.format), .standard = "u8"},
+    {"seed", "N", "of random and boundary points", UMBU_COUNT(0, UINT64_MAX), AT(source.seed),
+     .standard = "1"},
+    {"warm-up", "TIME", "before what is measured", UMBU_TIME(0, 1000 * TIME_MAX_S),
+     AT(settings.warm_up_s), .otherwise = "1, in a sweep 0.5"},
+    {"duration", "TIME", "time that is measured (ms, s, m), of a sweep each step's",
+     UMBU_TIME(0, 1000 * TIME_MAX_S), .above = true, AT(settings.duration_s),
+     .otherwise = "10, in a sweep 2", .letter = 'd'},
+    {"timeout", "MS", "deadline of a call", UMBU_COUNT(1, 1000 * TIME_MAX_S),
+     AT(settings.timeout_ms), .standard = "10000"},
+    {"sweep", NULL, "find the highest rate that keeps the bound; --rate is the first, else 100",
+     UMBU_FLAG, AT(sweep)},
+    {"bound", "MS", "of a sweep: for the 99th percentile", UMBU_ABOVE(0, 1e6), AT(bound_ms),
+     .standard = "10", .needs = "sweep"},
+    {"admin", "HOST:PORT", "the daemon's metrics: its processor time and memory", UMBU_TEXT,
+     AT(settings.admin)},
+    {"report", "FILE", "a page with plots that needs nothing else",
+     UMBU_READ(read_report, "a file name: stdout has the figures"), AT(report)},
+    {UMBU_JSON_ROW(struct umbc_load_options)},
+    {UMBU_QUIET_ROW(struct umbc_load_options, "no live line")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage load",
+    .usage = "umbrage load ASSET [options]",
+    .summary =
+        "Loads a daemon with queries and measures it: throughput, latencies to the 99.99th\n"
+        "percentile (never told too small, at most 0.8 % too large), errors by status, and with\n"
+        "--admin what it cost the daemon. With --rate a latency counts from when the call was "
+        "due,\n"
+        "not from when it could be sent. Nothing is sent twice. A run in which this program used\n"
+        "more than 70 % of a processor says so: it may have measured itself.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_load_options, session)},
+};
+
+int umbc_load_options_parse(int argc, char **argv, struct umbc_load_options *options)
+{
+    struct umbc_load_settings *settings = &options->settings;
+    struct umbu_parsed parsed;
+    memset(options, 0, sizeof *options);
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, options);
+    if (code >= 0) {
+        return code;
+    }
+    const bool open = settings->rate > 0 || options->sweep;
+    options->source.asset = settings->asset;
+    settings->query.light = options->source.light;
+    if (options->source.trace != NULL) {
+        options->source.kind = UMBC_LOAD_TRACE;
+    }
+    if (settings->in_flight == 0) {
+        settings->in_flight = open ? 256 : 8;
+    }
+    if (!umbu_given(&parsed, "warm-up")) {
+        settings->warm_up_s = options->sweep ? 0.5 : 1;
+    }
+    if (!umbu_given(&parsed, "duration")) {
+        settings->duration_s = options->sweep ? 2 : 10;
+    }
+    return -1;
+}

@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* `umbrage-study SCENE -o DIR`: what accuracy costs (study.h). */
+#include <stdio.h>
+#include <string.h>
+
+#include "study/output_guard.h"
+#include "study/parallel_for.h"
+#include "study/study_command.h"
+#include "study/study_progress.h"
+#include "study/study.h"
+#include "study/study_pictures.h"
+#include "study/study_report.h"
+#include "study/study_techniques.h"
+#include "study/view_options.h"
+
+#define RESOLUTION_QUICK 4096
+#define RESOLUTION_FULL  16384
+#define POINTS_QUICK     12000
+#define POINTS_FULL      60000
+#define PATH_BYTES       4096
+
+#define AT(field) UMBU_AT(struct umbt_study_options, field)
+
+/* A folder's name: a report has many files. */
+static enum umb_status read_folder(const struct umbu_option *option, const char *text, void *field,
+                                   struct umb_error *error)
+{
+    if (text[0] == '\0' || umbt_output_is_stdout(text)) {
+        return umbu_refuse(option, text, error);
+    }
+    memcpy(field, &text, sizeof text);
+    return UMB_OK;
+}
+
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene), .needed = true},
+    {"output", "DIR", "made if it is not there",
+     UMBU_READ(read_folder, "a folder's name (a report has many files: it cannot go to stdout; "
+                            "name a folder, ./- for one of that name)"),
+     AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
+    {"quick", NULL, "up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes", UMBU_FLAG,
+     AT(quick)},
+    {"max-resolution", "N", "of the ladder that starts at 512", UMBU_COUNT(512, 262144),
+     AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
+    {"sun", "AZ,EL", "the sun, as umbrage-bake takes it", UMBU_TEXT, AT(sun)},
+    {"light", "NAME", "the file's directional light of that name", UMBU_TEXT, AT(light)},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
+    {"points", "N", "samples a set", UMBU_COUNT(1000, 10000000), AT(points),
+     .otherwise = "quick: 12000, else 60000"},
+    {"truth", "N", "rays a side of the area truth", UMBU_COUNT(2, 32), AT(truth_side),
+     .otherwise = "quick: 6, else 12"},
+    {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
+    {UMBT_THREADS_ROW(struct umbt_study_options)},
+    {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
+    {UMBU_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage study",
+    .usage = "umbrage-study SCENE [-o DIR] [options]\n"
+             "       umbrage study SCENE [-o DIR] [options]",
+    .summary =
+        "Shows what accuracy costs: bakes the scene at many resolutions, open and closed, asks "
+        "each\n"
+        "at several filter widths and coarse levels about the same points, and compares errors,\n"
+        "time and bytes with traced rays; and every shadow map of the literature on one view.\n"
+        "Writes DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/ "
+        "and\n"
+        "assets/. Stopped and started again, it goes on with the assets that are there.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot "
+             "create,\n"
+             "74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
+
+/* "scenes/city.glb" becomes "city-study". */
+static void name_folder(struct umbt_study_options *options)
+{
+    const char *slash = strrchr(options->scene, '/');
+    const char *name = slash != NULL ? slash + 1 : options->scene;
+    const char *dot = strrchr(name, '.');
+    const size_t stem = dot != NULL && dot > name ? (size_t)(dot - name) : strlen(name);
+    (void)snprintf(options->named, sizeof options->named, "%.*s-study", (int)stem, name);
+    options->folder = options->named;
+}
+
+/* Fills in what --quick decides. */
+static void options_complete(struct umbt_study_options *options)
+{
+    if (options->folder == NULL) {
+        name_folder(options);
+    }
+    if (options->max_resolution == 0) {
+        options->max_resolution = options->quick ? RESOLUTION_QUICK : RESOLUTION_FULL;
+    }
+    if (options->points == 0) {
+        options->points = options->quick ? POINTS_QUICK : POINTS_FULL;
+    }
+    if (options->truth_side == 0) {
+        options->truth_side = options->quick ? 6 : 12;
+    }
+}
+
+/* The aliasing heat map of the same view, by the command that makes one. */
+static enum umb_status heat_draw(const struct umbt_study *study, struct umb_error *error)
+{
+    char path[PATH_BYTES], threads[16];
+    char *arguments[17] = {(char *)(uintptr_t) "aliasing"};
+    int count = 1;
+    if (snprintf(path, sizeof path, "%s/pictures/aliasing.png", study->options.folder) >=
+        (int)sizeof path) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
+    }
+    (void)snprintf(threads, sizeof threads, "%u", (unsigned)study->options.threads);
+    const char *const words[][2] = {{"-o", path},
+                                    {"--size", "480x270"},
+                                    {"--threads", threads},
+                                    {"--resolution", "4096"},
+                                    {"--sun", study->options.sun},
+                                    {"--up", study->options.up}};
+    arguments[count++] = (char *)(uintptr_t)study->options.scene;
+    arguments[count++] = (char *)(uintptr_t) "--quiet";
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        if (words[i][1] != NULL) {
+            arguments[count++] = (char *)(uintptr_t)words[i][0];
+            arguments[count++] = (char *)(uintptr_t)words[i][1];
+        }
+    }
+    return umbt_aliasing_command(count, arguments) == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
+}
+
+static enum umb_status study_run(struct umbt_study *study, struct umb_error *error)
+{
+    enum umb_status status = umbt_scene_init(&study->scene, study->options.scene, error);
+    enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
+        umbt_study_bake_all, umbt_study_points_make, umbt_study_measure};
+    for (size_t i = 0; status == UMB_OK && i < sizeof steps / sizeof steps[0]; i++) {
+        status = steps[i](study, error);
+    }
+    if (status == UMB_OK) {
+        status = umbt_study_pictures(study, error);
+    }
+    if (status == UMB_OK) {
+        status = umbt_study_techniques(study, error);
+    }
+    if (status == UMB_OK) {
+        status = heat_draw(study, error);
+    }
+    study->seconds = umbt_now_s() - study->started_s;
+    return status == UMB_OK ? umbt_study_report(study, error) : status;
+}
+
+static void report(const struct umbt_study *study)
+{
+    char verdict[4096];
+    if (study->options.json) {
+        umbt_study_json(stdout, study);
+    } else if (!study->options.quiet) {
+        umbt_study_summary(study, verdict, sizeof verdict);
+        printf("%s%s/report.html\n", verdict, study->options.folder);
+    }
+}
+
+int umbt_study_command(int argc, char **argv)
+{
+    static struct umbt_study study; /* large: not on the stack */
+    struct umb_error error = {0};
+    memset(&study, 0, sizeof study);
+    study.started_s = umbt_now_s();
+    struct umbu_parsed parsed;
+    study.options.threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study.options);
+    if (code >= 0) {
+        return code;
+    }
+    options_complete(&study.options);
+    const enum umb_status status = study_run(&study, &error);
+    if (status == UMB_OK) {
+        report(&study);
+    }
+    umbt_study_points_finish(&study.points);
+    umbt_study_bakes_finish(&study);
+    umbt_scene_finish(&study.scene);
+    if (status != UMB_OK) {
+        fprintf(stderr, "umbrage study: %s\n", error.message);
+    }
+    return umb_status_exit(status);
+}
