@@ -9,27 +9,33 @@ TEST_LIBS_maps   = $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_cli    = $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_rays   = $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_scene  = $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_store  = $(STORE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_rays   = $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_tool   = $(CORE_LIBS)
+TEST_SYS_load   = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
-TEST_SYS_common = -luv $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_common = $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_scene  = $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_store  = -luv $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc tool cli common rays study bake jobs daemon
+UNIT_PARTS := core maps wire rpc tool cli load common scene store rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part
@@ -68,9 +74,9 @@ system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
-QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
-questions: $(QUESTIONS) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
-	@for t in $(QUESTIONS); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
+VOLUME_QUERIES := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
+volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
+	@for t in $(VOLUME_QUERIES); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && for scene in "city 12" "bridge 30"; do \
 		file=$$folder/$${scene% *} && \
 		$(BUILD)/scenegen $${scene% *} --size $${scene#* } --format ply -o $$file.ply && \
@@ -108,9 +114,9 @@ determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for t
 .PHONY: numerics same-bits determinism
 
 # Light behind translucent casters of a bake against products over all that the light meets.
-$(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_common)
+$(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_scene)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_common) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_scene) -o $@
 
 # Kernels, slices and threads at 16384 voxels a side, 10^7 points of a scene for each window.
 $(BUILD)/kernel_bits: $(BUILD)/tests/agreement/kernel_bits.o $(CORE_LIB)
@@ -144,7 +150,7 @@ file-sweeps: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/file_sweep ## every prefix a
 .PHONY: file-sweeps
 
 # False shadow and false light at full size.
-accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
+accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/results/accuracy.md and study.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
@@ -158,7 +164,7 @@ study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
-effects-table: $(PROGRAMS) ## tables of docs/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
+effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
@@ -192,7 +198,7 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
+test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check
 	@$(MAKE) --no-print-directory system
@@ -208,7 +214,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check questions accuracy system sanitize sanitize-one test layers lint format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-one test layers lint format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

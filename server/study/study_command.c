@@ -40,7 +40,7 @@ static const struct umbu_option OPTIONS[] = {
      AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
     {"quick", NULL, "up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes", UMBU_FLAG,
      AT(quick)},
-    {"max-resolution", "N", "of the ladder that starts at 512", UMBU_COUNT(512, 262144),
+    {"max-resolution", "N", "last of the resolutions from 512 on", UMBU_COUNT(512, 262144),
      AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
     {"sun", "AZ,EL", "the sun, as umbrage-bake takes it", UMBU_TEXT, AT(sun)},
     {"light", "NAME", "the file's directional light of that name", UMBU_TEXT, AT(light)},
@@ -154,12 +154,12 @@ static enum umb_status study_run(struct umbt_study *study, struct umb_error *err
 
 static void report(const struct umbt_study *study)
 {
-    char verdict[4096];
+    char summary[4096];
     if (study->options.json) {
         umbt_study_json(stdout, study);
     } else if (!study->options.quiet) {
-        umbt_study_summary(study, verdict, sizeof verdict);
-        printf("%s%s/report.html\n", verdict, study->options.folder);
+        umbt_study_summary(study, summary, sizeof summary);
+        printf("%s%s/report.html\n", summary, study->options.folder);
     }
 }
 

@@ -4,7 +4,7 @@
 /*
  * What an asset says besides its voxels: lights, frusta, origin, plan, settings. The writer takes
  * it, the reader gives it back; both encodings carry it as the same canonical block of bytes,
- * which is part of the identity (docs/umb-format.md, "Canonical block").
+ * which is part of the identity (docs/reference/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
 #include "umbrage/workers.h"
@@ -15,7 +15,7 @@ struct umb_curve_record {
     uint32_t level, taps; /* the settings; one of them says nothing: level 0, or taps 1 */
     uint32_t points;      /* asked: 1 to UMB_CURVE_POINTS_MAX */
     uint64_t nodes;       /* distinct mixed nodes above bricks in each point's window */
-    uint64_t lines;       /* cache lines, as docs/umb-format.md counts them */
+    uint64_t lines;       /* cache lines, as docs/reference/umb-format.md counts them */
     uint64_t squares;     /* of differences, in units of 1 / 2^20, each rounded down */
 };
 
@@ -36,12 +36,13 @@ struct umb_content {
     char *notes;                    /* outside the identity */
     struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
-    uint32_t *occluder_depth;        /* [occluder_depth_words] first occluders (format/occluder_depth.h), or NULL */
-    uint64_t occluder_depth_words;   /* 0 if not kept */
-    uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
+    uint32_t *occluder_depth;      /* [occluder_depth_words] format/occluder_depth.h, or NULL */
+    uint64_t occluder_depth_words; /* 0 if not kept */
+    uint8_t *transmittance;        /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
-    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
-                             rule; or NULL */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
+     * rule; or NULL */
+    uint64_t *receiver_mask_cells;
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */

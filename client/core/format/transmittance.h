@@ -7,7 +7,7 @@
  * A map of a frustum has 2^m texels a side, of 2^(n-m) voxels each. A texel's list is a falling
  * staircase: steps (z, drop), z ascending; voxel z' gets 1 less the drops of all steps with z <=
  * z', in units of 2^-21. Texels without a list get all light. An entry TRNS of the canonical block
- * holds the maps of all frusta (docs/umb-format.md, section 3):
+ * holds the maps of all frusta (docs/reference/umb-format.md, section 3):
  *
  * - a byte for each frustum: m, or 0: nothing translucent lies before it;
  * - for each frustum with a map its squares of 64x64 texels, row by row: u64 mask of their 8x8
@@ -86,8 +86,10 @@ struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the frustum. */
-uint64_t umb__transmittance_lost(const struct umb__trans *trans, const struct umb__transmittance_map *map,
-                         uint32_t n, const struct umb__transmittance_window *window);
+/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the
+ * frustum. */
+uint64_t umb__transmittance_lost(const struct umb__trans *trans,
+                                 const struct umb__transmittance_map *map, uint32_t n,
+                                 const struct umb__transmittance_window *window);
 
 #endif

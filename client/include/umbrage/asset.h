@@ -22,8 +22,8 @@
  * those the identity names: that takes SHA-256, which `umbrage verify` and the daemon's store do.
  * Texts (plan, settings, notes, names) are UTF-8 without NUL, but may hold control characters.
  * Caveat: a mapped file (.umbm) that another process truncates or overwrites while it is open
- * breaks that promise; the store's files are never edited in place (docs/operations.md). A packed
- * one is not looked at any more once it is open.
+ * breaks that promise; the store's files are never edited in place (docs/reference/operations.md).
+ * A packed one is not looked at any more once it is open.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -112,8 +112,7 @@ struct umb_asset_info {
     uint64_t brick_bytes;
     uint64_t occluder_depth_bytes; /* of first occluders behind closed fronts, or 0 */
     uint64_t transmittance_bytes;  /* of translucent casters, or 0 */
-    uint64_t
-        receiver_mask_bytes; /* of cells that hold receivers; above 0: baked under the static rule */
+    uint64_t receiver_mask_bytes;  /* of cells that hold receivers; 0: no static rule */
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */

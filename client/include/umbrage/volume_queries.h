@@ -2,15 +2,16 @@
 #ifndef UMBRAGE_VOLUME_QUERIES_H
 #define UMBRAGE_VOLUME_QUERIES_H
 /*
- * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in batches. The
- * answers are those that umb_segments_run and its like give for the same asset, bit for bit.
+ * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in
+ * batches. The answers are those that umb_segments_run and its like give for the same asset, bit
+ * for bit.
  *
  *     const struct umb_volume_query question = {.asset = "city"};
  *     umb_client_columns(client, &volume_query, &points, columns, &reply, &error);
  *
  * All block until answered, and are tried again as umb_client_query is. What the server takes in
- * one call: Limits (docs/protocol.md); a segment counts as 64 points or as its intervals, a column
- * as 1, a box as 256.
+ * one call: Limits (docs/reference/protocol.md); a segment counts as 64 points or as its intervals,
+ * a column as 1, a box as 256.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"
