@@ -81,10 +81,9 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage derive",
     .usage = "umbrage derive FILE|ASSET [-o OUT.ktx2] [options]",
-    .summary =
-        "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
-        "cascades of a camera. docs/guide/gpu-maps.md tells how to sample them. Closed assets\n"
-        "need to be baked with --effect front=on.",
+    .summary = "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's\n"
+               "voxels, or the cascades of a camera. docs/guide/gpu-maps.md tells how to sample\n"
+               "them. Closed assets need to be baked with --effect front=on.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_derive_options, session)},
 };

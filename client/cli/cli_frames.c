@@ -50,8 +50,8 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage frames",
     .usage = "umbrage frames ASSET --path FILE --depth FILE [options]",
     .summary = "Asks a daemon for the shadows of one frame after the other, as a game would: a\n"
-               "camera and its depth picture go there, answers come back packed, and where little\n"
-               "changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
+               "camera and its depth picture go there, answers come back packed, and where\n"
+               "little changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct frames_settings, session)},
 };
 

@@ -61,9 +61,8 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage stream",
     .usage = "umbrage stream (FILE | ASSET | --from-file FILE | --from-url URL) [options]",
-    .summary =
-        "Fetches the part of an asset that is needed, coarse first, and shows how it sharpens.\n"
-        "Without --box, --camera, --path or --points it fetches everything.",
+    .summary = "Fetches the part of an asset that is needed, coarse first, and shows how it\n"
+               "sharpens. Without --box, --camera, --path or --points it fetches everything.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_paging_options, session)},
 };

@@ -125,14 +125,13 @@ const struct umbu_command umbc_query_command = {
     .name = "umbrage query",
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
              "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
-    .summary =
-        "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to 1 (lit),\n"
-        "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
-        ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
-        "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.\n"
-        "Segments, columns and boxes are answered exactly, voxel by voxel, of opaque casters "
-        "alone:\n"
-        "translucent ones take no part, and a note says so where there are any.",
+    .summary = "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to\n"
+               "1 (lit), in the order of the points. An existing file, a name with '/' or one\n"
+               "ending in .umb or .umbm is answered here; anything else is an asset of the\n"
+               "daemon, with the same bits. Text points are lines `x y z` or `x y z nx ny nz`;\n"
+               "'#' starts a comment. Segments, columns and boxes are answered exactly, voxel by\n"
+               "voxel, of opaque casters alone: translucent ones take no part, and a note says\n"
+               "so where there are any.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 

@@ -22,11 +22,12 @@ static const struct umbu_option OPTIONS[] = {
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage verify",
-    .usage = "umbrage verify FILE [options]   or   umbrage verify FILE --scene SCENE [...]",
-    .summary =
-        "Checks every byte of an asset file and proves that its content has the id it claims.\n"
-        "With --scene SCENE the shadows are compared with rays traced in the scene\n"
-        "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
+    .usage = "umbrage verify FILE [options]\n"
+             "       umbrage verify FILE --scene SCENE [...]",
+    .summary = "Checks every byte of an asset file and proves that its content has the id it\n"
+               "claims. With --scene SCENE the shadows are compared with rays traced in the\n"
+               "scene (starts umbrage-study, whose options are shown by `umbrage-study verify\n"
+               "--help`).",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 

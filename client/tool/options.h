@@ -169,7 +169,9 @@ struct umbu_parsed {
     unsigned char given[UMBU_OPTIONS_MAX]; /* Number of the row's last source, 0 = not given */
 };
 
-/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings. */
+/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings.
+ * Aborts if the table is wrong: a field that its kind does not fit, a standard value out of range.
+ */
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings);
 
 /*
@@ -219,7 +221,7 @@ bool umbu_read_number(const char **text, double *value);
 /* Reads numbers with commas between them, to the end of text. */
 bool umbu_read_numbers(const char *text, size_t count, double *values);
 
-/* The usage, every option and the notes, 80 columns wide. */
+/* The usage, every option wrapped at 80 columns, and the notes. */
 void umbu_print_help(const struct umbu_command *command, FILE *out);
 
 /* Every setting that a config file may have, as one that would be read back the same. line_max:

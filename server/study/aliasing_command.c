@@ -80,15 +80,13 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage aliasing",
     .usage = "umbrage aliasing SCENE [options]",
-    .summary =
-        "Says for every visible point how many pixels a texel of the sun's shadow map covers "
-        "there,\n"
-        "in its longest direction: above 1 the map is undersampled, and edges show steps. Four "
-        "ways\n"
-        "to spend texels are compared: one map of the scene (uniform); and cascades around each\n"
-        "slice (slice), around what slice and scene share (scene), and the same warped (lispsm).",
-    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad\n"
-             "data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
+    .summary = "Says for every visible point how many pixels a texel of the sun's shadow map\n"
+               "covers there, in its longest direction: above 1 the map is undersampled, and\n"
+               "edges show steps. Four ways to spend texels are compared: one map of the scene\n"
+               "(uniform); and cascades around each slice (slice), around what slice and scene\n"
+               "share (scene), and the same warped (lispsm).",
+    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
+             "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 

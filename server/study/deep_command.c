@@ -67,11 +67,10 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage-study deep",
     .usage = "umbrage-study deep SCENE [options]",
-    .summary =
-        "Builds deep shadow maps of a scene, and maps of moments, and compares them with products\n"
-        "over traced hits. A surface whose material is BLEND takes --alpha of the light, or its "
-        "own\n"
-        "constant alpha where that is less than 1; every other surface takes all.",
+    .summary = "Builds deep shadow maps of a scene, and maps of moments, and compares them with\n"
+               "products over traced hits. A surface whose material is BLEND takes --alpha of\n"
+               "the light, or its own constant alpha where that is less than 1; every other\n"
+               "surface takes all.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 

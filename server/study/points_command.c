@@ -88,12 +88,11 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage points",
     .usage = "umbrage points SCENE -o FILE [options]",
-    .summary = "Writes sample points of a scene, to query with `umbrage query --points FILE "
-               "--format f32`.\n"
-               "No point lies inside a closed solid. The same seed gives the same points.",
-    .notes =
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
-        "74 I/O, 75 temporary.",
+    .summary = "Writes sample points of a scene, to query with `umbrage query --points FILE\n"
+               "--format f32`. No point lies inside a closed solid. The same seed gives the same\n"
+               "points.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 

@@ -69,9 +69,8 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage render",
     .usage = "umbrage render SCENE --asset FILE|ASSET -o OUT.png [options]",
     .summary = "Makes a picture of a scene with the shadows of an asset that was baked from it.",
-    .notes =
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
-        "74 I/O, 75 temporary.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  {"rays", UMBU_ROWS(TRACED)},
                  UMBU_SESSION(struct umbt_render_options, daemon)},

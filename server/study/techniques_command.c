@@ -59,12 +59,11 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage-study techniques",
     .usage = "umbrage-study techniques SCENE [options]",
-    .summary =
-        "Runs every shadow map technique on what a camera sees, and compares with traced rays.",
-    .notes =
-        "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot create, 74 I/O, 75\n"
-        "temporary.",
+    .summary = "Runs every shadow map technique on what a camera sees, and compares with traced\n"
+               "rays.",
+    .notes = "Errors are means over points that face the light: of |answer - truth|, and of\n"
+             "its parts. Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
