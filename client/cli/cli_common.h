@@ -24,19 +24,9 @@ struct umbc_settings {
     bool json, quiet;
 };
 
-/* Rows of those settings. type: with a member of each name. */
+/* Row of the argument. type: the command's settings. */
 #define UMBC_TARGET_ROW(type, name, help)                                                          \
-    {                                                                                              \
-        name, NULL, help, UMBU_TEXT, UMBU_AT(type, target), .needed = true                         \
-    }
-#define UMBC_JSON_ROW(type)                                                                        \
-    {                                                                                              \
-        "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type, json)                      \
-    }
-#define UMBC_QUIET_ROW(type, help)                                                                 \
-    {                                                                                              \
-        "quiet", NULL, help, UMBU_FLAG, UMBU_AT(type, quiet), .letter = 'q'                        \
-    }
+    name, NULL, help, UMBU_TEXT, UMBU_AT(type, target), .needed = true
 
 /* Prints "umbrage: message" on stderr and returns the exit code of the error's status. */
 int umbc_complain(const struct umb_error *error);

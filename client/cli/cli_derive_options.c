@@ -35,7 +35,8 @@ static enum umb_status read_size(const struct umbu_option *option, const char *t
 }
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_derive_options, "FILE|ASSET", "asset file, or asset of the daemon"),
+    {UMBC_TARGET_ROW(struct umbc_derive_options, "FILE|ASSET",
+                     "asset file, or asset of the daemon")},
     {"technique", "NAME", "depth, vsm, esm, evsm or msm", UMBU_CHOICE("depth|vsm|||esm|evsm|msm"),
      AT(settings.map.technique), .standard = "depth"},
     {"format", "FORMAT", "f32, f16 (esm, evsm) or u16 (the others)", UMBU_CHOICE("f32|f16||u16"),
@@ -74,17 +75,16 @@ static const struct umbu_option OPTIONS[] = {
     {"output", "FILE", "the KTX 2.0 file; - is stdout", UMBU_TEXT, AT(output),
      .otherwise = "the asset's name with .ktx2", .letter = 'o'},
     {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json), .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct umbc_derive_options, "print nothing but errors"),
+    {UMBU_QUIET_ROW(struct umbc_derive_options, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage derive",
     .usage = "umbrage derive FILE|ASSET [-o OUT.ktx2] [options]",
-    .summary =
-        "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
-        "cascades of a camera. docs/guide/gpu-maps.md tells how to sample them. Closed assets\n"
-        "need to be baked with --effect front=on.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .summary = "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's\n"
+               "voxels, or the cascades of a camera. docs/guide/gpu-maps.md tells how to sample\n"
+               "them. Closed assets need to be baked with --effect front=on.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_derive_options, session)},
 };
 

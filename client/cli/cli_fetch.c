@@ -57,8 +57,8 @@ static const struct umbu_option OPTIONS[] = {
     {"max-bytes", "BYTES", "refuse a larger file", UMBU_BYTES(1, (uint64_t)1 << 62), AT(max_bytes),
      .standard = "64G"},
     UMBU_STALL_ROW(struct fetch_settings),
-    UMBC_JSON_ROW(struct fetch_settings),
-    UMBC_QUIET_ROW(struct fetch_settings, "no progress"),
+    {UMBU_JSON_ROW(struct fetch_settings)},
+    {UMBU_QUIET_ROW(struct fetch_settings, "no progress")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -66,7 +66,7 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage fetch ASSET [-o FILE] [options]",
     .summary = "Downloads the packed file of an asset that a job of yours made. ASSET is its id.\n"
                "What an earlier fetch left in FILE.part is not fetched again.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct fetch_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct fetch_settings, session)},
 };
 
 struct fetch {

@@ -25,7 +25,7 @@ struct frames_settings {
 #define AT(field) UMBU_AT(struct frames_settings, field)
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct frames_settings, "ASSET", "asset of the daemon"),
+    {UMBC_TARGET_ROW(struct frames_settings, "ASSET", "asset of the daemon")},
     {"path", "FILE", "a camera a line: eye=X,Y,Z,target=X,Y,Z[,fov=DEG]", UMBU_TEXT, AT(path),
      .needed = true},
     {"depth", "FILE", "a float a pixel and frame, metres along the view", UMBU_TEXT, AT(depth),
@@ -43,16 +43,16 @@ static const struct umbu_option OPTIONS[] = {
      AT(output), .letter = 'o'},
     {"json", NULL, "print one JSON object, with every frame", UMBU_FLAG, AT(json),
      .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct frames_settings, "print nothing but errors"),
+    {UMBU_QUIET_ROW(struct frames_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage frames",
     .usage = "umbrage frames ASSET --path FILE --depth FILE [options]",
     .summary = "Asks a daemon for the shadows of one frame after the other, as a game would: a\n"
-               "camera and its depth picture go there, answers come back packed, and where little\n"
-               "changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct frames_settings, session)},
+               "camera and its depth picture go there, answers come back packed, and where\n"
+               "little changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct frames_settings, session)},
 };
 
 /* A loop under way. */

@@ -9,9 +9,9 @@
 #include "umbrage/curve.h"
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon"),
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "print the id alone"),
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print the id alone")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -19,7 +19,7 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage info FILE|ASSET [options]",
     .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
                ".umb or .umbm is a file; anything else is an asset of the daemon.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct umbc_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static const char *light_kind(enum umb_light_kind kind)

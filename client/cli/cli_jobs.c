@@ -16,9 +16,9 @@ struct job_settings {
 };
 
 static const struct umbu_option JOB_OPTIONS[] = {
-    UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it"),
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "no talk, ids only"),
+    {UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it")},
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk, ids only")},
 };
 
 /* Parses and connects. Returns -1 to go on, else the exit code. */
@@ -43,8 +43,7 @@ static const struct umbu_command WATCH = {
     .summary = "Shows a job's progress until it is over; then its asset, or why there is none.\n"
                "A lost connection is made anew. Exit codes: 0 done, 65 the scene cannot be used,\n"
                "70 the bake went wrong, 75 cancelled or not to be had now.",
-    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_watch(int argc, char **argv)
@@ -72,8 +71,8 @@ int umbc_watch(int argc, char **argv)
 /* --- jobs --- */
 
 static const struct umbu_option JOBS_OPTIONS[] = {
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "ids only"),
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "ids only")},
     {"limit", "N", "so many, 1 to 1000", UMBU_COUNT(1, 1000), UMBU_AT(struct job_settings, limit),
      .standard = "100"},
 };
@@ -82,8 +81,7 @@ static const struct umbu_command JOBS = {
     .name = "umbrage jobs",
     .usage = "umbrage jobs [options]",
     .summary = "Lists your jobs, newest first.",
-    .sections = {{"options", UMBU_ROWS(JOBS_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOBS_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 static void print_job(const struct umb_job_status *job)
@@ -152,8 +150,7 @@ static const struct umbu_command CANCEL = {
     .name = "umbrage cancel",
     .usage = "umbrage cancel JOB [options]",
     .summary = "Ends a job that is not over; harmless if it is.",
-    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS), 0},
-                 UMBU_SESSION(struct job_settings, session)},
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_cancel(int argc, char **argv)
@@ -187,17 +184,16 @@ int umbc_cancel(int argc, char **argv)
 
 static const struct umbu_option REMOVE_OPTIONS[] = {
     {"ASSET", NULL, "the asset's id", UMBC_ID, UMBU_AT(struct job_settings, asset), .needed = true},
-    UMBC_JSON_ROW(struct job_settings),
-    UMBC_QUIET_ROW(struct job_settings, "no talk"),
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk")},
 };
 
 static const struct umbu_command REMOVE = {
     .name = "umbrage rm",
     .usage = "umbrage rm ASSET [options]",
-    .summary =
-        "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes the\n"
-        "file when nobody has it any more.",
-    .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS), 0},
+    .summary = "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes\n"
+               "the file when nobody has it any more.",
+    .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
                  UMBU_SESSION(struct job_settings, session)},
 };
 

@@ -10,15 +10,15 @@
 #define NAME_WIDTH 32U /* columns */
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "names only"),
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "names only")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage list",
     .usage = "umbrage list [options]",
     .summary = "Lists the assets of a daemon, by name.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, UMBU_SESSION(struct umbc_settings, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static void print_json(const struct umb_client_asset *assets, size_t count)

@@ -16,26 +16,25 @@ struct pack_settings {
 };
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file"),
+    {UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file")},
     {"output", "FILE", "where to write; replaced atomically; - is stdout", UMBU_TEXT,
      UMBU_AT(struct pack_settings, output), .needed = true, .letter = 'o'},
-    {"json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(struct pack_settings, json),
-     .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct pack_settings, "print nothing but errors"),
+    {UMBU_JSON_ROW(struct pack_settings), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct pack_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command PACK = {
     .name = "umbrage pack",
     .usage = "umbrage pack FILE -o OUT.umb [options]",
     .summary = "Writes the packed form of an asset, whatever form FILE has.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static const struct umbu_command UNPACK = {
     .name = "umbrage unpack",
     .usage = "umbrage unpack FILE -o OUT.umbm [options]",
     .summary = "Writes the mapped form of an asset, which opens at once, whatever form FILE has.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,

@@ -55,16 +55,15 @@ static const struct umbu_option OPTIONS[] = {
      .needs = "points camera|path"},
     {"json", NULL, "print one JSON object, with every step", UMBU_FLAG, AT(json),
      .excludes = "output=-"},
-    UMBC_QUIET_ROW(struct umbc_paging_options, "print nothing but errors"),
+    {UMBU_QUIET_ROW(struct umbc_paging_options, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage stream",
     .usage = "umbrage stream (FILE | ASSET | --from-file FILE | --from-url URL) [options]",
-    .summary =
-        "Fetches the part of an asset that is needed, coarse first, and shows how it sharpens.\n"
-        "Without --box, --camera, --path or --points it fetches everything.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .summary = "Fetches the part of an asset that is needed, coarse first, and shows how it\n"
+               "sharpens. Without --box, --camera, --path or --points it fetches everything.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  UMBU_SESSION(struct umbc_paging_options, session)},
 };
 

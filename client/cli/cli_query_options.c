@@ -52,7 +52,8 @@ static enum umb_status read_max_error(const struct umbu_option *option, const ch
 }
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET", "asset file, or asset of the daemon"),
+    {UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET",
+                     "asset file, or asset of the daemon")},
     {"points", "FILE|-", "points to ask for; - is stdin", UMBU_TEXT, AT(records[UMBC_ASK_POINTS]),
      .excludes = "segments|columns|boxes"},
     {"segments", "FILE|-", "segments x0 y0 z0 x1 y1 z1: lit share, then its lit stretches",
@@ -117,23 +118,21 @@ static const struct umbu_option OPTIONS[] = {
      .needs = "points encoding=text"},
     {"json", NULL, "one object: asset, points, stats, and the answers if they are text", UMBU_FLAG,
      AT(json)},
-    UMBC_QUIET_ROW(struct umbc_query_options, "no summary and no progress on stderr"),
+    {UMBU_QUIET_ROW(struct umbc_query_options, "no summary and no progress on stderr")},
 };
 
 const struct umbu_command umbc_query_command = {
     .name = "umbrage query",
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
              "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
-    .summary =
-        "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to 1 (lit),\n"
-        "in the order of the points. An existing file, a name with '/' or one ending in .umb or\n"
-        ".umbm is answered here; anything else is an asset of the daemon, with the same bits.\n"
-        "Text points are lines `x y z` or `x y z nx ny nz`; '#' starts a comment.\n"
-        "Segments, columns and boxes are answered exactly, voxel by voxel, of opaque casters "
-        "alone:\n"
-        "translucent ones take no part, and a note says so where there are any.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 UMBU_SESSION(struct umbc_query_options, session)},
+    .summary = "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to\n"
+               "1 (lit), in the order of the points. An existing file, a name with '/' or one\n"
+               "ending in .umb or .umbm is answered here; anything else is an asset of the\n"
+               "daemon, with the same bits. Text points are lines `x y z` or `x y z nx ny nz`;\n"
+               "'#' starts a comment. Segments, columns and boxes are answered exactly, voxel by\n"
+               "voxel, of opaque casters alone: translucent ones take no part, and a note says\n"
+               "so where there are any.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 
 /* Several lights: here and now, and as text or whole numbers of bytes. */

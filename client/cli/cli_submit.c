@@ -19,14 +19,14 @@ struct submit_settings {
 #define AT(field) UMBU_AT(struct submit_settings, field)
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file"),
+    {UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file")},
     {"wait", NULL, "watch the job to its end, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
     {"priority", "N", "-10 to 10: among your own jobs, higher first", UMBU_NUMBER(-10, 10),
      AT(priority), .standard = "0"},
     UMBU_STALL_ROW(struct submit_settings),
-    UMBC_JSON_ROW(struct submit_settings),
-    UMBC_QUIET_ROW(struct submit_settings,
-                   "the job's id only (with --wait the asset's), no notices"),
+    {UMBU_JSON_ROW(struct submit_settings)},
+    {UMBU_QUIET_ROW(struct submit_settings,
+                    "the job's id only (with --wait the asset's), no notices")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -35,7 +35,7 @@ static const struct umbu_command COMMAND = {
     .summary = "Sends a scene with its buffers and textures to a daemon, which bakes it. Bake\n"
                "options are those of umbrage-bake that decide what the asset holds. The same\n"
                "scene with the same options is the same job, however often it is submitted.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
                  {"bake options", UMBU_BAKE_SETTINGS, UMBU_BAKE_SETTING_COUNT,
                   offsetof(struct submit_settings, bake)},
                  UMBU_SESSION(struct submit_settings, session)},

@@ -15,19 +15,20 @@
 #include "format/file_map.h"
 
 static const struct umbu_option OPTIONS[] = {
-    UMBC_TARGET_ROW(struct umbc_settings, "FILE", "the asset file"),
-    UMBC_JSON_ROW(struct umbc_settings),
-    UMBC_QUIET_ROW(struct umbc_settings, "print nothing but errors"),
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE", "the asset file")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage verify",
-    .usage = "umbrage verify FILE [options]   or   umbrage verify FILE --scene SCENE [...]",
-    .summary =
-        "Checks every byte of an asset file and proves that its content has the id it claims.\n"
-        "With --scene SCENE the shadows are compared with rays traced in the scene\n"
-        "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .usage = "umbrage verify FILE [options]\n"
+             "       umbrage verify FILE --scene SCENE [...]",
+    .summary = "Checks every byte of an asset file and proves that its content has the id it\n"
+               "claims. With --scene SCENE the shadows are compared with rays traced in the\n"
+               "scene (starts umbrage-study, whose options are shown by `umbrage-study verify\n"
+               "--help`).",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static void report(const struct umbc_settings *settings, const struct umb_asset_info *info,

@@ -70,22 +70,20 @@ static const struct umbu_option OPTIONS[] = {
      AT(settings.admin)},
     {"report", "FILE", "a page with plots that needs nothing else",
      UMBU_READ(read_report, "a file name: stdout has the figures"), AT(report)},
-    UMBC_JSON_ROW(struct umbc_load_options),
-    UMBC_QUIET_ROW(struct umbc_load_options, "no live line"),
+    {UMBU_JSON_ROW(struct umbc_load_options)},
+    {UMBU_QUIET_ROW(struct umbc_load_options, "no live line")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage load",
     .usage = "umbrage load ASSET [options]",
-    .summary =
-        "Loads a daemon with queries and measures it: throughput, latencies to the 99.99th\n"
-        "percentile (never told too small, at most 0.8 % too large), errors by status, and with\n"
-        "--admin what it cost the daemon. With --rate a latency counts from when the call was "
-        "due,\n"
-        "not from when it could be sent. Nothing is sent twice. A run in which this program used\n"
-        "more than 70 % of a processor says so: it may have measured itself.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 UMBU_SESSION(struct umbc_load_options, session)},
+    .summary = "Loads a daemon with queries and measures it: throughput, latencies to the\n"
+               "99.99th percentile (never told too small, at most 0.8 % too large), errors by\n"
+               "status, and with --admin what it cost the daemon. With --rate a latency counts\n"
+               "from when the call was due, not from when it could be sent. Nothing is sent\n"
+               "twice. A run in which this program used more than 70 % of a processor says so:\n"
+               "it may have measured itself.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_load_options, session)},
 };
 
 int umbc_load_options_parse(int argc, char **argv, struct umbc_load_options *options)

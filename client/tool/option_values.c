@@ -267,9 +267,9 @@ enum umb_status umbu_read_value(const struct umbu_option *option, const char *te
         return option->read(option, text, field, error);
     }
     if (option->kind == UMBU_KIND_LIST) {
-        const enum umb_status status =
-            option->read != NULL && text[0] != '\0' ? option->read(option, text, NULL, error)
-                                                     : UMB_OK;
+        const enum umb_status status = option->read != NULL && text[0] != '\0'
+                                           ? option->read(option, text, NULL, error)
+                                           : UMB_OK;
         return status == UMB_OK ? put_in_list(option, text, field, error) : status;
     }
     return put(option, text, field) ? UMB_OK : umbu_refuse(option, text, error);

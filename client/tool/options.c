@@ -61,12 +61,41 @@ static void *field_of(const struct umbu_parsed *parsed, const struct found *foun
     return (char *)parsed->settings + found->at + found->option->at;
 }
 
+/* False for a row whose field is not of the type that its kind stores. */
+static bool is_sound(const struct umbu_option *option)
+{
+    const enum umbu_type type = option->type;
+    const bool is_integer = type == UMBU_TYPE_ULONG || type == UMBU_TYPE_UINT;
+    switch (option->kind) {
+    case UMBU_KIND_FLAG:
+        return type == UMBU_TYPE_BOOL || type == UMBU_TYPE_INT || type == UMBU_TYPE_UINT;
+    case UMBU_KIND_TEXT:
+        return type == UMBU_TYPE_TEXT;
+    case UMBU_KIND_NUMBER:
+        return type == UMBU_TYPE_DOUBLE || type == UMBU_TYPE_INT;
+    case UMBU_KIND_NUMBERS:
+        return type == UMBU_TYPE_DOUBLES && option->count > 0;
+    case UMBU_KIND_CHOICE:
+        return is_integer || type == UMBU_TYPE_TEXT;
+    case UMBU_KIND_SIDES:
+        return type == UMBU_TYPE_UINTS;
+    case UMBU_KIND_LIST:
+        return type == UMBU_TYPE_TEXTS;
+    case UMBU_KIND_READ:
+        return option->read != NULL && option->expects != NULL;
+    case UMBU_KIND_TIME:
+        return is_integer || type == UMBU_TYPE_DOUBLE;
+    default:
+        return type == UMBU_TYPE_ULONG || (type == UMBU_TYPE_UINT && option->max <= UINT32_MAX);
+    }
+}
+
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings)
 {
     struct found found = {0};
     *parsed = (struct umbu_parsed){.command = command, .settings = settings};
     while (next_row(command, &found)) {
-        if (found.index >= UMBU_OPTIONS_MAX ||
+        if (found.index >= UMBU_OPTIONS_MAX || !is_sound(found.option) ||
             (found.option->standard != NULL &&
              umbu_read_value(found.option, found.option->standard, field_of(parsed, &found),
                              NULL) != UMB_OK)) {

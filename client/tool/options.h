@@ -137,6 +137,12 @@ struct umbu_option {
 #define UMBU_READ(function, expects_)                                                              \
     .kind = UMBU_KIND_READ, .read = (function), .expects = (expects_)
 
+/* Rows that most commands have, for fields `json` and `quiet`; braces and more fields around them.
+ */
+#define UMBU_JSON_ROW(type_) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type_, json)
+#define UMBU_QUIET_ROW(type_, help_)                                                               \
+    "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
+
 /* Rows that stand together in --help. */
 struct umbu_section {
     const char *title;
@@ -144,7 +150,7 @@ struct umbu_section {
     size_t count;
     size_t at; /* Offset in bytes of the section's settings in those of the command */
 };
-#define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0]
+#define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0], 0
 
 struct umbu_command {
     const char *name;                                /* As messages begin: "umbrage query" */
@@ -163,7 +169,9 @@ struct umbu_parsed {
     unsigned char given[UMBU_OPTIONS_MAX]; /* Number of the row's last source, 0 = not given */
 };
 
-/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings. */
+/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings.
+ * Aborts if the table is wrong: a field that its kind does not fit, a standard value out of range.
+ */
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings);
 
 /*
@@ -213,7 +221,7 @@ bool umbu_read_number(const char **text, double *value);
 /* Reads numbers with commas between them, to the end of text. */
 bool umbu_read_numbers(const char *text, size_t count, double *values);
 
-/* The usage, every option and the notes, 80 columns wide. */
+/* The usage, every option wrapped at 80 columns, and the notes. */
 void umbu_print_help(const struct umbu_command *command, FILE *out);
 
 /* Every setting that a config file may have, as one that would be read back the same. line_max:

@@ -164,25 +164,23 @@ const struct umbu_command umbb_command = {
              "       umbrage-bake merge SCENE --from DIR -o OUT.umb [options]\n"
              "       umbrage-bake import SCENE -o FILE [options]\n"
              "       umbrage-bake doctor [--json | --quiet] [--forbid FILE]...",
-    .summary =
-        "Bakes the shadows of a scene. --plan prints what would be baked and why, and writes\n"
-        "nothing; tile bakes tiles and leaves their results in a folder; merge makes the asset of\n"
-        "such tiles; import reads a scene once, for many bakes and tiles of it; doctor checks "
-        "this\n"
-        "machine and the sandboxes of importer and bake.",
-    .notes =
-        "The output appears only when it is complete and has passed the comparison. An interrupt\n"
-        "(SIGINT, SIGTERM, SIGQUIT) leaves the old file as it was and ends with 75.\n"
-        "\n"
-        "tile and merge are units of work for any number of machines that share a folder: the "
-        "same\n"
-        "scene and options make the same tiles, under names that are hashes of what they depend\n"
-        "on, and merging them makes the same asset as one bake. A tile that is there already is\n"
-        "left alone; a merge that misses a tile, or finds one damaged, ends with 75 and names it.\n"
-        "\n"
-        "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer or\n"
-        "sandbox, 70 failed comparison, 73 cannot create, 74 input or output error, 75 temporary:\n"
-        "over --memory, out of memory, a tile missing, or interrupted.",
+    .summary = "Bakes the shadows of a scene. --plan prints what would be baked and why, and\n"
+               "writes nothing; tile bakes tiles and leaves their results in a folder; merge\n"
+               "makes the asset of such tiles; import reads a scene once, for many bakes and\n"
+               "tiles of it; doctor checks this machine and the sandboxes of importer and bake.",
+    .notes = "The output appears only when it is complete and has passed the comparison. An\n"
+             "interrupt (SIGINT, SIGTERM, SIGQUIT) leaves the old file as it was and ends with\n"
+             "75.\n"
+             "\n"
+             "tile and merge are units of work for any number of machines that share a folder:\n"
+             "the same scene and options make the same tiles, under names that are hashes of\n"
+             "what they depend on, and merging them makes the same asset as one bake. A tile\n"
+             "that is there already is left alone; a merge that misses a tile, or finds one\n"
+             "damaged, ends with 75 and names it.\n"
+             "\n"
+             "Exit codes: 0 ok, 2 usage, 65 unusable scene, 66 no input, 69 missing importer\n"
+             "or sandbox, 70 failed comparison, 73 cannot create, 74 input or output error, 75\n"
+             "temporary: over --memory, out of memory, a tile missing, or interrupted.",
     .sections = {{"options", UMBU_ROWS(MAIN)},
                  {"the asset", UMBU_ROWS(ASSET)},
                  {"this machine", UMBU_ROWS(MACHINE)}},

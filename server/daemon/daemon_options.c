@@ -186,8 +186,8 @@ const struct umbu_command umbd_command = {
     .name = "umbraged",
     .usage = "umbraged --store DIR [options]",
     .summary = "Answers shadow queries on the assets of a folder, over gRPC.",
-    .notes = "SIGTERM drains and exits, a second one exits at once; SIGHUP reads the config file\n"
-             "again and rescans the store.",
+    .notes = "SIGTERM drains and exits, a second one exits at once; SIGHUP reads the config\n"
+             "file again and rescans the store.",
     .sections = {{"options", UMBU_ROWS(SERVING)},
                  {"access", UMBU_ROWS(ACCESS)},
                  {"limits", UMBU_ROWS(LIMITS)},

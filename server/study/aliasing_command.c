@@ -73,23 +73,21 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct aliasing, options.size, 4096, "1280x720")},
     {UMBT_UP_ROW(struct aliasing, options.up)},
     {UMBT_THREADS_ROW(struct aliasing)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct aliasing)},
-    {UMBT_QUIET_ROW(struct aliasing, "no table")},
+    {UMBU_JSON_ROW(struct aliasing), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct aliasing, "no table")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage aliasing",
     .usage = "umbrage aliasing SCENE [options]",
-    .summary =
-        "Says for every visible point how many pixels a texel of the sun's shadow map covers "
-        "there,\n"
-        "in its longest direction: above 1 the map is undersampled, and edges show steps. Four "
-        "ways\n"
-        "to spend texels are compared: one map of the scene (uniform); and cascades around each\n"
-        "slice (slice), around what slice and scene share (scene), and the same warped (lispsm).",
-    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad\n"
-             "data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Says for every visible point how many pixels a texel of the sun's shadow map\n"
+               "covers there, in its longest direction: above 1 the map is undersampled, and\n"
+               "edges show steps. Four ways to spend texels are compared: one map of the scene\n"
+               "(uniform); and cascades around each slice (slice), around what slice and scene\n"
+               "share (scene), and the same warped (lispsm).",
+    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
+             "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])

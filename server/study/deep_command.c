@@ -60,19 +60,18 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct deep, options.size, 2048, "320x200")},
     {UMBT_UP_ROW(struct deep, options.up)},
     {UMBT_THREADS_ROW(struct deep)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct deep)},
-    {UMBT_QUIET_ROW(struct deep, "print nothing but errors")},
+    {UMBU_JSON_ROW(struct deep), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct deep, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage-study deep",
     .usage = "umbrage-study deep SCENE [options]",
-    .summary =
-        "Builds deep shadow maps of a scene, and maps of moments, and compares them with products\n"
-        "over traced hits. A surface whose material is BLEND takes --alpha of the light, or its "
-        "own\n"
-        "constant alpha where that is less than 1; every other surface takes all.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Builds deep shadow maps of a scene, and maps of moments, and compares them with\n"
+               "products over traced hits. A surface whose material is BLEND takes --alpha of\n"
+               "the light, or its own constant alpha where that is less than 1; every other\n"
+               "surface takes all.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* Lifts points off their surfaces, towards the light, by half of the wider window: a plane does not

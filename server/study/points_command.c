@@ -81,20 +81,19 @@ static const struct umbu_option OPTIONS[] = {
     {"origin", "X,Y,Z", "metres, subtracted from every point (as query's --origin adds it)",
      UMBU_NUMBERS(3), AT(file.origin)},
     {UMBT_THREADS_ROW(struct points_run)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct points_run)},
-    {UMBT_QUIET_ROW(struct points_run, "no progress, no summary")},
+    {UMBU_JSON_ROW(struct points_run), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct points_run, "no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage points",
     .usage = "umbrage points SCENE -o FILE [options]",
-    .summary = "Writes sample points of a scene, to query with `umbrage query --points FILE "
-               "--format f32`.\n"
-               "No point lies inside a closed solid. The same seed gives the same points.",
-    .notes =
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
-        "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Writes sample points of a scene, to query with `umbrage query --points FILE\n"
+               "--format f32`. No point lies inside a closed solid. The same seed gives the same\n"
+               "points.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status view_sample(struct points_run *run, struct umb_error *error)

@@ -40,8 +40,8 @@ static const struct umbu_option OPTIONS[] = {
     {"threads", "N", "threads that work", UMBU_COUNT(1, 256), AT(threads),
      .otherwise = "all processors"},
     {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
-    {UMBT_JSON_ROW(struct umbt_render_options)},
-    {UMBT_QUIET_ROW(struct umbt_render_options, "no progress, no summary")},
+    {UMBU_JSON_ROW(struct umbt_render_options)},
+    {UMBU_QUIET_ROW(struct umbt_render_options, "no progress, no summary")},
 };
 
 static const struct umbu_option TRACED[] = {
@@ -69,11 +69,10 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage render",
     .usage = "umbrage render SCENE --asset FILE|ASSET -o OUT.png [options]",
     .summary = "Makes a picture of a scene with the shadows of an asset that was baked from it.",
-    .notes =
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create,\n"
-        "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0},
-                 {"rays", UMBU_ROWS(TRACED), 0},
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
+                 {"rays", UMBU_ROWS(TRACED)},
                  UMBU_SESSION(struct umbt_render_options, daemon)},
 };
 

@@ -52,25 +52,22 @@ static const struct umbu_option OPTIONS[] = {
     {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
     {UMBT_THREADS_ROW(struct umbt_study_options)},
     {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
-    {UMBT_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
+    {UMBU_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage study",
     .usage = "umbrage-study SCENE [-o DIR] [options]\n"
              "       umbrage study SCENE [-o DIR] [options]",
-    .summary =
-        "Shows what accuracy costs: bakes the scene at many resolutions, open and closed, asks "
-        "each\n"
-        "at several filter widths and coarse levels about the same points, and compares errors,\n"
-        "time and bytes with traced rays; and every shadow map of the literature on one view.\n"
-        "Writes DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/ "
-        "and\n"
-        "assets/. Stopped and started again, it goes on with the assets that are there.",
-    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot "
-             "create,\n"
-             "74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Shows what accuracy costs: bakes the scene at many resolutions, open and closed,\n"
+               "asks each at several filter widths and coarse levels about the same points, and\n"
+               "compares errors, time and bytes with traced rays; and every shadow map of the\n"
+               "literature on one view. Writes DIR/report.html (one file, opens anywhere),\n"
+               "report.json, report.csv, pictures/ and assets/. Stopped and started again, it\n"
+               "goes on with the assets that are there.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73\n"
+             "cannot create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* "scenes/city.glb" becomes "city-study". */

@@ -52,20 +52,19 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(struct study, options.size, 2048, "256x160")},
     {UMBT_UP_ROW(struct study, options.up)},
     {UMBT_THREADS_ROW(struct study)},
-    {UMBT_JSON_OR_OUTPUT_ROW(struct study)},
-    {UMBT_QUIET_ROW(struct study, "no table")},
+    {UMBU_JSON_ROW(struct study), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct study, "no table")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage-study techniques",
     .usage = "umbrage-study techniques SCENE [options]",
-    .summary =
-        "Runs every shadow map technique on what a camera sees, and compares with traced rays.",
-    .notes =
-        "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
-        "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot create, 74 I/O, 75\n"
-        "temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Runs every shadow map technique on what a camera sees, and compares with traced\n"
+               "rays.",
+    .notes = "Errors are means over points that face the light: of |answer - truth|, and of\n"
+             "its parts. Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status view_open(struct study *study, struct umb_error *error)

@@ -59,24 +59,20 @@ static const struct umbu_option OPTIONS[] = {
      AT(seed), .standard = "1"},
     {UMBT_THREADS_ROW(struct verify)},
     {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
-    {UMBT_JSON_ROW(struct verify)},
-    {UMBT_QUIET_ROW(struct verify, "print nothing")},
+    {UMBU_JSON_ROW(struct verify)},
+    {UMBU_QUIET_ROW(struct verify, "print nothing")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage-study verify",
     .usage = "umbrage verify FILE --scene SCENE [options]",
-    .summary =
-        "Compares an asset with rays traced through the scene it was baked from. Half of the "
-        "points\n"
-        "lie within 4 voxels of a shadow boundary; of an asset baked under the static rule all "
-        "lie\n"
-        "on surfaces. Disagreement within one voxel of a boundary is counted; outside that band\n"
-        "there must be none.",
-    .notes =
-        "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another\n"
-        "scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Compares an asset with rays traced through the scene it was baked from. Half of\n"
+               "the points lie within 4 voxels of a shadow boundary; of an asset baked under the\n"
+               "static rule all lie on surfaces. Disagreement within one voxel of a boundary is\n"
+               "counted; outside that band there must be none.",
+    .notes = "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also\n"
+             "another scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 /* What the options say together. */

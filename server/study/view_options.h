@@ -44,13 +44,6 @@ enum umb_status umbt_read_camera(const struct umbu_option *option, const char *t
 #define UMBT_THREADS_ROW(type)                                                                     \
     "threads", "N", "threads that work", UMBU_COUNT(1, 256), UMBU_AT(type, threads),               \
         .otherwise = "all processors"
-#define UMBT_JSON_ROW(type) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type, json)
-/* The same for a command whose --output may be stdout. */
-#define UMBT_JSON_OR_OUTPUT_ROW(type)                                                              \
-    "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type, json), .excludes = "output=-"
-#define UMBT_QUIET_ROW(type, help)                                                                 \
-    "quiet", NULL, help, UMBU_FLAG, UMBU_AT(type, quiet), .letter = 'q'
-
 /* What they open. */
 struct umbt_view {
     struct umbt_scene scene;

@@ -37,21 +37,17 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage-bake doctor",
     .usage = "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...",
-    .summary =
-        "Checks the sandboxes of importer and bake, and this machine. Tries the actions of a\n"
-        "hostile scene, each in a separate sandboxed process and a temporary folder, and prints "
-        "the\n"
-        "level of each sandbox. `full`: every layer; `reduced`: namespaces or Landlock are "
-        "missing,\n"
-        "and the importer's filter still denies every action; `exempt`: a sanitizer build. "
-        "Actions\n"
-        "on paths run once more with Landlock alone, so that no other layer hides a gap.",
-    .notes =
-        "Exit codes: 0 every action is denied and a bake works (or the build is exempt), 1 an\n"
-        "action is allowed or a bake does not work, 2 usage, 69 a required layer is missing: the\n"
-        "importer's filter, or a layer of the bake's sandbox that jobs need (umbraged\n"
-        "--job-sandbox), 73 no temporary folder.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}},
+    .summary = "Checks the sandboxes of importer and bake, and this machine. Tries the actions\n"
+               "of a hostile scene, each in a separate sandboxed process and a temporary folder,\n"
+               "and prints the level of each sandbox. `full`: every layer; `reduced`: namespaces\n"
+               "or Landlock are missing, and the importer's filter still denies every action;\n"
+               "`exempt`: a sanitizer build. Actions on paths run once more with Landlock alone,\n"
+               "so that no other layer hides a gap.",
+    .notes = "Exit codes: 0 every action is denied and a bake works (or the build is exempt),\n"
+             "1 an action is allowed or a bake does not work, 2 usage, 69 a required layer is\n"
+             "missing: the importer's filter, or a layer of the bake's sandbox that jobs need\n"
+             "(umbraged --job-sandbox), 73 no temporary folder.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static int has_avx2(void)

@@ -6,9 +6,12 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "tool/bake_settings.h"
 
@@ -58,7 +61,7 @@ static const struct umbu_command COMMAND = {
     .usage = "thing SCENE [OTHER] [options]",
     .summary = "Does.",
     .notes = "Notes.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS), 0}, {"more", UMBU_ROWS(MORE), 0}}};
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, {"more", UMBU_ROWS(MORE)}}};
 
 static struct settings settings;
 static struct umbu_parsed parsed;
@@ -378,6 +381,43 @@ static void errors_of_the_library_name_the_option(void **state)
     }
 }
 
+/* Whether a table of one row ends the program. */
+static bool is_refused(const struct umbu_option *row)
+{
+    const struct umbu_command command = {.name = "x", .sections = {{"options", row, 1, 0}}};
+    int state;
+    const pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        umbu_begin(&parsed, &command, &settings);
+        _exit(0);
+    }
+    assert_int_equal(waitpid(child, &state, 0), child);
+    return WIFSIGNALED(state) && WTERMSIG(state) == SIGABRT;
+}
+
+static void tables_that_do_not_fit_their_fields_end_the_program(void **state)
+{
+    static const struct umbu_option bad[] = {
+        {"a", "N", "count in a double", UMBU_COUNT(0, 9), AT(reach)},
+        {"a", "N", "too wide", UMBU_COUNT(0, UINT64_MAX), AT(taps)},
+        {"a", "N", "number in an integer", UMBU_NUMBER(0, 9), AT(taps)},
+        {"a", NULL, "flag in a text", UMBU_FLAG, AT(scene)},
+        {"a", "X", "text in a list", UMBU_TEXT, AT(list)},
+        {"a", "X", "list in a text", UMBU_LIST(3), AT(scene)},
+        {"a", "X,Y", "numbers in a number", UMBU_NUMBERS(2), AT(reach)},
+        {"a", "WxH", "sides in an integer", UMBU_SIDES(9), AT(taps)},
+        {"a", "X", "no reader", UMBU_READ(NULL, "x"), AT(query)},
+        {"a", "N", "bad standard", UMBU_COUNT(1, 9), AT(taps), .standard = "0"},
+    };
+    static const struct umbu_option good = {"a", "N", "count", UMBU_COUNT(0, 9), AT(taps)};
+    (void)state;
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        assert_true(is_refused(&bad[i]));
+    }
+    assert_false(is_refused(&good));
+}
+
 static void bake_settings_are_collected_in_their_order(void **state)
 {
     static const struct umbu_command submit = {
@@ -415,6 +455,7 @@ int main(void)
         cmocka_unit_test(settings_are_printed_as_they_are_read),
         cmocka_unit_test(help_has_every_option_and_fits_eighty_columns),
         cmocka_unit_test(errors_of_the_library_name_the_option),
+        cmocka_unit_test(tables_that_do_not_fit_their_fields_end_the_program),
         cmocka_unit_test(bake_settings_are_collected_in_their_order),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
