@@ -17,7 +17,7 @@
  */
 #include <stdbool.h>
 #include <stdio.h>
-#include "format/content.h"
+#include "umbrage/file.h"
 
 enum umbu_output_flags {
     UMBU_OUTPUT_PRIVATE = 1, /* Mode 0600 whatever the umask. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The command line of `render`. */
 #include "study/render_options.h"
+#include "tool/exit_code.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -159,5 +160,5 @@ int umbt_render_options_parse(int argc, char **argv, struct umbt_render_options 
     if (status != UMB_OK) {
         (void)fprintf(stderr, "umbrage render: %s\n", error.message);
     }
-    return status == UMB_OK ? -1 : umb_status_exit(status);
+    return status == UMB_OK ? -1 : umbu_exit_code(status);
 }

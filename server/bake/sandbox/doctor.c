@@ -11,6 +11,7 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
+#include "tool/exit_code.h"
 #include "tool/json.h"
 #include "tool/options.h"
 
@@ -280,7 +281,7 @@ int umbb_doctor(int argc, char **argv)
     const enum umb_status status = umbb_ground_make(&ground, &error);
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage-bake doctor: %s\n", error.message);
-        return umb_status_exit(status);
+        return umbu_exit_code(status);
     }
     code = examine(&request, &ground);
     umbb_ground_remove(&ground);
