@@ -110,19 +110,13 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
 }
 
 /* The linear part of a perspective frustum: X, Y and W as functions of the world, turned around. */
-static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f,
-                             const double apex[3])
+static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f)
 {
-    const double(*m)[4] = f->world_to_voxel;
-    umb__cross(m[0], m[1], s->axis);
-    const double turn = umb__dot(m[3], s->axis);
-    for (unsigned i = 0; i < 3; i++) {
-        s->axis[i] /= turn;
-        s->base[i] = apex[i];
-    }
-    const double rate = umb__dot(m[2], s->axis); /* Z a W */
-    s->w_step = 1.0 / rate;
-    s->w0 = m[3][3] + umb__dot(m[3], apex) - (m[2][3] + umb__dot(m[2], apex)) / rate;
+    struct umb__perspective perspective = {0};
+    (void)umb__perspective_derive(f, &perspective); /* proven when the file was opened */
+    memcpy(s->axis, perspective.axis, sizeof s->axis);
+    s->w_step = perspective.scale;
+    s->w0 = perspective.offset;
 }
 
 /*
@@ -152,11 +146,10 @@ void umb__space_init(struct umb__space *s, const struct umb_content *content, ui
     s->log2_size = f->log2_size;
     umb_frustum_voxel_edges(f, s->edges);
     if (s->perspective) {
-        double apex[3];
         for (unsigned i = 0; i < 3; i++) {
-            apex[i] = light->position[i] - content->origin[i];
+            s->base[i] = light->position[i] - content->origin[i];
         }
-        init_perspective(s, f, apex);
+        init_perspective(s, f);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
             for (unsigned i = 0; i < 3; i++) {
