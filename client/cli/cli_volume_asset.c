@@ -188,22 +188,22 @@ static enum umb_status count_boxes(struct umbc_volume_asset *asset,
                                    struct umbc_record_progress *progress,
                                    struct umb_box_answers *answers, struct umb_error *error)
 {
-    const enum umb_status status = umb_corners_check(corners, error);
+    enum umb_status status = umb_corners_check(corners, error);
     if (status != UMB_OK) {
         return status;
     }
     umb_corners_get(corners, 0, corners->count, asset->boxes);
-    for (size_t i = 0; i < corners->count; i++) {
+    for (size_t i = 0; status == UMB_OK && i < corners->count; i++) {
         struct box_count count = {
             .asset = asset, .progress = progress, .answers = answers->boxes, .box = i};
         answers->go_on = show_box;
         answers->go_on_user = &count;
-        umb_boxes_run(&asset->volume, asset->boxes, i, 1, answers);
+        status = umb_boxes_run(&asset->volume, asset->boxes, i, 1, answers, error);
         show(progress, (double)(i + 1));
     }
     answers->go_on = NULL;
     answers->go_on_user = NULL;
-    return UMB_OK;
+    return status;
 }
 
 enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,

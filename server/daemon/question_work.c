@@ -162,7 +162,9 @@ static void run_boxes(struct slice *slice, size_t first, size_t count)
     struct umb_box_answers answers = {.boxes = counts, .go_on = box_goes_on, .go_on_user = slice};
     umb_corners_get(&pairs, first, count, boxes);
     for (size_t i = 0; i < count && slice->status == UMB_OK; i++) {
-        umb_boxes_run(&question->volume, boxes, i, 1, &answers);
+        const enum umb_status status =
+            umb_boxes_run(&question->volume, boxes, i, 1, &answers, slice->error);
+        slice->status = slice->status == UMB_OK ? status : slice->status;
         store(question, 0, first + i, &counts[i].lit);
         store(question, 1, first + i, &counts[i].voxels);
         if (slice->status == UMB_E_TOO_LARGE) {

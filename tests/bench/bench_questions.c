@@ -106,7 +106,7 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
                &error);
     } else {
         umb_corners_get(&pairs, 0, count, bench->corners);
-        umb_boxes_run(&bench->volume, bench->corners, 0, count, &boxes);
+        demand(umb_boxes_run(&bench->volume, bench->corners, 0, count, &boxes, &error), &error);
     }
 }
 

@@ -191,12 +191,21 @@ struct umb_box_answers {
      * as UMB_BOX_STEPS, with the steps of this box so far, while its answer holds what is counted
      * so far; 0 gives the box up, and its `voxels` is UINT64_MAX. A step is a node, a cell or a
      * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all
-     * machines. NULL: every box is finished. */
+     * machines. NULL: a box may take UMB_BOX_COLUMN_STEPS for each column of bricks. */
     int (*go_on)(void *user, uint64_t steps);
     void *go_on_user;
 };
 
 #define UMB_BOX_STEPS 65536 /* a few milliseconds at most */
+
+/*
+ * Number of steps that a box without go_on may take for each column of bricks of the frustum, which
+ * has (size / 8)^2 of them: 2^32 steps at 16384 voxels a side. The faces of a box cut each row of
+ * bricks twice at most, so they take 6 * 64 of these steps; the other 640 are bricks and nodes
+ * inside. No asset of up to 4096 voxels a side has more. At 16384 a box of the whole frustum has
+ * more if 30 % of the bricks hold both lit and shadowed voxels.
+ */
+#define UMB_BOX_COLUMN_STEPS 1024
 
 /*
  * Boxes as files and requests have them: pairs of opposite corners, in either order on each axis.
@@ -222,18 +231,25 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  *        doubles and in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey -
  *        m2 ez with the last column m of world_to_voxel, origin is the asset's. Voxels outside the
  *        frustum do not count.
+ * Fails: E_LIMIT (only without go_on: a box takes too many steps; it and those behind it have no
+ *        answers).
  * Not guaranteed: as umb_segments_run, for boxes that umb_boxes_check refuses.
  * Threads: as umb_segments_run.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
- *        the voxels its faces cut. For boxes of a large part of a large frustum of untrusted bytes
- *        that has no useful bound: a service must limit the size of boxes.
+ *        the voxels its faces cut. A small file of untrusted bytes may share one node so often that
+ *        a large box takes hours: a service must limit a box's steps by go_on.
  */
-UMB_API void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
-                           size_t first, size_t count, struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status umb_boxes_run(const struct umb_volume *volume,
+                                                  const struct umb_box *boxes, size_t first,
+                                                  size_t count, struct umb_box_answers *answers,
+                                                  struct umb_error *error);
 
 /* Counts the lit voxels of boxes of voxels, likewise. A box with min >= max on an axis is empty. */
-UMB_API void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
-                                 size_t first, size_t count, struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status umb_voxel_boxes_run(const struct umb_volume *volume,
+                                                        const struct umb_voxel_box *boxes,
+                                                        size_t first, size_t count,
+                                                        struct umb_box_answers *answers,
+                                                        struct umb_error *error);
 
 #ifdef __cplusplus
 }
