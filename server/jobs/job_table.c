@@ -162,6 +162,11 @@ int64_t umbj_table_damaged(const struct umbj_table *table)
     return table->damaged;
 }
 
+enum umb_status umbj_table_freeze(struct umbj_table *table, struct umb_error *error)
+{
+    return umbj_sql_run(&table->sql, error, NULL, NULL, "PRAGMA query_only = ON", "");
+}
+
 void umbj_table_close(struct umbj_table *table)
 {
     if (table != NULL) {
