@@ -75,6 +75,32 @@ static enum umb_status check_box(const struct umb_partial_view *view, struct umb
     return UMB_OK;
 }
 
+/* Checks the camera and makes its planes. */
+static enum umb_status check_camera(struct umb__sight *sight, struct umb_error *error)
+{
+    const struct umb_partial_view *view = sight->view;
+    const double *eye = view->eye, *forward = view->forward, *up = view->up;
+    if (!finite3(eye)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.eye: (%g, %g, %g), must be finite", eye[0],
+                        eye[1], eye[2]);
+    }
+    if (!(view->fov_y > 0 && view->fov_y < 3.14159)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera.fov_y: %g, must be above 0 and below 3.14159 (radians)",
+                        view->fov_y);
+    }
+    if (!(view->aspect > 0 && view->aspect < 1e6)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.aspect: %g, must be above 0 and below 1e6",
+                        view->aspect);
+    }
+    return make_planes(sight)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "camera.forward (%g, %g, %g) and up (%g, %g, %g): must be finite, longer "
+                          "than 0 and not parallel",
+                          forward[0], forward[1], forward[2], up[0], up[1], up[2]);
+}
+
 enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_partial_view *view,
                                 struct umb_error *error)
 {
@@ -96,17 +122,7 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
             return status;
         }
     }
-    if (!view->has_camera) {
-        return UMB_OK;
-    }
-    if (!finite3(view->eye) || !(view->fov_y > 0 && view->fov_y < 3.14159) ||
-        !(view->aspect > 0 && view->aspect < 1e6) || !make_planes(sight)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "camera: eye, forward and up must be finite and span a picture, fov_y %g "
-                        "must be 0 to pi, aspect %g above 0",
-                        view->fov_y, view->aspect);
-    }
-    return UMB_OK;
+    return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }
 
 /* The linear part of a perspective frustum: X, Y and W as functions of the world, turned around. */
