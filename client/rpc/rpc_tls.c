@@ -13,8 +13,8 @@
 #include <openssl/x509v3.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
+#include "base/open_status.h"
 #include "wire/wire_buffer.h"
 
 /* Of TLS 1.2 only what forward secrecy and authenticated encryption are part of, as the daemon. */
@@ -54,13 +54,6 @@ static int no_password(char *password, int size, int writing, void *unused)
     return -1;
 }
 
-/* OpenSSL would wait for the writer of a pipe. */
-static bool is_special(const char *path)
-{
-    struct stat info;
-    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
-}
-
 static enum umb_status load_files(SSL_CTX *context, const struct umb_client_options *options,
                                   struct umb_error *error)
 {
@@ -68,7 +61,7 @@ static enum umb_status load_files(SSL_CTX *context, const struct umb_client_opti
     const char *key = options->key_file != NULL ? options->key_file : certificate;
     const char *const files[] = {options->ca_file, certificate, key};
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
-        if (files[i] != NULL && is_special(files[i])) {
+        if (files[i] != NULL && umb__is_special_file(files[i])) {
             return umb_fail(error, UMB_E_NO_INPUT, "'%.150s' is not a regular file", files[i]);
         }
     }

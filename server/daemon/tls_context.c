@@ -8,11 +8,11 @@
 #include <openssl/err.h>
 #include <pthread.h>
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
+
+#include "base/open_status.h"
 
 /* Of TLS 1.2 only what forward secrecy and authenticated encryption are part of. */
 #define TLS12_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
@@ -63,19 +63,12 @@ static enum umb_status refuse(struct umb_error *error, const char *option, const
                     "%s: '%.100s' cannot be used: %s", option, path, reason);
 }
 
-/* OpenSSL would wait for the writer of a pipe, on the loop. */
-static bool is_special(const char *path)
-{
-    struct stat info;
-    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
-}
-
 static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files *files,
                                   struct umb_error *error)
 {
     const char *const paths[] = {files->certificate, files->key, files->client_ca, files->crl};
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
-        if (paths[i] != NULL && is_special(paths[i])) {
+        if (paths[i] != NULL && umb__is_special_file(paths[i])) {
             return umb_fail(error, UMB_E_NO_INPUT, "TLS: '%.150s' is not a regular file", paths[i]);
         }
     }
