@@ -30,8 +30,13 @@ void umbd_loops_finish(struct umbd_daemon *daemon);
 /* The loop with the fewest connections. */
 struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon);
 
-/* Hands an accepted socket to another loop; closes it if that has no memory. */
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport);
+/* The loop after this one, in a ring. */
+struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
+
+/* Hands an accepted socket to another loop; closes it if that has no memory. refusals: number of
+ * loops that had no room for it. */
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport,
+                    uint32_t refusals);
 
 /* Makes every other loop begin its drain, or, the second time, end at once. */
 void umbd_loops_drain(struct umbd_loop *from);

@@ -130,7 +130,8 @@ static struct umbd_peer_account **chain_of(struct umbd_peer_table *table,
 }
 
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
-                       size_t limit, struct umbd_peer_account **out, const char **reason)
+                       size_t limit, struct umbd_peer_account **out, size_t *strangers,
+                       const char **reason)
 {
     uint8_t key[UMBD_PEER_KEY_BYTES];
     umbd_peer_key(address, key);
@@ -150,6 +151,7 @@ int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_stor
             *chain = account;
         }
     }
+    *strangers = account != NULL ? atomic_load(&account->strangers) : 0;
     if (account != NULL && account->connections >= limit) {
         *reason = "too many connections of one address";
         account = NULL;
