@@ -42,6 +42,20 @@ int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
     return 1;
 }
 
+void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
+                   uint64_t now_ns)
+{
+    uint64_t until = atomic_load_explicit(paid_until_ns, memory_order_relaxed);
+    uint64_t next;
+    if (per_second == 0) {
+        return;
+    }
+    do {
+        next = (until > now_ns ? until : now_ns) + cost_ns(per_second, points);
+    } while (!atomic_compare_exchange_weak_explicit(paid_until_ns, &until, next,
+                                                    memory_order_relaxed, memory_order_relaxed));
+}
+
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points)
 {
     if (per_second > 0) { /* exactly what the taking added, so it never passes below zero */

@@ -28,6 +28,10 @@
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns);
 
+/* Takes points whatever the rate allows: what follows waits until they are paid for. */
+void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
+                   uint64_t now_ns);
+
 /* Gives back what was taken for work that was then refused elsewhere. */
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points);
 
