@@ -165,7 +165,7 @@ static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
 /* A connection on its way in. */
 struct newcomer {
     struct umbd_conn *conn;
-    enum umbd_transport transport;
+    enum umbn_transport transport;
     uint32_t refusals;  /* Number of loops that had no room for it */
     int room_elsewhere; /* 1: its address has connections without rights on another loop */
     const char *reason; /* why it is not admitted */
@@ -175,19 +175,19 @@ struct newcomer {
 static int know_peer(struct newcomer *newcomer)
 {
     struct umbd_conn *conn = newcomer->conn;
-    const enum umbd_transport transport = newcomer->transport;
+    const enum umbn_transport transport = newcomer->transport;
     struct umbd_daemon *daemon = conn->loop->daemon;
     struct sockaddr_storage address;
     memset(&address, 0, sizeof address);
     int size = sizeof address;
-    if (transport == UMBD_UNIX) {
+    if (transport == UMBN_UNIX) {
         snprintf(conn->peer, sizeof conn->peer, "unix");
     } else if (uv_tcp_getpeername(&conn->socket.tcp, (struct sockaddr *)&address, &size) == 0) {
         umbd_address_text(&address, conn->peer, sizeof conn->peer);
     } else {
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
-    const struct sockaddr_storage *from = transport == UMBD_UNIX ? NULL : &address;
+    const struct sockaddr_storage *from = transport == UMBN_UNIX ? NULL : &address;
     /* The socket's mode admits the peers of a Unix socket; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
     size_t strangers = 0;
@@ -223,7 +223,7 @@ static int admit(struct newcomer *newcomer)
     if (!know_peer(newcomer)) {
         return 0;
     }
-    int admitted = newcomer->transport != UMBD_TLS || may_shake_hands(conn, &newcomer->reason);
+    int admitted = newcomer->transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
     if (admitted && !umbd_conn_make_room(conn->loop)) {
         newcomer->reason = "too many connections";
         admitted = 0;
@@ -260,7 +260,7 @@ static int pass_on(const struct newcomer *newcomer)
     return copy >= 0;
 }
 
-static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport transport)
+static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport transport)
 {
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
@@ -268,7 +268,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport t
     }
     conn->loop = loop;
     conn->serial = atomic_fetch_add(&loop->daemon->next_serial, 1);
-    if (transport == UMBD_UNIX) {
+    if (transport == UMBN_UNIX) {
         uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &conn->socket.tcp);
@@ -281,7 +281,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport t
 static void begin(struct newcomer *newcomer, int code)
 {
     struct umbd_conn *conn = newcomer->conn;
-    const enum umbd_transport transport = newcomer->transport;
+    const enum umbn_transport transport = newcomer->transport;
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
     newcomer->reason = code != 0 ? uv_strerror(code) : "the server ends";
@@ -299,12 +299,12 @@ static void begin(struct newcomer *newcomer, int code)
     conn->retire_at_ms = retirement_ms(conn, daemon->options.max_age_ms);
     link_conn(conn);
     umbd_count(&daemon->metrics.connections_opened, 1);
-    if (transport != UMBD_UNIX) {
+    if (transport != UMBN_UNIX) {
         uv_tcp_nodelay(&conn->socket.tcp, 1);
         uv_tcp_keepalive(&conn->socket.tcp, 1, KEEPALIVE_S);
     }
     if (umbd_conn_h2_start(conn) != UMB_OK ||
-        (transport == UMBD_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
+        (transport == UMBN_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
         umbd_conn_read_start(conn) != 0) {
         umbd_conn_close(conn, "cannot start");
         return;
@@ -315,7 +315,7 @@ static void begin(struct newcomer *newcomer, int code)
     umbd_conn_flush(conn);
 }
 
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport,
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
                      uint32_t refusals)
 {
     struct umbd_conn *conn = make_conn(loop, transport);
@@ -323,7 +323,7 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport tra
         close(socket);
         return;
     }
-    int code = transport == UMBD_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
+    int code = transport == UMBN_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
                                       : uv_tcp_open(&conn->socket.tcp, socket);
     if (code != 0) {
         close(socket);

@@ -87,7 +87,7 @@ struct umbd_conn {
 /* Takes over a connected socket; closes it if there is no room or memory. If other loops have the
  * connections that its address must give up, they get it in turn; refusals: number of loops that
  * had none. */
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport,
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
                      uint32_t refusals);
 
 /*

@@ -17,7 +17,7 @@
 struct umbd_handed {
     struct umbd_handed *next;
     int socket;
-    enum umbd_transport transport;
+    enum umbn_transport transport;
     uint32_t refusals;
 };
 
@@ -122,7 +122,7 @@ struct umbd_loop *umbd_loop_after(struct umbd_loop *loop)
     return &loop->daemon->loops[(loop->index + 1) % loop->daemon->loop_count];
 }
 
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport,
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
                     uint32_t refusals)
 {
     struct umbd_handed *handed = malloc(sizeof *handed);

@@ -35,7 +35,7 @@ struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
 
 /* Hands an accepted socket to another loop; closes it if that has no memory. refusals: number of
  * loops that had no room for it. */
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport,
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
                     uint32_t refusals);
 
 /* Makes every other loop begin its drain, or, the second time, end at once. */

@@ -6,16 +6,7 @@
  * is missing than about one it may not read or about a machine that is out of descriptors.
  */
 #include <errno.h>
-#include <sys/stat.h>
 #include "umbrage/status.h"
-
-/* 1 if a path names something else than a regular file: a library that opens it by name would wait
- * for the writer of a pipe. */
-static inline int umb__is_special_file(const char *path)
-{
-    struct stat facts;
-    return stat(path, &facts) == 0 && !S_ISREG(facts.st_mode);
-}
 
 /* Pure. Returns a failure for any errno; E_IO for those without a status of their own. */
 static inline enum umb_status umb__open_status(int system_error)
