@@ -120,9 +120,7 @@ static enum umb_status open_in(const char *folder, const char *path, const char 
 {
     const int at = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
     /* O_NONBLOCK: opening a pipe must not wait. It changes nothing for files. */
-    *fd = at < 0
-              ? -1
-              : openat(at, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+    *fd = at < 0 ? -1 : openat(at, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
     const int cause = errno;
     if (at >= 0) {
         (void)close(at);

@@ -9,8 +9,8 @@
  *
  * The checksum is no key: anyone can make such a file. So the form is never recognised by its
  * bytes; a caller asks for it by name, and only for files that its own user wrote
- * (private_folder.h). The reader copies the bytes and then checks them with the validator that checks
- * what the importer leaves.
+ * (private_folder.h). The reader copies the bytes and then checks them with the validator that
+ * checks what the importer leaves.
  */
 #include "common/scene.h"
 

@@ -119,7 +119,8 @@ static enum umb_status classify(const struct import *import, const struct umbs_p
                                 struct umb_error *error)
 {
     if (end->asked_too_often) {
-        return umb_fail(error, UMB_E_LIMIT, "%s: asks for files more than %u times, the limit of a scene",
+        return umb_fail(error, UMB_E_LIMIT,
+                        "%s: asks for files more than %u times, the limit of a scene",
                         import->shown, import->options.max_files);
     }
     if (end->timed_out) {

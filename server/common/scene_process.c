@@ -106,8 +106,7 @@ static void attend(struct watched *watched, int64_t left_ms)
     }
     int served = 1;
     if (wanted[1].revents != 0) {
-        served =
-            umbs_broker_serve(lines->files[0], watched->process->folder, &watched->files_left);
+        served = umbs_broker_serve(lines->files[0], watched->process->folder, &watched->files_left);
     }
     if (served <= 0) {
         umbs_hang_up(&lines->files[0]);

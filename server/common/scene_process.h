@@ -33,7 +33,7 @@ struct umbs_process {
 /* How it ended. */
 struct umbs_process_end {
     int timed_out;                      /* it was killed at the wall-clock limit */
-    int asked_too_often;                /* it was killed because it asked more than max_files times */
+    int asked_too_often; /* it was killed because it asked more than max_files times */
     int exit_code;                      /* 0..255, or -1 if a signal ended it */
     int signal;                         /* or 0 */
     char talk[UMBS_PROCESS_TALK_BYTES]; /* first line it wrote to stderr, clean text */

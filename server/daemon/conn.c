@@ -191,12 +191,11 @@ static int know_peer(struct newcomer *newcomer)
     /* The socket's mode admits the peers of a Unix socket; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
     size_t strangers = 0;
-    const int known =
-        umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
-                           &newcomer->reason) ||
-        (umbd_conn_make_room_at(conn->loop, from) &&
-         umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
-                            &newcomer->reason));
+    const int known = umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
+                                         &newcomer->reason) ||
+                      (umbd_conn_make_room_at(conn->loop, from) &&
+                       umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
+                                          &newcomer->reason));
     newcomer->room_elsewhere = !known && strangers > 0;
     return known;
 }

@@ -138,8 +138,9 @@ static enum umb_status announce(struct umbd_daemon *daemon, struct umb_error *er
     const struct umbd_options *options = &daemon->options;
     const enum umb_status status = write_addresses(daemon->loops, error);
     if (status == UMB_OK) {
-        umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready", "version=%s loops=%u workers=%u pid=%ld",
-                       UMB_VERSION, options->loops, options->workers, (long)getpid());
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready",
+                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION, options->loops,
+                       options->workers, (long)getpid());
         umbd_notify("READY=1\nSTATUS=serving");
     }
     return status;

@@ -47,10 +47,10 @@ static void *run_loop(void *argument)
     return NULL;
 }
 
-enum umb_status
-umbd_loops_run(struct umbd_daemon *daemon,
-               enum umb_status (*ready)(struct umbd_daemon *daemon, struct umb_error *error),
-               struct umb_error *error)
+enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
+                               enum umb_status (*ready)(struct umbd_daemon *daemon,
+                                                        struct umb_error *error),
+                               struct umb_error *error)
 {
     uint32_t started = 1;
     enum umb_status status = UMB_OK;

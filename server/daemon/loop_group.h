@@ -19,10 +19,10 @@ UMB_CHECKED enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct u
  * Starts the threads and calls `ready`, whose failure ends them; then runs until all loops are
  * drained. Fails: E_LIMIT (thread), what ready fails with; nothing runs then.
  */
-UMB_CHECKED enum umb_status
-umbd_loops_run(struct umbd_daemon *daemon,
-               enum umb_status (*ready)(struct umbd_daemon *daemon, struct umb_error *error),
-               struct umb_error *error);
+UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
+                                           enum umb_status (*ready)(struct umbd_daemon *daemon,
+                                                                    struct umb_error *error),
+                                           struct umb_error *error);
 
 /* Closes everything, ends the pool, frees the loops. */
 void umbd_loops_finish(struct umbd_daemon *daemon);

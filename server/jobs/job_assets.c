@@ -50,8 +50,8 @@ static enum umb_status take_bake(void *user, sqlite3_stmt *row)
 {
     struct bake_found *bake = user;
     *bake->bake_ms = sqlite3_column_int64(row, 1);
-    bake->found =
-        umbj_sql_hash(row, 0, bake->asset) && *bake->bake_ms >= 0 && *bake->bake_ms <= UMBJ__BAKE_MS_MAX;
+    bake->found = umbj_sql_hash(row, 0, bake->asset) && *bake->bake_ms >= 0 &&
+                  *bake->bake_ms <= UMBJ__BAKE_MS_MAX;
     return UMB_OK;
 }
 

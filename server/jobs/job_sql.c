@@ -170,9 +170,9 @@ enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb_error *erro
     if (code == SQLITE_OK) {
         code = read_file(sql, SQLITE_FCNTL_JOURNAL_POINTER);
     }
-    return code == SQLITE_OK ? UMB_OK
-                             : umb_fail(error, status_of(code), "job table: %s",
-                                        sqlite3_errstr(code));
+    return code == SQLITE_OK
+               ? UMB_OK
+               : umb_fail(error, status_of(code), "job table: %s", sqlite3_errstr(code));
 }
 
 int64_t umbj_sql_changes(const struct umbj_sql *sql)

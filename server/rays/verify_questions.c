@@ -311,8 +311,7 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
 {
     struct umb_box_answer answer;
     struct umb_box_answers answers = {.boxes = &answer};
-    const enum umb_status status =
-        umb_boxes_run(&block->job->volume, box, 0, 1, &answers, NULL);
+    const enum umb_status status = umb_boxes_run(&block->job->volume, box, 0, 1, &answers, NULL);
     block->result.records++;
     enum box_verdict verdict =
         status == UMB_OK ? box_verdict(block, &answer, samples, count) : BOX_WRONG;

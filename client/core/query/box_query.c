@@ -302,12 +302,12 @@ static enum umb_status count_box(struct count *count, struct umb_box_answer *ans
         return UMB_OK;
     }
     *answer = (struct umb_box_answer){0, UINT64_MAX};
-    return count->go_on ? UMB_OK
-                        : umb_fail(error, UMB_E_LIMIT,
-                                   "boxes[%zu]: takes more than %llu steps, the limit at %u voxels "
-                                   "a side; ask for smaller ones, side by side, or set go_on",
-                                   box, (unsigned long long)count->most,
-                                   1U << count->tree->log2_size);
+    return count->go_on
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT,
+                          "boxes[%zu]: takes more than %llu steps, the limit at %u voxels "
+                          "a side; ask for smaller ones, side by side, or set go_on",
+                          box, (unsigned long long)count->most, 1U << count->tree->log2_size);
 }
 
 static int32_t clamp(double value, int32_t size)

@@ -436,10 +436,9 @@ static int make_folder(void **state)
 static int remove_folder(void **state)
 {
     (void)state;
-    static const char *const names[] = {"good",   "abort",    "sleep",  "silent",     "spin",
-                                        "refuse", "limit",    "odd",    "garbage",    "nothing",
-                                        "spam",   "overflow", "orphan", "descriptors",
-                                        "asks",   "asks_on"};
+    static const char *const names[] = {
+        "good",    "abort",   "sleep", "silent",   "spin",   "refuse",      "limit", "odd",
+        "garbage", "nothing", "spam",  "overflow", "orphan", "descriptors", "asks",  "asks_on"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         (void)unlink(path_of(names[i]));
     }
