@@ -33,13 +33,13 @@ static bool scale_to(double v[3], double length)
 
 static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 {
-    const double tall = tan(picture->fov_y / 2);
-    memcpy(axes->forward, picture->forward, sizeof axes->forward);
+    const double tall = tan(picture->camera.fov_y / 2);
+    memcpy(axes->forward, picture->camera.forward, sizeof axes->forward);
     if (!scale_to(axes->forward, 1)) {
         return false;
     }
-    umb__cross(axes->forward, picture->up, axes->right);
-    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->up)) ||
+    umb__cross(axes->forward, picture->camera.up, axes->right);
+    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->camera.up)) ||
         !scale_to(axes->right, 1)) {
         return false;
     }
@@ -55,15 +55,16 @@ enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %u x %u pixels, must be at least 1 x 1",
                         picture->width, picture->height);
     }
-    if (!(picture->fov_y > 0 && picture->fov_y < 3.14159)) {
+    if (!(picture->camera.fov_y > 0 && picture->camera.fov_y < 3.14159)) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: fov_y %g, must be between 0 and pi",
-                        picture->fov_y);
+                        picture->camera.fov_y);
     }
-    if (!isfinite(picture->eye[0]) || !isfinite(picture->eye[1]) || !isfinite(picture->eye[2])) {
+    if (!isfinite(picture->camera.eye[0]) || !isfinite(picture->camera.eye[1]) ||
+        !isfinite(picture->camera.eye[2])) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: eye (%g, %g, %g), must be finite",
-                        picture->eye[0], picture->eye[1], picture->eye[2]);
+                        picture->camera.eye[0], picture->camera.eye[1], picture->camera.eye[2]);
     }
-    const double *forward = picture->forward, *up = picture->up;
+    const double *forward = picture->camera.forward, *up = picture->camera.up;
     return make_axes(picture, &axes)
                ? UMB_OK
                : umb_fail(error, UMB_E_ARGUMENT,
