@@ -226,13 +226,15 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  * pass. In others no box holds a voxel.
  *
  * In:    watch: NULL: each box has the limit of UMB_BOX_COLUMN_STEPS. boxes: [first + count],
- * metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that boxes
- * side by side share no voxel and leave none out. Voxels outside the frustum do not count. The
- * centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in
- * doubles and in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey - m2 ez
- * with the last column m of world_to_voxel, origin is the asset's. Fails: E_LIMIT (only without a
- * watch: a box takes too many steps; it and those behind it have no answers). Not guaranteed: as
- * umb_volume_segments, for boxes that umb_boxes_check refuses. Threads: as umb_volume_segments.
+ *        metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that
+ *        boxes side by side share no voxel and leave none out. Voxels outside the frustum do not
+ *        count. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2)
+ *        ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's voxel_step, o =
+ *        -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin is the asset's.
+ * Fails: E_LIMIT (only without a watch: a box takes too many steps; it and those behind it have no
+ *        answers).
+ * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
+ * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
  *        the voxels its faces cut. A small file of untrusted bytes may share one node so often that
  *        a large box takes hours: a service must limit a box's steps by a watch.
