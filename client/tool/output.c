@@ -329,7 +329,7 @@ static enum umb_status fail_folder(const char *path, int cause, struct umb_error
 
 /* Renames, with the folder opened before: all that can fail is done while nothing is visible.
  * Out: renamed: also set if the folder's sync then fails. */
-static enum umb_status give_name(const char *from, const char *to, bool *renamed,
+static enum umb_status give_name(const char *from, const char *to, bool unsynced, bool *renamed,
                                  struct umb_error *error)
 {
     char *name = folder_of(to);
@@ -346,7 +346,7 @@ static enum umb_status give_name(const char *from, const char *to, bool *renamed
     *renamed = rename(from, to) == 0;
     if (!*renamed) {
         status = umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot replace '%.200s'", to);
-    } else if (umbu_folder_sync(folder) != 0) {
+    } else if (!unsynced && umbu_folder_sync(folder) != 0) {
         status = fail_folder(to, errno, error);
     }
     (void)close(folder);
@@ -356,7 +356,7 @@ static enum umb_status give_name(const char *from, const char *to, bool *renamed
 enum umb_status umbu_output_rename(const char *from, const char *to, struct umb_error *error)
 {
     bool renamed;
-    return give_name(from, to, &renamed, error);
+    return give_name(from, to, false, &renamed, error);
 }
 
 /* Closes what is open; stdout stays. Returns 0 or an errno. */
@@ -386,7 +386,7 @@ static enum umb_status flush(struct umbu_output *output, struct umb_error *error
     if (output->system_error != 0) {
         return fail_write(output, error);
     }
-    if (output->temporary != NULL && fsync(output->fd) != 0) {
+    if (output->temporary != NULL && !output->unsynced && fsync(output->fd) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", output->path);
     }
     return UMB_OK;
@@ -404,7 +404,7 @@ enum umb_status umbu_output_commit(struct umbu_output *output, struct umb_error 
         status = umb_fail_errno(error, UMB_E_IO, cause, "cannot close '%.200s'", output->path);
     }
     if (status == UMB_OK && output->temporary != NULL) {
-        status = give_name(output->temporary, output->path, &renamed, error);
+        status = give_name(output->temporary, output->path, output->unsynced, &renamed, error);
     }
     if (renamed) {
         forget_temporary(output);

@@ -35,6 +35,7 @@ struct umbu_output {
     char *path;       /* Name of the target, "stdout" for "-"; NULL = nothing begun. */
     char *temporary;  /* Name of the file beside it; NULL for stdout, devices and pipes. */
     bool guarded;     /* true: a signal removes the temporary. */
+    bool unsynced;    /* true: commit syncs nothing; the caller syncs many files together. */
     int system_error; /* errno of the first failed write, else 0; commit then refuses. */
 };
 
