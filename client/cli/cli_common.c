@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include "base/open_status.h"
-#include "base/utf8.h"
+#include "tool/base.h"
+#include "tool/exit_code.h"
 
 #define NAME_BYTES ((size_t)200) /* of a path, in messages of the libraries */
 
@@ -33,7 +33,7 @@ static const char *said(const struct umb_error *error)
 int umbc_complain(const struct umb_error *error)
 {
     (void)fprintf(stderr, "umbrage: %s\n", said(error));
-    return umb_status_exit(error->status);
+    return umbu_exit_code(error->status);
 }
 
 /* What stands after the name in messages of the form `NAME: reason`; NULL in others. */
@@ -60,7 +60,7 @@ int umbc_complain_file(const char *path, const struct umb_error *error)
         (void)fprintf(stderr, "%s%s\n", reason != NULL ? "" : ": ",
                       reason != NULL ? reason : message);
     }
-    int code = umb_status_exit(error->status);
+    int code = umbu_exit_code(error->status);
     return code == UMBC_EXIT_USAGE ? UMBC_EXIT_DATA : code;
 }
 
@@ -72,7 +72,7 @@ int umbc_complain_as(enum umb_status status, const char *format, ...)
     (void)vfprintf(stderr, format, arguments);
     va_end(arguments);
     (void)fputc('\n', stderr);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }
 
 /* 1 for what the store would take as a name, and for ids. */
@@ -89,7 +89,7 @@ static bool may_be_asset(const char *word)
 enum umb_status umbc_read_id(const struct umbu_option *option, const char *text, void *field,
                              struct umb_error *error)
 {
-    return umb_id_from_text(text, field) ? UMB_OK : umbu_refuse(option, text, error);
+    return umb_id_from_text(text, field) == UMB_OK ? UMB_OK : umbu_refuse(option, text, error);
 }
 
 bool umbc_is_file(const char *word)

@@ -170,7 +170,9 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
             print_light(i, &light);
             print_frusta(asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_print(rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_print(rows, NULL, count);
         }
     }
     (void)printf("unique nodes  ");
@@ -242,7 +244,9 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_json(&json, rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_json(&json, rows, NULL, count);
             umbc_json_end(&json, '}');
         }
     }
@@ -352,7 +356,7 @@ static int info_asset(const char *name, struct umbc_settings *settings)
     if (umbu_connect(&settings->session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    enum umb_status status = umb_client_describe(client, name, &about, &error);
+    enum umb_status status = umb_client_describe(client, name, &about, NULL, &error);
     umb_client_close(client);
     if (status != UMB_OK) {
         return umbc_complain(&error);
@@ -366,7 +370,7 @@ static int info_asset(const char *name, struct umbc_settings *settings)
     } else {
         print_description(about);
     }
-    umb_client_description_free(about);
+    umb_free(about);
     return umbc_finish_stdout(0);
 }
 

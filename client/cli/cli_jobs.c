@@ -135,9 +135,9 @@ int umbc_jobs(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (umb_client_jobs(client, settings.limit, &jobs, &count, &error) == UMB_OK) {
+    if (umb_client_list_jobs(client, settings.limit, &jobs, &count, NULL, &error) == UMB_OK) {
         print_jobs(jobs, count, settings.json, settings.quiet);
-        umb_client_jobs_free(jobs);
+        umb_free(jobs);
         code = umbc_finish_stdout(0);
     } else {
         code = umbc_complain(&error);
@@ -165,7 +165,7 @@ int umbc_cancel(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (umb_client_cancel_job(client, settings.target, &status, &error) != UMB_OK) {
+    if (umb_client_cancel_job(client, settings.target, &status, NULL, &error) != UMB_OK) {
         code = umbc_complain(&error);
     } else {
         if (settings.json) {
@@ -209,7 +209,7 @@ int umbc_rm(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    code = umb_client_delete_asset(client, settings.asset, &error) == UMB_OK
+    code = umb_client_delete_asset(client, settings.asset, NULL, &error) == UMB_OK
                ? 0
                : umbc_complain(&error);
     umb_client_close(client);

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_repack.h"
+#include "umbrage/region.h"
 
 struct pack_settings {
     const char *target, *output;
@@ -37,8 +37,8 @@ static const struct umbu_command UNPACK = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,
-                                  struct umb_error *error)
+static enum umb_status write_file(const struct umb_asset *asset, enum umb_encoding encoding,
+                                  const char *path, struct umb_error *error)
 {
     struct umbc_output output;
     enum umb_status status = umbc_output_begin(path, &output, error);
@@ -46,8 +46,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
         return status;
     }
     error->message[0] = '\0';
-    struct umb_sink sink = umbc_output_sink(&output);
-    status = packed ? umbc_repack(asset, &sink, error) : umb_mapped_write(asset, &sink, error);
+    const struct umb_sink sink = umbc_output_sink(&output);
+    status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
     if (status != UMB_OK) {
         if (output.system_error != 0) { /* the core knows only that a write failed, not why */
             status =
@@ -80,7 +80,8 @@ static void report(const struct pack_settings *settings, const struct umb_asset 
     }
 }
 
-static int convert(const struct umbu_command *command, bool packed, int argc, char **argv)
+static int convert(const struct umbu_command *command, enum umb_encoding encoding, int argc,
+                   char **argv)
 {
     struct umbu_parsed parsed;
     struct pack_settings settings = {0};
@@ -93,7 +94,7 @@ static int convert(const struct umbu_command *command, bool packed, int argc, ch
     if (umb_asset_open_file(settings.target, NULL, &asset, &error) != UMB_OK) {
         return umbc_complain_file(settings.target, &error);
     }
-    enum umb_status status = write_file(asset, packed, settings.output, &error);
+    enum umb_status status = write_file(asset, encoding, settings.output, &error);
     if (status == UMB_OK) {
         report(&settings, asset);
     }
@@ -103,10 +104,10 @@ static int convert(const struct umbu_command *command, bool packed, int argc, ch
 
 int umbc_pack(int argc, char **argv)
 {
-    return convert(&PACK, true, argc, argv);
+    return convert(&PACK, UMB_ENCODING_PACKED, argc, argv);
 }
 
 int umbc_unpack(int argc, char **argv)
 {
-    return convert(&UNPACK, false, argc, argv);
+    return convert(&UNPACK, UMB_ENCODING_MAPPED, argc, argv);
 }

@@ -69,7 +69,7 @@ static const struct umbu_command COMMAND = {
 
 static void set_pixels(struct umb_partial_view *view, size_t height)
 {
-    view->max_error_rad *= view->fov_y / (double)height;
+    view->max_error_rad *= view->camera.fov_y / (double)height;
 }
 
 /* Boxes and cameras. Returns -1 to go on, else the exit code. */

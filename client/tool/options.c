@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "tool/exit_code.h"
 
 /* One row, found. */
 struct found {
@@ -341,18 +342,18 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
     struct umb_error error;
     if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
         umbu_print_rows(command, stdout);
-        return fflush(stdout) != 0 || ferror(stdout) ? umb_status_exit(UMB_E_IO) : 0;
+        return fflush(stdout) != 0 || ferror(stdout) ? umbu_exit_code(UMB_E_IO) : 0;
     }
     const enum umb_status status = umbu_parse(parsed, command, argc, argv, settings, &error);
     if (status != UMB_OK) {
         (void)fprintf(stderr, "%s: %s\n", command->name, error.message);
-        return umb_status_exit(status);
+        return umbu_exit_code(status);
     }
     if (!parsed->help) {
         return -1;
     }
     umbu_print_help(command, stdout);
-    return fflush(stdout) != 0 || ferror(stdout) ? umb_status_exit(UMB_E_IO) : 0;
+    return fflush(stdout) != 0 || ferror(stdout) ? umbu_exit_code(UMB_E_IO) : 0;
 }
 
 bool umbu_given(const struct umbu_parsed *parsed, const char *name)

@@ -8,6 +8,7 @@
 #include "study/parallel_for.h"
 #include "study/shadow_source.h"
 #include "study/view_options.h"
+#include "tool/exit_code.h"
 
 #define FOG_MAX   100.0 /* 1/m: nothing is seen beyond some centimetres */
 #define RAD_A_DEG 0.017453292519943295
@@ -159,5 +160,5 @@ int umbt_render_options_parse(int argc, char **argv, struct umbt_render_options 
     if (status != UMB_OK) {
         (void)fprintf(stderr, "umbrage render: %s\n", error.message);
     }
-    return status == UMB_OK ? -1 : umb_status_exit(status);
+    return status == UMB_OK ? -1 : umbu_exit_code(status);
 }
