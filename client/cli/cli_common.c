@@ -89,7 +89,7 @@ static bool may_be_asset(const char *word)
 enum umb_status umbc_read_id(const struct umbu_option *option, const char *text, void *field,
                              struct umb_error *error)
 {
-    return umb_id_from_text(text, field) ? UMB_OK : umbu_refuse(option, text, error);
+    return umb_id_from_text(text, field) == UMB_OK ? UMB_OK : umbu_refuse(option, text, error);
 }
 
 bool umbc_is_file(const char *word)

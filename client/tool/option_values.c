@@ -303,6 +303,7 @@ enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                     umbu_is_word(option) ? "" : "--", option->name, text, expects);
 }
 
+/* The largest unit that divides a value, down to `smallest`: "64MiB", "250ms". */
 static void unit_text(const struct unit *units, const char *smallest, uint64_t value, char text[32])
 {
     while (value == 0 || value % units->factor != 0) {
@@ -312,16 +313,6 @@ static void unit_text(const struct unit *units, const char *smallest, uint64_t v
         units++;
     }
     (void)snprintf(text, 32, "%llu%s", (unsigned long long)(value / units->factor), units->name);
-}
-
-void umbu_bytes_text(uint64_t bytes, char text[32])
-{
-    unit_text(BYTE_UNITS, "", bytes, text);
-}
-
-void umbu_time_text(uint64_t ms, char text[32])
-{
-    unit_text(TIME_UNITS, "ms", ms, text);
 }
 
 /* "text, f32 or f64" of "text|f32|f64". */
@@ -369,12 +360,12 @@ static void range_text(const struct umbu_option *option, char *text, size_t size
 {
     char low[32], high[32];
     if (option->kind == UMBU_KIND_BYTES) {
-        umbu_bytes_text(option->min, low);
-        umbu_bytes_text(option->max, high);
+        unit_text(BYTE_UNITS, "", option->min, low);
+        unit_text(BYTE_UNITS, "", option->max, high);
         (void)snprintf(text, size, "a size from %s to %s (bytes, KiB, MiB, GiB, TiB)", low, high);
     } else {
-        umbu_time_text(option->min, low);
-        umbu_time_text(option->max, high);
+        unit_text(TIME_UNITS, "ms", option->min, low);
+        unit_text(TIME_UNITS, "ms", option->max, high);
         (void)snprintf(text, size, "a time %s %s %s %s (ms, s, m; bare: seconds)",
                        option->above ? "above" : "from", low, option->above ? "and at most" : "to",
                        high);

@@ -5,6 +5,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "tool/exit_code.h"
 
 /* One row, found. */
 struct found {

@@ -76,32 +76,32 @@ typedef enum umb_status (*umbu_read_fn)(const struct umbu_option *option, const 
                                         void *field, struct umb_error *error);
 
 struct umbu_option {
-    const char *name;  /* without dashes */
-    const char *value; /* Name of the value in --help; NULL for a switch, an argument, choices */
-    const char *help;
+    const char *name;  /* Name without dashes; in capitals: an argument by its place */
+    const char *value; /* Name of the value in --help; NULL for a switch, an argument or choices */
+    const char *help;  /* One phrase, without the default and without a full stop */
     enum umbu_kind kind;
     enum umbu_type type;
-    size_t at; /* Offset in bytes of the field in the section's settings */
-    uint64_t min, max;
-    double low, high;
-    unsigned count;      /* Numbers of UMBU_KIND_NUMBERS */
-    bool above;          /* `low` (or min) itself is not allowed */
-    bool as_log2;        /* UMBU_KIND_POWER: the field gets the exponent */
-    const char *choices; /* "text|f32|f64"; an empty word is an index that cannot be chosen */
-    const char *unit;    /* Unit that may follow a number, as "deg" */
-    double scale;        /* Factor from the number to the field, 0 = 1 */
-    umbu_read_fn read;
-    const char *expects;   /* What `read` takes, for refusals: "give " goes before it */
+    size_t at;             /* Offset in bytes of the field in the section's settings */
+    uint64_t min, max;     /* Range of an integer, of bytes or of milliseconds */
+    double low, high;      /* Range of a number; high of UMBU_KIND_SIDES: most pixels, 0 = any */
+    unsigned count;        /* Number of values of UMBU_KIND_NUMBERS */
+    bool above;            /* True if the range leaves out its lower end */
+    bool as_log2;          /* True if the field gets the exponent of the power of two */
+    const char *choices;   /* Words, "text|f32|f64"; an empty one is an index that has no word */
+    const char *unit;      /* Unit that may follow a number, as "deg" */
+    double scale;          /* Factor from the number to the field, 0 = 1 */
+    umbu_read_fn read;     /* Reader of UMBU_KIND_READ, or check of one text of UMBU_KIND_LIST */
+    const char *expects;   /* Words for what `read` takes; refusals put "give " before them */
     const char *standard;  /* Default value, read like any other; NULL leaves the field at zero */
     const char *otherwise; /* Default in words, where it is no constant; for --help */
-    const char *needs;     /* "camera", "camera|path", "filter=tent|box": what must stand beside */
-    const char *excludes;  /* "rate sweep": options that must not stand beside */
-    const char *fields;    /* Names that errors of the library use for it: "footprint_m" */
+    const char *needs;     /* Conditions that must hold: "camera|path format=f32|f64" */
+    const char *excludes;  /* Conditions that must not hold, in the same form */
+    const char *fields;    /* Names that errors of the library use: "footprint|footprint_m" */
     char letter;           /* Short form, 0 = none */
-    bool needed;
-    bool alone;       /* Replaces the work, as --version: nothing else is read or checked */
-    bool not_in_file; /* No config file has it */
-    bool may_be_empty;
+    bool needed;           /* True if the command cannot do without it */
+    bool alone;            /* True if nothing else is read or checked with it, as --version */
+    bool not_in_file;      /* True if no config file has it */
+    bool may_be_empty;     /* True if an empty text is a value */
 };
 
 /* Place of a value: a field of the section's settings, and its type. */
@@ -255,9 +255,5 @@ uint64_t umbu_get_integer(const struct umbu_option *option, const void *field);
 
 /* "a whole number from 1 to 9": what an option takes. */
 void umbu_expects(const struct umbu_option *option, char *text, size_t size);
-
-/* A size as the largest unit that divides it, "64MiB"; a time, "250ms", "2s". */
-void umbu_bytes_text(uint64_t bytes, char text[32]);
-void umbu_time_text(uint64_t ms, char text[32]);
 
 #endif

@@ -9,6 +9,7 @@
 #include "tool/threads.h"
 #include "study/shadow_source.h"
 #include "study/view_options.h"
+#include "tool/exit_code.h"
 
 #define FOG_MAX   100.0 /* 1/m: nothing is seen beyond some centimetres */
 #define RAD_A_DEG 0.017453292519943295
