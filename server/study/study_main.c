@@ -6,6 +6,7 @@
 #include <string.h>
 #include "study/study_command.h"
 #include "umbrage/status.h"
+#include "umbrage/version.h"
 
 static const char help[] =
     "usage: umbrage-study SCENE [-o DIR] [options]\n"
@@ -68,7 +69,7 @@ int main(int argc, char **argv)
         return output_finish(umbt_trade_command(1, &study_help));
     }
     if (strcmp(argv[1], "--version") == 0) {
-        puts("umbrage-study " UMB_VERSION);
+        puts("umbrage-study " UMB_VERSION_TEXT);
         return output_finish(0);
     }
     if (strpbrk(argv[1], "./") == NULL) { /* no scene's name */
