@@ -37,6 +37,8 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
+# Outside, messages are no library of their own. Compressed requests are for servers.
+$(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))
 
 wire: $(WIRE_LIB) ## the wire library alone
 .PHONY: wire
