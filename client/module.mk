@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc) and the umbrage command.
-INC_client = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 MAPS_SRC := $(wildcard client/core/deep/*.c client/core/maps/*.c)
 MAPS_OBJ := $(MAPS_SRC:%.c=$(BUILD)/%.o)
@@ -39,10 +39,11 @@ $(EXPORTS:%=$(BUILD)/lib%.so.$(SONAME)): $(BUILD)/lib%.so.$(SONAME): $(BUILD)/ge
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared -Wl,-soname,$(@F),-z,defs,-Bsymbolic-functions,--version-script=$< \
 		$(filter %.o,$^) -Wl,--as-needed $(filter-out %.o %.map,$^) $(LIBS_$*) -o $@
 
-# What the two take from the core besides its functions is small, and is compiled into them.
+# Small private units that two libraries use are compiled into both.
+RPC_SHARED := $(patsubst %,$(BUILD)/client/core/%.o,base/utf8 maps/map_view)
 $(BUILD)/libumbrage-core.so.$(SONAME): $(CORE_OBJ)
 $(BUILD)/libumbrage-maps.so.$(SONAME): $(MAPS_OBJ) $(BUILD)/client/core/base/memory.o $(BUILD)/libumbrage-core.so.$(SONAME)
-$(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(BUILD)/client/core/base/utf8.o $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)
+$(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)
 LIBS_umbrage-core = $(CORE_LIBS)
 LIBS_umbrage-maps = -lm
 LIBS_umbrage      = $(RPC_LIBS) -lm
@@ -58,7 +59,7 @@ $(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/
 
 $(CORE_LIB): $(CORE_OBJ)
 $(MAPS_LIB): $(MAPS_OBJ)
-$(RPC_LIB): $(RPC_OBJ)
+$(RPC_LIB): $(RPC_OBJ) $(RPC_SHARED)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
 $(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)

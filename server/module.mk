@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbraged, umbrage-bake and umbrage-study. common, jobs and rays are libraries that they share.
-INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
+INC_server = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -I$(BUILD)/gen
 
 COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
 RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
-INC_tests = -Iclient/include -Iclient/core -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
+INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 

@@ -103,7 +103,7 @@ int umbc_derive(int argc, char **argv)
         return code;
     }
     struct umb_derive_settings settings = options.settings;
-    settings.camera = settings.cascades.count > 0 ? &options.camera : NULL;
+    settings.camera = &options.camera;
     const double from = umbc_clock_s();
     enum umb_status status = umbc_is_file(options.target)
                                  ? derive_here(&options, &settings, &made, &error)

@@ -179,7 +179,9 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
             print_light(i, &light);
             print_frusta(asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_print(rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_print(rows, NULL, count);
         }
     }
     (void)printf("unique nodes  ");
@@ -251,7 +253,9 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_json(&json, rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_json(&json, rows, NULL, count);
             umbc_json_end(&json, '}');
         }
     }

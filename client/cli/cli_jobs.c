@@ -223,7 +223,7 @@ int umbc_rm(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (!umb_id_from_text(parsed.words[0], asset)) {
+    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
         return umbc_usage_error("rm: '%s' is not an id of 64 hexadecimal digits", parsed.words[0]);
     }
     if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {

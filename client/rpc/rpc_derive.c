@@ -61,12 +61,14 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
                         UMBW_ASSET_NAME_MAX);
     }
     memcpy(request.asset, asset, length + 1);
-    if (settings->camera != NULL) {
-        request.camera = *settings->camera;
-    } else {
-        request.settings.cascades.count = 0;
+    if (settings->cascades.count > 0 && settings->camera == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
+                        settings->cascades.count);
     }
-    return umbw_encode_derive_request(&request, body, error);
+    enum umb_status status = settings->cascades.count > 0
+                                 ? umb__map_view_make(settings->camera, &request.view, error)
+                                 : UMB_OK;
+    return status == UMB_OK ? umbw_encode_derive_request(&request, body, error) : status;
 }
 
 enum umb_status umb_client_derive(struct umb_client *client, const char *asset,

@@ -3,7 +3,7 @@
  * Bakes.Submit: the files are hashed, then read again while they are sent, a message at a time, as
  * flow control asks for them. Reading blocks the client's thread for a piece at a time.
  */
-#define OPENSSL_API_COMPAT 0x10100000L /* as rpc_sha256.c, for its reasons */
+#define OPENSSL_API_COMPAT 0x10100000L /* as sha256_openssl.c, for its reasons */
 #include <errno.h>
 #include <fcntl.h>
 #include <openssl/sha.h>

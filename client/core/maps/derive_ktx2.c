@@ -135,7 +135,7 @@ static void make_plan(struct plan *plan, const struct umb_derived *derived)
     plan->layers = derived->count;
     plan->texel_bytes = level.channels * (plan->kind == SAMPLE_F32 ? 4U : 2U);
     while (plan->level_count < LEVELS_MAX &&
-           umb_map_get_level(derived->maps[0], plan->level_count, &level)) {
+           umb_map_get_level(derived->maps[0], plan->level_count, &level) == UMB_OK) {
         plan->level_bytes[plan->level_count++] = level.bytes * plan->layers;
     }
     describe(plan, derived);

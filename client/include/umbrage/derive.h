@@ -49,8 +49,8 @@ struct umb_derive_settings {
      * negative_exponent likewise, at most 5; `linear` is taken as 1: exponentials, as GPUs filter.
      */
     struct umb_map_settings map;
-    const struct umb_cascade_camera *camera; /* NULL: one map, of rect */
-    struct umb_cascade_settings cascades;    /* resolution is width */
+    const struct umb_camera *camera;      /* The view that cascades divide; else not read */
+    struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
     int (*cancelled)(void *user);            /* NULL, or asked for each row: nonzero gives up */
     void *cancel_user;
 };
