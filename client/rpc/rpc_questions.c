@@ -170,12 +170,15 @@ enum umb_status umb_client_columns(struct umb_client *client, const struct umb_q
     return ask(client, question, UMBW_PATH_COLUMNS, &asked, error);
 }
 
+_Static_assert(sizeof(struct umb_box) == 6 * sizeof(double), "boxes are pairs of corners");
+
 enum umb_status umb_client_boxes(struct umb_client *client, const struct umb_question *question,
-                                 const struct umb_segments *corners,
+                                 const struct umb_box *boxes, size_t count,
                                  struct umb_box_answers *answers, struct umb_question_reply *reply,
                                  struct umb_error *error)
 {
+    const struct umb_segments corners = {.ends = boxes, .format = UMB_POINT_F64, .count = count};
     struct asked asked = {
-        .request = pairs_request(UMBW_BOXES, corners), .boxes = answers, .reply = reply};
+        .request = pairs_request(UMBW_BOXES, &corners), .boxes = answers, .reply = reply};
     return ask(client, question, UMBW_PATH_BOXES, &asked, error);
 }

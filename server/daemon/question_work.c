@@ -82,7 +82,7 @@ static enum umb_status check_some(const struct umbw_question_request *request, s
     }
     const struct umb_segments pairs = sub_pairs(request, first, count);
     return request->question == UMBW_SEGMENTS ? umb_segments_check(&pairs, error)
-                                              : umb_corners_check(&pairs, error);
+                                              : umb__corners_check(&pairs, error);
 }
 
 static enum umb_status check(const struct umbw_question_request *request, size_t first,
@@ -112,7 +112,7 @@ static void run_segments(struct slice *slice, size_t first, size_t count)
     if (most > 0) { /* malloc's block begins with them, so they are aligned */
         answers.stretches = (struct umb_stretch *)(void *)room + first * most;
     }
-    umb_segments_run(&question->volume, &pairs, 0, count, &answers);
+    umb_volume_segments(&question->volume, &pairs, 0, count, &answers);
     for (size_t i = 0; i < count; i++) {
         /* At most three steps a voxel of a side: far below 2^32. */
         const uint32_t stretches = (uint32_t)segments[i].stretch_count;
@@ -132,7 +132,7 @@ static void run_columns(struct slice *slice, size_t first, size_t count)
     struct umb_column_answers answers = {.columns = columns};
     points.positions =
         (const uint8_t *)points.positions + 3 * scalar_bytes(&question->request) * first;
-    umb_columns_run(&question->volume, &points, 0, count, &answers);
+    umb_volume_columns(&question->volume, &points, 0, count, &answers);
     for (size_t i = 0; i < count; i++) {
         const uint8_t outside = columns[i].outside != 0;
         store(question, 0, first + i, &columns[i].distance_m);
@@ -159,10 +159,11 @@ static void run_boxes(struct slice *slice, size_t first, size_t count)
     const struct umb_segments pairs = umbd_question_pairs(&question->request);
     struct umb_box boxes[CHUNK];
     struct umb_box_answer counts[CHUNK];
-    struct umb_box_answers answers = {.boxes = counts, .go_on = box_goes_on, .go_on_user = slice};
-    umb_corners_get(&pairs, first, count, boxes);
+    struct umb_box_answers answers = {.boxes = counts};
+    const struct umb_box_watch watch = {box_goes_on, slice};
+    umb_boxes_from_corners(&pairs, first, count, boxes);
     for (size_t i = 0; i < count && slice->status == UMB_OK; i++) {
-        umb_boxes_run(&question->volume, boxes, i, 1, &answers);
+        umb_volume_boxes(&question->volume, boxes, i, 1, &watch, &answers);
         store(question, 0, first + i, &counts[i].lit);
         store(question, 1, first + i, &counts[i].voxels);
         if (slice->status == UMB_E_TOO_LARGE) {

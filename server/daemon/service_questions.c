@@ -47,7 +47,7 @@ static uint64_t side_points(const struct umbd_question *question)
     for (size_t at = 0; at < pairs.count; at += BOXES_CHUNK) {
         struct umb_box boxes[BOXES_CHUNK];
         const size_t left = pairs.count - at, count = left < BOXES_CHUNK ? left : BOXES_CHUNK;
-        umb_corners_get(&pairs, at, count, boxes);
+        umb_boxes_from_corners(&pairs, at, count, boxes);
         for (size_t i = 0; i < count; i++) {
             sum += umbd_box_bricks(&frustum, &boxes[i]);
         }
@@ -108,8 +108,9 @@ static enum umb_status open_question(struct umbd_call *call, enum umbw_question 
     if (status == UMB_OK && kind == UMBW_BOXES) {
         status = umb_volume_check_parallel(&question->volume, error);
     }
-    return status == UMB_OK && kind == UMBW_COLUMNS ? umb_columns_check(&question->volume, error)
-                                                    : status;
+    return status == UMB_OK && kind == UMBW_COLUMNS
+               ? umb_volume_check_columns(&question->volume, error)
+               : status;
 }
 
 /* Hands the work over; the question is the work's then. */

@@ -95,18 +95,20 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
             umb_client_segments(bench->client, &bench->question, &pairs, &segments, NULL, &error),
             &error);
     } else if (kind == SEGMENTS) {
-        umb_segments_run(&bench->volume, &pairs, 0, count, &segments);
+        umb_volume_segments(&bench->volume, &pairs, 0, count, &segments);
     } else if (kind == COLUMNS && bench->client) {
         demand(umb_client_columns(bench->client, &bench->question, &points, &columns, NULL, &error),
                &error);
     } else if (kind == COLUMNS) {
-        umb_columns_run(&bench->volume, &points, 0, count, &columns);
+        umb_volume_columns(&bench->volume, &points, 0, count, &columns);
     } else if (bench->client) {
-        demand(umb_client_boxes(bench->client, &bench->question, &pairs, &boxes, NULL, &error),
+        umb_boxes_from_corners(&pairs, 0, count, bench->corners);
+        demand(umb_client_boxes(bench->client, &bench->question, bench->corners, count, &boxes,
+                                NULL, &error),
                &error);
     } else {
-        umb_corners_get(&pairs, 0, count, bench->corners);
-        umb_boxes_run(&bench->volume, bench->corners, 0, count, &boxes);
+        umb_boxes_from_corners(&pairs, 0, count, bench->corners);
+        umb_volume_boxes(&bench->volume, bench->corners, 0, count, NULL, &boxes);
     }
 }
 
@@ -155,7 +157,7 @@ int main(int argc, char **argv)
     demand(umb_asset_open_file(argv[1], NULL, &asset, &error), &error);
     umb_asset_get_info(asset, &bench.info);
     demand(umb_volume_prepare(asset, 0, &bench.volume, &error), &error);
-    demand(umb_columns_check(&bench.volume, &error), &error);
+    demand(umb_volume_check_columns(&bench.volume, &error), &error);
     if (argc == 4) {
         demand(umb_client_open(argv[2], NULL, &client, &error), &error);
         bench.question.asset = argv[3];

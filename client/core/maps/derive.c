@@ -225,7 +225,7 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
     const struct umb_points points = {
         .positions = row->begin, .format = UMB_POINT_F64, .count = frustum->width};
     struct umb_column_answers answers = {.columns = row->columns};
-    umb_columns_run(volume, &points, 0, points.count, &answers);
+    umb_volume_columns(volume, &points, 0, points.count, &answers);
     for (uint32_t x = 0; x < frustum->width; x++) {
         const double length_m = row->length_m[x], distance_m = row->columns[x].distance_m;
         depth[x] = 1.0F; /* no occluder, or no ray */
@@ -258,7 +258,7 @@ static enum umb_status derive_maps(const struct umb_asset *asset,
     struct umb_volume volume;
     enum umb_status status = umb_volume_prepare(asset, asked->light, &volume, error);
     if (status == UMB_OK) {
-        status = umb_columns_check(&volume, error);
+        status = umb_volume_check_columns(&volume, error);
     }
     if (status != UMB_OK) {
         return status;

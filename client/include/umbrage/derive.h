@@ -12,7 +12,7 @@
  *     umb_map_prepare(derived->maps[0], ...);              or ask it here, umbrage/maps.h
  *     umb_derived_destroy(derived);
  *
- * Each texel is the first occluder of the column of voxels at its centre, as umb_columns_run finds
+ * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns finds
  * it: depth is right to half a voxel along the light for the ray through that column's centre,
  * which lies within half a voxel of the texel's on each axis across. A map rendered from the scene
  * with the same frustum differs by no more, but where a silhouette runs between the two rays. A
@@ -51,7 +51,7 @@ struct umb_derive_settings {
     struct umb_map_settings map;
     const struct umb_camera *camera;      /* The view that cascades divide; else not read */
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
-    int (*cancelled)(void *user);            /* NULL, or asked for each row: nonzero gives up */
+    int (*cancelled)(void *user);         /* NULL, or asked for each row: nonzero gives up */
     void *cancel_user;
 };
 
