@@ -9,5 +9,5 @@ static int example(void)
 
 int main(void)
 {
-    return example_end(example());
+    return example_end((enum umb_status)example());
 }

@@ -16,5 +16,5 @@ int main(void)
     struct umb_asset *asset = example_asset();
     const int status = example(asset);
     umb_asset_close(asset);
-    return example_end(status);
+    return example_end((enum umb_status)status);
 }

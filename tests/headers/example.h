@@ -3,8 +3,8 @@
 #define UMBRAGE_TESTS_EXAMPLE_H
 /*
  * What the functions around the examples of the installed headers share. Each runs in a folder that
- * has the asset city.umb, which a daemon serves too; the examples name its address. The argument of
- * a program is the scene of that asset.
+ * has the asset city.umb, which a daemon serves too; the examples name its address. The arguments of
+ * a program are the scene of that asset and the daemon's address.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -28,5 +28,5 @@ static int example(void)
 int main(void)
 {
     fill();
-    return example_end(example());
+    return example_end((enum umb_status)example());
 }

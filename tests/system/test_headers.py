@@ -44,9 +44,9 @@ test = ut.Test()
 os.mkdir(test.path("store"))
 asset = test.path("store", "city.umb")
 scene = test.scene("city", 3, form="ply")
-test.bake(scene, asset, "--resolution", 512, "--closed", "off", "--depth", "raster", "--verify", 0)
+test.bake(scene, asset, "--resolution", 2048, "--closed", "off", "--depth", "raster", "--verify", 0)
 os.symlink(asset, test.path("city.umb"))
-daemon = test.daemon("--jobs", test.path("jobs"))
+daemon = test.daemon("--jobs", test.path("bakes"))
 compiler = os.environ.get("CC", "gcc").split()
 libraries = [os.path.join(ut.BUILD, f"lib{name}.a") for name in ("umbrage", "umbrage-maps", "umbrage-core")]
 system = subprocess.run(["pkg-config", "--libs", "libuv", "libnghttp2", "libprotobuf-c", "libssl", "libcrypto",
@@ -72,7 +72,7 @@ for name in sorted(os.listdir(HEADERS)):
         subprocess.run([*compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-g", *sanitizers,
                         "-I" + os.path.join(ut.ROOT, "client", "include"), "-I" + AROUND, "-I" + test.folder,
                         around, *libraries, *system, "-lm", "-pthread", "-o", test.path(stem)], check=True)
-        done = subprocess.run([test.path(stem), scene], cwd=test.folder, stdout=subprocess.PIPE,
+        done = subprocess.run([test.path(stem), scene, daemon.tcp], cwd=test.folder, stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, timeout=60, check=False)
         assert done.returncode == 0, done.stdout.decode(errors="replace")
 with test.check("there are examples"):

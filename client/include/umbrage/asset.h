@@ -5,9 +5,12 @@
  * Assets: the immutable shadow data of one scene and its lights.
  *
  *     struct umb_asset *asset;
- *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) { ... error.message ...
- * }
- *     ... umb_query_prepare(asset, ...) and umb_query_run(...), see query.h ...
+ *     struct umb_error error;
+ *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return error.status;
+ *     }
+ *     // ... umb_query_prepare(asset, ...) and umb_query_run(...), see umbrage/query.h
  *     umb_asset_close(asset);
  *
  * Two encodings of one content: packed (.umb, what is stored and sent) and mapped (.umbm, laid out

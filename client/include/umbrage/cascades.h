@@ -5,9 +5,18 @@
  * Cascades: several maps of a directional light for one camera, each for a slice of the view (PSSM,
  * parallel-split shadow maps), so that texels lie where pixels are.
  *
- *     umb_cascades_plan(&camera, to_light, &scene_box, &settings, &plan, &error);
- *     ... for each plan.frusta[i]: a layer of depths, umb_map_build, umb_map_prepare ...
- *     umb_cascades_run(&plan, queries, &points, 0, count, values);
+ *     struct umb_cascade_plan plan;
+ *     if (umb_cascades_plan(&camera, to_light, &scene, &settings, &plan, &error)) {
+ *         return error.status;
+ *     }
+ *     for (uint32_t i = 0; i < plan.count; i++) {
+ *         // ... fill layers[i].depth along umb_map_frustum_point(&plan.frusta[i], ...)
+ *         if (umb_map_build(&plan.frusta[i], &layers[i], &map_settings, NULL, &maps[i], &error) ||
+ *             umb_map_prepare(maps[i], &filter, &queries[i], &error)) {
+ *             return error.status;
+ *         }
+ *     }
+ *     umb_cascades_run(&plan, queries, &points, 0, points.count, values);
  *
  * Each map is built and filtered as any other (umbrage/maps.h): a VSM or EVSM a layer is PSSM +
  * VSM. Where layers meet, texels change their size, so a filter of n texels changes its width: a

@@ -5,8 +5,10 @@
  * libumbrage: asking a daemon over gRPC.
  *
  *     struct umb_client *client;
- *     umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
- *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
+ *     enum umb_status status = umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
+ *     if (status == UMB_OK) {
+ *         status = umb_client_query(client, &request, values, &reply, &error);  // waits
+ *     }
  *     umb_client_close(client);
  *
  * A client owns one loop thread and a connection to each server it was given, opened at the first

@@ -5,10 +5,12 @@
  * What accuracy costs: how far an answer may be off, the accuracy curve that an asset carries, and
  * the dial that turns a wanted accuracy or a budget into settings.
  *
- *     struct umb_dial dial = {.max_error_m = 0.05};
+ *     const struct umb_dial dial = {.max_error_m = 1};
  *     struct umb_curve_row row;
- *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
- *     umb_query_prepare(asset, &settings, &query, &error);
+ *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // fills in level and taps
+ *         umb_query_prepare(asset, &settings, &query, &error)) {
+ *         return error.status;
+ *     }
  *
  * The bound. A voxel's value is the true visibility of its centre (docs/umb-format.md, section 1),
  * so an answer that differs from the truth at a point looked at a place on the other side of a

@@ -5,8 +5,11 @@
  * Asset files as bytes: converting between the two encodings, and proving that a file's content is
  * the one that its id names.
  *
+ *     // static enum umb_status append(void *user, const void *bytes, size_t count)
  *     const struct umb_sink sink = {append, file};
- *     umb_asset_write(asset, UMB_ENCODING_MAPPED, umb_sha256_openssl(), &sink, &error);
+ *     if (umb_asset_write(asset, UMB_ENCODING_MAPPED, umb_sha256_openssl(), &sink, &error)) {
+ *         return error.status;
+ *     }
  *
  * The core has no SHA-256 and writes no files: both are interfaces that the caller fills in.
  * libumbrage has a ready hash, umb_sha256_openssl() of umbrage/region.h. A program that links

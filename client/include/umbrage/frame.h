@@ -5,12 +5,16 @@
  * Frame loops: a point for each pixel of a depth picture, and answers packed so that a frame costs
  * only what changed since an earlier one.
  *
- *     umb_picture_check(&picture, &error);
- *     umb_picture_points(&picture, first, count, points);   floats relative to the eye
- *     ... umb_query_run on them ...
- *     umb_picture_fill(&picture, first, count, format, values);   pixels with nothing in them: lit
- *     umb_frame_pack(values, base, size, out, &packed, &error);
- *     umb_frame_unpack(packed bytes, base, values, size, &error);
+ *     if (umb_picture_check(&picture, &error)) {
+ *         return error.status;
+ *     }
+ *     umb_picture_points(&picture, 0, count, points);  // floats relative to the eye
+ *     // ... umb_query_run on them ...
+ *     umb_picture_fill(&picture, 0, count, UMB_ANSWER_U8, values);  // empty pixels are lit
+ *     if (umb_frame_pack(values, base, count, scratch, packed, &packed_size, &error) ||
+ *         umb_frame_unpack(packed, packed_size, base, unpacked, count, &error)) {
+ *         return error.status;
+ *     }
  *
  * Client and server run the same code. Nothing here keeps state.
  * Trust: unpacking is safe on hostile bytes.

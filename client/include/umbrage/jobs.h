@@ -4,9 +4,11 @@
 /*
  * libumbrage: having a daemon bake a scene, and fetching what came of it.
  *
- *     umb_client_submit(client, &submission, &submitted, &error);
- *     umb_client_watch(client, submitted.job, told, user, &error);      until it is over
- *     umb_client_fetch(client, id, 0, got, user, &error);
+ *     if (umb_client_submit(client, &submission, &submitted, &error) ||
+ *         umb_client_watch(client, submitted.job, told, &id, &error) ||  // until it is over
+ *         umb_client_fetch(client, id, 0, got, &size, &error)) {
+ *         return error.status;
+ *     }
  *
  * Jobs and assets belong to the owner of the client's token. A submission whose reply was lost is
  * simply sent again: the daemon finds the first one by its content. A watch or a fetch that a lost

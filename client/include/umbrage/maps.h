@@ -4,12 +4,18 @@
 /*
  * Shadow maps of the literature behind one interface: depth layers in, visibility out.
  *
- *     struct umb_map_frustum frustum;
- *     umb_map_frustum_fit(to_light, &box, 1024, 1024, &frustum, &error);  where the texels lie
- *     ... fill depth[y * 1024 + x] along umb_map_frustum_point(...) ...
- *     umb_map_build(&frustum, &layer, &settings, NULL, &map, &error);
- *     umb_map_prepare(map, &filter, &query, &error);                      checks, once
- *     umb_map_run(&query, &points, 0, points.count, values);              cannot fail
+ *     struct umb_map_frustum frustum;  // where the texels lie
+ *     if (umb_map_frustum_fit(to_light, &box, 64, 64, &frustum, &error)) {
+ *         return error.status;
+ *     }
+ *     // ... fill layer.depth[y * 64 + x] along umb_map_frustum_point(&frustum, ...)
+ *     struct umb_map *map;
+ *     struct umb_map_query query;
+ *     if (umb_map_build(&frustum, &layer, &settings, NULL, &map, &error) ||
+ *         umb_map_prepare(map, &filter, &query, &error)) {  // checks, once
+ *         return error.status;
+ *     }
+ *     umb_map_run(&query, &points, 0, points.count, values);  // cannot fail
  *     umb_map_destroy(map);
  *
  * They are what umbrage's own voxel DAG is measured against, and what a thin client's GPU samples.

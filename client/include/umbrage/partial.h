@@ -5,14 +5,34 @@
  * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
  * them.
  *
- *     umb_file_read_head(front, size, &head, &error);            read head.front_bytes of the file
- *     umb_partial_open(front, size, &options, &partial, &error);
- *     umb_partial_want(partial, &view, 0, &error);               which pages matter, and how much
- *     count = umb_partial_missing(partial, list, room, budget);  the best first
- *     umb_partial_locate(partial, list[0], &offset, &length);    where each stands in the file
- *     umb_partial_add(partial, list[0], stored, length, &error); for each that came
- *     umb_partial_build(partial, &error);                        lays out what is here
- *     umb_partial_query(partial, &settings, &points, 0, &answers, &error);
+ *     struct umb_partial *partial;
+ *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // size: head.front_bytes
+ *         umb_partial_build(partial, &error)) {                         // coarse answers everywhere
+ *         return error.status;
+ *     }
+ *     uint32_t pages[64];
+ *     size_t count;
+ *     do {
+ *         if (umb_partial_want(partial, &view, 0, &error)) {  // which pages matter, and how much
+ *             return error.status;
+ *         }
+ *         count = umb_partial_missing(partial, pages, 64, 0);  // the best first
+ *         for (size_t i = 0; i < count; i++) {
+ *             uint64_t offset;
+ *             uint32_t length;
+ *             umb_partial_locate(partial, pages[i], &offset, &length);
+ *             // ... read `length` bytes at `offset` of the file into `stored`
+ *             if (umb_partial_add(partial, pages[i], stored, length, &error)) {
+ *                 return error.status;
+ *             }
+ *         }
+ *         if (umb_partial_build(partial, &error)) {  // lays out what is here
+ *             return error.status;
+ *         }
+ *     } while (count > 0);
+ *     if (umb_partial_query(partial, &settings, &points, 0, &answers, &error)) {
+ *         return error.status;
+ *     }
  *     umb_partial_close(partial);
  *
  * umbrage/region.h does all of that over a source of byte ranges.

@@ -4,11 +4,13 @@
 /*
  * Queries: how much of a light reaches each of a batch of points.
  *
- *     struct umb_query_settings settings = {.light = 0, .taps = 9};
+ *     const struct umb_query_settings settings = {.light = 0, .taps = 9};
  *     struct umb_query query;
- *     umb_query_prepare(asset, &settings, &query, &error);   checks the settings, once
- *     umb_points_check(&points, &error);                      checks the batch
- *     umb_query_run(&query, &points, 0, points.count, &answers);   cannot fail
+ *     if (umb_query_prepare(asset, &settings, &query, &error) ||  // checks the settings, once
+ *         umb_points_check(&points, &error)) {                    // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_query_run(&query, &points, 0, points.count, &answers);  // cannot fail
  *
  * Answers are the fraction of an n x n window of texels, at the depth of the point's voxel, from
  * which the light is visible: 0 shadowed, 1 lit (percentage closer filtering; Sintorn et al. 2014,

@@ -6,7 +6,9 @@
  * answers are those that umb_volume_segments and its like give for the same asset, bit for bit.
  *
  *     const struct umb_question question = {.asset = "city"};
- *     umb_client_columns(client, &question, &points, columns, &reply, &error);
+ *     if (umb_client_columns(client, &question, &points, &columns, &reply, &error)) {
+ *         return error.status;
+ *     }
  *
  * All block until answered, and are tried again as umb_client_query is. What the server takes in
  * one call: Limits (docs/protocol.md); a segment counts as 64 points or as its stretches, a column

@@ -4,9 +4,14 @@
 /*
  * libumbrage: streaming the part of an asset that one needs, and evaluating it here.
  *
- *     umb_region_open(&source, &options, &region, &error);      32 KiB: coarse answers everywhere
- *     umb_region_update(region, &request, &error);              fetches what a camera sees
- *     umb_region_query(region, &settings, &points, &answers, &error);
+ *     struct umb_region *region;
+ *     enum umb_status status = umb_region_open(&source, NULL, &region, &error);  // reads 32 KiB
+ *     if (status == UMB_OK) {
+ *         status = umb_region_update(region, &request, &error);  // fetches what a camera sees
+ *     }
+ *     if (status == UMB_OK) {
+ *         status = umb_region_query(region, &settings, &points, 0, &answers, &error);
+ *     }
  *     umb_region_close(region);
  *
  * A source gives ranges of a packed file: a local file, a web server, a daemon. Pages come coarse

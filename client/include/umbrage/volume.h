@@ -7,9 +7,11 @@
  * and which share of a box is lit.
  *
  *     struct umb_volume volume;
- *     umb_volume_prepare(asset, light, &volume, &error);     once
- *     umb_segments_check(&segments, &error);                  checks the batch
- *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);   cannot fail
+ *     if (umb_volume_prepare(asset, light, &volume, &error) ||  // once
+ *         umb_segments_check(&segments, &error)) {              // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);  // cannot fail
  *
  * All three answer for voxels as the asset holds them, exactly: they equal a march through every
  * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
