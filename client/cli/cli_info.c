@@ -379,7 +379,7 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     } else {
         print_description(about);
     }
-    umb_client_description_free(about);
+    umb_free(about);
     return umbc_finish_stdout(0);
 }
 

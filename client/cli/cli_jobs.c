@@ -147,10 +147,10 @@ int umbc_jobs(int argc, char **argv)
     if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    if (umb_client_jobs(client, (uint32_t)limit, &jobs, &count, &error) == UMB_OK) {
+    if (umb_client_list_jobs(client, (uint32_t)limit, &jobs, &count, &error) == UMB_OK) {
         print_jobs(jobs, count, parsed.values[OPTION_JSON] != NULL,
                    parsed.values[OPTION_QUIET] != NULL);
-        umb_client_jobs_free(jobs);
+        umb_free(jobs);
         code = umbc_finish_stdout(0);
     } else {
         code = umbc_complain(&error);

@@ -143,7 +143,7 @@ int umbc_load(int argc, char **argv)
         code = UMBC_EXIT_NEGATIVE;
     }
     umbc_output_abandon(&test->report);
-    umb_client_description_free(test->about);
+    umb_free(test->about);
     umbc_load_pool_finish(&test->pool);
     free(test);
     return umbc_finish_stdout(code);

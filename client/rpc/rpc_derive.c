@@ -104,8 +104,3 @@ enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
     memcpy(asset_id, g.asset_id, UMB_ID_BYTES);
     return UMB_OK;
 }
-
-void umb_client_derived_free(uint8_t *bytes)
-{
-    free(bytes);
-}

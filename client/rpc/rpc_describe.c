@@ -29,8 +29,8 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
     return umbw_decode_list_reply(message, size, out, error);
 }
 
-enum umb_status umb_client_list(struct umb_client *client, struct umb_client_asset **assets,
-                                size_t *count, struct umb_error *error)
+enum umb_status umb_client_list_assets(struct umb_client *client, struct umb_client_asset **assets,
+                                       size_t *count, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct umbw_list_reply reply = {0, NULL};
@@ -59,11 +59,6 @@ enum umb_status umb_client_list(struct umb_client *client, struct umb_client_ass
     return status;
 }
 
-void umb_client_assets_free(struct umb_client_asset *assets)
-{
-    free(assets);
-}
-
 static enum umb_status decode_description(void *out, const uint8_t *message, size_t size,
                                           struct umb_error *error)
 {
@@ -78,16 +73,17 @@ static void copy_curve(const struct umbw_curve *curve, struct umb_client_light *
     memcpy(light->coherent_ns, curve->coherent_ns, sizeof light->coherent_ns);
 }
 
-/* Moves the texts of a reply and copies the rest. NULL if memory is short. */
-static struct umb_client_description *make_description(struct umbw_describe_reply *reply)
+/* Copies a reply into one block, lights and texts behind the description. NULL if memory is short. */
+static struct umb_client_description *make_description(const struct umbw_describe_reply *reply)
 {
-    struct umb_client_description *out = calloc(1, sizeof *out);
-    struct umb_client_light *lights = calloc((size_t)reply->light_count + 1, sizeof *lights);
-    if (out == NULL || lights == NULL) {
-        free(lights);
-        free(out);
+    const size_t plan = strlen(reply->plan) + 1, settings = strlen(reply->settings) + 1;
+    struct umb_client_description *out;
+    struct umb_client_light *lights;
+    out = calloc(1, sizeof *out + reply->light_count * sizeof *lights + plan + settings);
+    if (out == NULL) {
         return NULL;
     }
+    lights = (struct umb_client_light *)(void *)(out + 1);
     for (uint32_t i = 0; i < reply->light_count; i++) {
         lights[i].info = reply->lights[i].info;
         lights[i].resolution = reply->lights[i].resolution;
@@ -101,10 +97,8 @@ static struct umb_client_description *make_description(struct umbw_describe_repl
     memcpy(out->origin, reply->origin, sizeof out->origin);
     out->bounds = reply->bounds;
     memcpy(out->scene_hash, reply->scene_hash, sizeof out->scene_hash);
-    out->plan = reply->plan;
-    out->settings = reply->settings;
-    reply->plan = NULL;
-    reply->settings = NULL;
+    out->plan = memcpy(lights + reply->light_count, reply->plan, plan);
+    out->settings = memcpy(out->plan + plan, reply->settings, settings);
     return out;
 }
 
@@ -133,16 +127,6 @@ enum umb_status umb_client_describe(struct umb_client *client, const char *asset
                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a description");
 }
 
-void umb_client_description_free(struct umb_client_description *description)
-{
-    if (description != NULL) {
-        free(description->lights);
-        free(description->plan);
-        free(description->settings);
-        free(description);
-    }
-}
-
 static enum umb_status decode_limits(void *out, const uint8_t *message, size_t size,
                                      struct umb_error *error)
 {
@@ -150,7 +134,7 @@ static enum umb_status decode_limits(void *out, const uint8_t *message, size_t s
 }
 
 enum umb_status umb_client_get_limits(struct umb_client *client, struct umb_client_limits *limits,
-                                      struct umb_error *error)
+                                  struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct umbw_limits told;

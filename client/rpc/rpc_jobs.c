@@ -159,9 +159,9 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
     return status;
 }
 
-enum umb_status umb_client_jobs(struct umb_client *client, uint32_t limit,
-                                struct umb_job_status **jobs, size_t *count,
-                                struct umb_error *error)
+enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
+                                     struct umb_job_status **jobs, size_t *count,
+                                     struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct list list = {NULL, 0};
@@ -175,11 +175,6 @@ enum umb_status umb_client_jobs(struct umb_client *client, uint32_t limit,
     *jobs = list.jobs;
     *count = list.count;
     return status;
-}
-
-void umb_client_jobs_free(struct umb_job_status *jobs)
-{
-    free(jobs);
 }
 
 /* --- Fetch --- */

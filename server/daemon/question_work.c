@@ -10,6 +10,7 @@
 #include <time.h>
 
 #include "common/store.h"
+#include "query/volume_parts.h"
 
 #define CHUNK 64
 

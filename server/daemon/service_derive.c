@@ -28,7 +28,7 @@ struct deriving {
     struct block ledger; /* head of a ring of what is allocated */
     struct umb_error error;
     enum umb_status status;
-    uint8_t *file; /* of the ledger */
+    const uint8_t *file; /* of the ledger */
     size_t size;
     struct umbw_buffer messages; /* the replies, prefixes included */
 };
@@ -86,8 +86,7 @@ static void derive(void *user)
                             &d->error);
     if (d->status == UMB_OK) {
         d->status = umb_derived_ktx2(derived, &d->file, &d->size, &d->error);
-        umb_derived_destroy(derived);
-    }
+    } /* the ledger frees what was derived */
 }
 
 static enum umb_status make_messages(struct deriving *d, struct umb_error *error)

@@ -124,7 +124,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
         source->light = description->lights[source->settings.light].info;
         source->translucent = umbt_plan_has(description->plan, "transmittance");
     }
-    umb_client_description_free(description);
+    umb_free(description);
     return status;
 }
 

@@ -46,7 +46,7 @@ static void run(const struct umb_derive_settings *settings)
 {
     struct umb_derived *derived = NULL;
     struct umb_error error = {0};
-    uint8_t *file = NULL;
+    const uint8_t *file = NULL;
     size_t size = 0;
     if (umb_derive(asset(), settings, NULL, &derived, &error) != UMB_OK) {
         FUZZ_DEMAND(derived == NULL && error.message[0] != '\0');
@@ -57,7 +57,6 @@ static void run(const struct umb_derive_settings *settings)
     FUZZ_DEMAND(umb_derived_ktx2(derived, &file, &size, &error) == UMB_OK);
     FUZZ_DEMAND(size > 12 && memcmp(file + 1, "KTX 20", 6) == 0);
     FUZZ_DEMAND(size <= umb_derive_bytes(settings));
-    umb_derived_free(derived, file);
     umb_derived_destroy(derived);
 }
 

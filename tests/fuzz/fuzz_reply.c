@@ -126,7 +126,7 @@ static void job_replies(struct input *input)
     if (decode_list(&list, input->at, size, &error) == UMB_OK) {
         FUZZ_DEMAND(list.count <= UMBW_JOBS_MAX && list.jobs != NULL);
     }
-    umb_client_jobs_free(list.jobs);
+    umb_free(list.jobs);
 }
 
 struct got {

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/memory.h"
+#include "maps/derive_parts.h"
 #include "maps/map_view.h"
 #include "umbrage/volume.h"
 
@@ -21,11 +22,6 @@
 #define ROW_BYTES (4 * sizeof(double) + sizeof(struct umb_column_answer))
 /* Handles, and what a KTX file is planned with. */
 #define FIXED_BYTES 32768U
-
-static const struct umb_alloc *alloc_of(const struct umb_derived *derived)
-{
-    return derived->own_alloc ? &derived->alloc : NULL;
-}
 
 static uint32_t map_count(const struct umb_derive_settings *settings)
 {
@@ -251,9 +247,9 @@ static enum umb_status derive_layer(const struct umb_volume *volume,
 
 static enum umb_status derive_maps(const struct umb_asset *asset,
                                    const struct umb_derive_settings *asked,
-                                   struct umb_derived *derived, struct umb_error *error)
+                                   const struct umb_alloc *alloc, struct umb_derived *derived,
+                                   struct umb_error *error)
 {
-    const struct umb_alloc *alloc = alloc_of(derived);
     const size_t width = asked->width, texels = width * asked->height;
     struct umb_volume volume;
     enum umb_status status = umb_volume_prepare(asset, asked->light, &volume, error);
@@ -296,13 +292,14 @@ enum umb_status umb__derive(const struct umb_asset *asset,
     if (status != UMB_OK) {
         return status;
     }
-    struct umb_derived *derived = umb__alloc_zeroed(alloc, 1, sizeof *derived);
-    if (derived == NULL) {
+    struct umb__derived *whole = umb__alloc_zeroed(alloc, 1, sizeof *whole);
+    if (whole == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "a derived map does not fit in memory");
     }
-    derived->own_alloc = alloc != NULL;
+    struct umb_derived *derived = &whole->shown;
+    whole->own_alloc = alloc != NULL;
     if (alloc != NULL) {
-        derived->alloc = *alloc;
+        whole->alloc = *alloc;
     }
     derived->count = map_count(settings);
     derived->settings = *settings;
@@ -312,7 +309,7 @@ enum umb_status umb__derive(const struct umb_asset *asset,
     fill_in(&derived->settings.map);
     status = place_maps(asset, settings, view, derived, error);
     if (status == UMB_OK) {
-        status = derive_maps(asset, settings, derived, error);
+        status = derive_maps(asset, settings, alloc, derived, error);
     }
     if (status != UMB_OK) {
         umb_derived_destroy(derived);
@@ -348,11 +345,8 @@ void umb_derived_destroy(struct umb_derived *derived)
     for (uint32_t i = 0; i < derived->count; i++) {
         umb_map_destroy(derived->maps[i]);
     }
-    const struct umb_alloc alloc = derived->alloc;
-    umb__free(derived->own_alloc ? &alloc : NULL, derived);
-}
-
-void umb_derived_free(const struct umb_derived *derived, uint8_t *bytes)
-{
-    umb__free(alloc_of(derived), bytes);
+    struct umb__derived *whole = (struct umb__derived *)(void *)derived;
+    const struct umb_alloc alloc = whole->alloc, *used = whole->own_alloc ? &alloc : NULL;
+    umb__free(used, whole->file);
+    umb__free(used, whole);
 }

@@ -248,31 +248,25 @@ UMB_API void umb_client_stream_close(struct umb_client_stream *stream);
  * Lists the server's assets, by name, and waits for the answer.
  *
  * Out:   assets: [count], NULL and 0 on failure.
- * Owns:  the caller frees them with umb_client_assets_free.
+ * Owns:  the caller frees them with umb_free.
  * Fails: as umb_client_query but for the points.
  */
-UMB_API UMB_CHECKED enum umb_status umb_client_list(struct umb_client *client,
-                                                    struct umb_client_asset **assets, size_t *count,
-                                                    struct umb_error *error);
-
-/* Frees a list. NULL is allowed. */
-UMB_API void umb_client_assets_free(struct umb_client_asset *assets);
+UMB_API UMB_CHECKED enum umb_status umb_client_list_assets(struct umb_client *client,
+                                                           struct umb_client_asset **assets,
+                                                           size_t *count, struct umb_error *error);
 
 /*
  * Describes one asset and waits for the answer.
  *
  * In:    asset: name or id.
  * Out:   description: NULL on failure.
- * Owns:  the caller frees it with umb_client_description_free.
- * Fails: as umb_client_list; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8), E_NOT_FOUND.
+ * Owns:  the caller frees it and all it points to with umb_free.
+ * Fails: as umb_client_list_assets; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8), E_NOT_FOUND.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *client,
                                                         const char *asset,
                                                         struct umb_client_description **description,
                                                         struct umb_error *error);
-
-/* Frees a description and all it points to. NULL is allowed. */
-UMB_API void umb_client_description_free(struct umb_client_description *description);
 
 /*
  * Has the server derive maps of an asset and waits for the KTX 2.0 file, as umb_derived_ktx2 makes
@@ -280,7 +274,7 @@ UMB_API void umb_client_description_free(struct umb_client_description *descript
  *
  * In:    asset: name or id. settings: as umb_derive takes them; cancelled is not looked at.
  * Out:   bytes: [size], NULL on failure; asset_id: of the version that answered.
- * Owns:  the caller frees bytes with umb_client_derived_free.
+ * Owns:  the caller frees bytes with umb_free.
  * Fails: as umb_client_describe; what umb_derive fails with, as the server says it; E_TOO_LARGE
  *        (over max_reply_bytes).
  */
@@ -289,9 +283,6 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
                                                       uint8_t **bytes, size_t *size,
                                                       uint8_t asset_id[UMB_ID_BYTES],
                                                       struct umb_error *error);
-
-/* Frees such a file. NULL is allowed. */
-UMB_API void umb_client_derived_free(uint8_t *bytes);
 
 /* What a server takes in one call; docs/protocol.md has all of it. */
 struct umb_client_limits {
@@ -310,18 +301,18 @@ struct umb_client_limits {
  * Asks what the server takes and waits for the answer.
  *
  * Out:   limits: zeroed on failure.
- * Fails: as umb_client_list.
+ * Fails: as umb_client_list_assets.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *client,
-                                                          struct umb_client_limits *limits,
-                                                          struct umb_error *error);
+                                                      struct umb_client_limits *limits,
+                                                      struct umb_error *error);
 
 /*
  * Asks the health service and waits for the answer.
  *
  * In:    service: "umbrage.v1.Shadows"; "" or NULL for the server as a whole.
  * Out:   serving: 1 if it said SERVING, else 0.
- * Fails: as umb_client_list; E_NOT_FOUND (a service it does not know).
+ * Fails: as umb_client_list_assets; E_NOT_FOUND (a service it does not know).
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
                                                       const char *service, int *serving,

@@ -16,7 +16,7 @@
  *
  * Blocking: all functions wait, and must not be called from a call-back (E_STATE). Call-backs run
  * on the client's thread.
- * Fails: what umb_client_list fails with, E_UNSUPPORTED (a daemon that takes no jobs), and what is
+ * Fails: what umb_client_list_assets fails with, E_UNSUPPORTED (a daemon that takes no jobs), and what is
  * said below.
  */
 #include <stddef.h>
@@ -65,10 +65,10 @@ struct umb_job_status {
     int has_asset;
     uint8_t asset[UMB_ID_BYTES]; /* when done */
     /* Of a watched job that runs: */
-    char phase[32], unit[32];   /* "bake", "texel" */
-    uint64_t done, total;       /* of the phase; total 0 = not known */
-    double rate;                /* units a second */
-    int64_t left_ms;            /* of the phase, -1 = not known */
+    char phase[32], unit[32]; /* "bake", "texel" */
+    uint64_t done, total;     /* of the phase; total 0 = not known */
+    double rate;              /* units a second */
+    int64_t left_ms;          /* of the phase, -1 = not known */
     /* Of a watched job's last try; total 0 = not known, found: kept from earlier bakes: */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* lines; NULL in lists; borrowed during the call-back */
@@ -124,11 +124,10 @@ UMB_API UMB_CHECKED enum umb_status umb_client_cancel_job(struct umb_client *cli
                                                           struct umb_error *error);
 
 /* Lists the caller's jobs, newest first. In: limit: 0 = 100, at most 1000. Owns: the caller frees
- * them with umb_client_jobs_free. */
-UMB_API UMB_CHECKED enum umb_status umb_client_jobs(struct umb_client *client, uint32_t limit,
-                                                    struct umb_job_status **jobs, size_t *count,
-                                                    struct umb_error *error);
-UMB_API void umb_client_jobs_free(struct umb_job_status *jobs); /* NULL is allowed */
+ * them with umb_free. */
+UMB_API UMB_CHECKED enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
+                                                         struct umb_job_status **jobs,
+                                                         size_t *count, struct umb_error *error);
 
 /* Gets an asset's packed file from an offset on. got: takes the next bytes and returns UMB_OK, or
  * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got

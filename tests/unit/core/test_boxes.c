@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include "volume_fixture.h"
+#include "query/volume_parts.h"
 
 /* The header's words for the centre of a voxel. */
 static double centre_at(const struct volume_fixture *f, unsigned axis, const int64_t voxel[3])

@@ -49,10 +49,10 @@ static void assets_are_listed(void **state)
     struct umb_error error;
     struct umb_client_asset *assets;
     size_t count;
-    assert_int_equal(umb_client_list(peer->client, &assets, &count, &error), UMB_OK);
+    assert_int_equal(umb_client_list_assets(peer->client, &assets, &count, &error), UMB_OK);
     assert_int_equal(count, 2);
     assert_string_equal(assets[1].name, "b");
-    umb_client_assets_free(assets);
+    umb_free(assets);
 }
 
 static void an_asset_is_described(void **state)
@@ -66,7 +66,7 @@ static void an_asset_is_described(void **state)
     assert_string_equal(about->lights[0].info.name, "sun");
     assert_int_equal(about->lights[0].resolution, 1024);
     assert_string_equal(about->plan, "effect=closed state=on\n");
-    umb_client_description_free(about);
+    umb_free(about);
 }
 
 static void limits_are_those_that_the_server_tells(void **state)
