@@ -72,7 +72,7 @@ for name in sorted(os.listdir(HEADERS)):
         subprocess.run([*compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-g", *sanitizers,
                         "-I" + os.path.join(ut.ROOT, "client", "include"), "-I" + AROUND, "-I" + test.folder,
                         around, *libraries, *system, "-lm", "-pthread", "-o", test.path(stem)], check=True)
-        done = subprocess.run([test.path(stem), scene, daemon.tcp], cwd=test.folder, stdout=subprocess.PIPE,
+        done = subprocess.run([test.path(stem), scene, daemon.grpc_unix], cwd=test.folder, stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, timeout=60, check=False)
         assert done.returncode == 0, done.stdout.decode(errors="replace")
 with test.check("there are examples"):

@@ -5,11 +5,14 @@
  * Maps for GPUs, made from an asset alone: no scene, no rays. Any rectangle of a light's voxels, or
  * the cascades of a camera, as depth, VSM, ESM, EVSM or MSM, filtered beforehand, with mip levels.
  *
- *     struct umb_derive_settings settings = {.width = 1024, .height = 1024,
- *                                            .map = {.technique = UMB_MAP_EVSM}};
- *     umb_derive(asset, &settings, NULL, &derived, &error);
- *     umb_derived_ktx2(derived, &bytes, &size, &error);    what a GPU loads
- *     umb_map_prepare(derived->maps[0], ...);              or ask it here, umbrage/maps.h
+ *     const struct umb_derive_settings settings = {
+ *         .width = 1024, .height = 1024, .map = {.technique = UMB_MAP_EVSM}};
+ *     struct umb_derived *derived;
+ *     if (umb_derive(asset, &settings, NULL, &derived, &error) ||
+ *         umb_derived_ktx2(derived, &bytes, &size, &error)) {  // what a GPU loads
+ *         return error.status;
+ *     }
+ *     // ... or ask derived->maps[0] here, see umbrage/maps.h
  *     umb_derived_destroy(derived);
  *
  * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns finds
