@@ -40,5 +40,9 @@ $(WIRE_LIB): $(WIRE_OBJ)
 # Outside, messages are no library of their own. Compressed requests are for servers.
 $(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))
 
+# Addresses and TLS: part of the client library and of the daemon.
+NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/net/*.c))
+$(RPC_LIB): $(NET_OBJ)
+
 wire: $(WIRE_LIB) ## the wire library alone
 .PHONY: wire

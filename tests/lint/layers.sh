@@ -38,6 +38,7 @@ forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SE
 forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
 forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core and libumbrage"
 forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
+forbid proto/net "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|$SERVER|^rpc_" "uses the core and OpenSSL, and does no I/O"
 forbid server/common "^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
 forbid server/jobs "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
 forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
