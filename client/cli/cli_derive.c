@@ -46,7 +46,7 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
     enum umb_status status = umbc_connect(options->session, &client, error);
     if (status == UMB_OK) {
         status = umb_client_derive(client, options->target, settings, &made->received, &made->size,
-                                   made->asset, error);
+                                   made->asset, NULL, error);
         made->bytes = made->received;
         umb_client_close(client);
     }

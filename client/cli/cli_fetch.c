@@ -150,7 +150,7 @@ static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch
     fetch->head_checked = false;
     do {
         const uint64_t before = fetch->at;
-        status = umb_client_fetch(client, fetch->asset, fetch->at, take, fetch, error);
+        status = umb_client_fetch(client, fetch->asset, fetch->at, take, fetch, NULL, error);
         tries = fetch->at > before ? 0 : tries + 1;
         if (status == UMB_E_UNAVAILABLE) {
             (void)nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);

@@ -365,7 +365,7 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     if (umbc_connect(parsed->session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    enum umb_status status = umb_client_describe(client, name, &about, &error);
+    enum umb_status status = umb_client_describe(client, name, &about, NULL, &error);
     umb_client_close(client);
     if (status != UMB_OK) {
         return umbc_complain(&error);

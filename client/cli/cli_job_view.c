@@ -137,7 +137,7 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
     enum umb_status result = UMB_OK;
     do {
         const double told_s = view.told_s;
-        result = umb_client_watch(client, job, on_status, &view, error);
+        result = umb_client_watch(client, job, on_status, &view, NULL, error);
         if ((result == UMB_OK && is_over(view.status.state)) || !may_pass(result)) {
             break;
         }

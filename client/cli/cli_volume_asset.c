@@ -138,7 +138,7 @@ enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
     const struct umb_question question = question_of(asset);
     struct umb_question_reply reply;
     enum umb_status status =
-        umb_client_segments(asset->client, &question, segments, answers, &reply, error);
+        umb_client_segments(asset->client, &question, segments, answers, &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -159,7 +159,7 @@ enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
     const struct umb_question question = question_of(asset);
     struct umb_question_reply reply;
     enum umb_status status =
-        umb_client_columns(asset->client, &question, points, answers, &reply, error);
+        umb_client_columns(asset->client, &question, points, answers, &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -216,6 +216,6 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
     const struct umb_question question = question_of(asset);
     struct umb_question_reply reply;
     status = umb_client_boxes(asset->client, &question, asset->boxes, corners->count, answers,
-                              &reply, error);
+                              &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }

@@ -91,20 +91,21 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
     struct umb_column_answers columns = {.columns = bench->columns};
     struct umb_box_answers boxes = {.boxes = bench->boxes};
     if (kind == SEGMENTS && bench->client) {
-        demand(
-            umb_client_segments(bench->client, &bench->question, &pairs, &segments, NULL, &error),
-            &error);
+        demand(umb_client_segments(bench->client, &bench->question, &pairs, &segments, NULL, NULL,
+                                   &error),
+               &error);
     } else if (kind == SEGMENTS) {
         umb_volume_segments(&bench->volume, &pairs, 0, count, &segments);
     } else if (kind == COLUMNS && bench->client) {
-        demand(umb_client_columns(bench->client, &bench->question, &points, &columns, NULL, &error),
+        demand(umb_client_columns(bench->client, &bench->question, &points, &columns, NULL, NULL,
+                                  &error),
                &error);
     } else if (kind == COLUMNS) {
         umb_volume_columns(&bench->volume, &points, 0, count, &columns);
     } else if (bench->client) {
         umb_boxes_from_corners(&pairs, 0, count, bench->corners);
         demand(umb_client_boxes(bench->client, &bench->question, bench->corners, count, &boxes,
-                                NULL, &error),
+                                NULL, NULL, &error),
                &error);
     } else {
         umb_boxes_from_corners(&pairs, 0, count, bench->corners);

@@ -33,8 +33,8 @@ struct umb_aliasing {
 /*
  * Analyses a point that the camera sees and the light reaches.
  *
- * In:    camera: near_m and far_m are not read. width, height: pixels. normal: of any length above 0,
- *        towards the camera.
+ * In:    camera: near_m and far_m are not read. width, height: pixels. normal: of any length above
+ *        0, towards the camera.
  * Out:   all infinite where the light grazes the surface (cos b = 0) and the texel's patch has no
  *        end; never NaN.
  * Fails: E_NOT_FOUND, and zeros: the point lies behind the camera or the light, or faces away from

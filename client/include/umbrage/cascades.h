@@ -72,7 +72,8 @@ UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, dou
  * casters before a slice are in its map.
  *
  * In:    camera: eye within 1e30 m, 1e-30 <= near_m < far_m <= 1e30 along forward, tangents of half
- *        its angles 1e-6 to below 1000. to_light: any length above 0. scene: of all casters, metres, world space.
+ *        its angles 1e-6 to below 1000. to_light: any length above 0. scene: of all casters,
+ *        metres, world space.
  * Fails: E_ARGUMENT (camera, light, box or settings), naming the field; also an eye that is more
  *        than 2^40 times a slice's size from the scene.
  */

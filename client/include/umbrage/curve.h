@@ -7,7 +7,7 @@
  *
  *     const struct umb_dial dial = {.max_error_m = 1};
  *     struct umb_curve_row row;
- *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // fills in level and taps
+ *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // level and taps
  *         umb_query_prepare(asset, &settings, &query, &error)) {
  *         return error.status;
  *     }

@@ -15,12 +15,12 @@
  *     // ... or ask derived->maps[0] here, see umbrage/maps.h
  *     umb_derived_destroy(derived);
  *
- * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns finds
- * it: depth is right to half a voxel along the light for the ray through that column's centre,
- * which lies within half a voxel of the texel's on each axis across. A map rendered from the scene
- * with the same frustum differs by no more, but where a silhouette runs between the two rays. A
- * texel wider than a voxel samples its centre only, as a rendered map does; derive finer and take
- * a mip level for averages.
+ * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns
+ * finds it: depth is right to half a voxel along the light for the ray through that column's
+ * centre, which lies within half a voxel of the texel's on each axis across. A map rendered from
+ * the scene with the same frustum differs by no more, but where a silhouette runs between the two
+ * rays. A texel wider than a voxel samples its centre only, as a rendered map does; derive finer
+ * and take a mip level for averages.
  *
  * Assets: directional lights. Under the closed rule the depth of first occluders is there only with
  * the effect `front`.
@@ -58,7 +58,7 @@ struct umb_derive_settings {
     void *cancel_user;
 };
 
-/* Maps that belong together: one, or a cascade each. Made by umb_derive alone, read by the caller. */
+/* Maps that belong together: one, or a cascade each. Made by umb_derive alone. */
 struct umb_derived {
     uint32_t count;
     struct umb_map *maps[UMB_CASCADES_MAX];

@@ -47,8 +47,9 @@ UMB_API UMB_CHECKED enum umb_status umb_picture_check(const struct umb_picture *
  * Where the pixels first .. first + count - 1 are.
  *
  * In:  picture: one that umb_picture_check takes.
- * Out: points: float[3 * count], relative to picture->camera.eye; 0 where nothing is there. Through the
- *      pixel's centre, in double precision, rounded once; the tangent of fov_y is the C library's.
+ * Out: points: float[3 * count], relative to picture->camera.eye; 0 where nothing is there. Through
+ *      the pixel's centre, in double precision, rounded once; the tangent of fov_y is the C
+ *      library's.
  */
 UMB_API void umb_picture_points(const struct umb_picture *picture, size_t first, size_t count,
                                 float *points);

@@ -4,9 +4,9 @@
 /*
  * libumbrage: having a daemon bake a scene, and fetching what came of it.
  *
- *     if (umb_client_submit(client, &submission, &submitted, &error) ||
- *         umb_client_watch(client, submitted.job, told, &id, &error) ||  // until it is over
- *         umb_client_fetch(client, id, 0, got, &size, &error)) {
+ *     if (umb_client_submit(client, &submission, &submitted, NULL, &error) ||
+ *         umb_client_watch(client, submitted.job, told, &id, NULL, &error) ||  // until it is over
+ *         umb_client_fetch(client, id, 0, got, &size, NULL, &error)) {
  *         return error.status;
  *     }
  *
@@ -14,10 +14,11 @@
  * simply sent again: the daemon finds the first one by its content. A watch or a fetch that a lost
  * connection ended is begun again, a fetch from the byte it had come to.
  *
- * Blocking: all functions wait, and must not be called from a call-back (E_STATE). Call-backs run
- * on the client's thread.
- * Fails: what umb_client_list_assets fails with, E_UNSUPPORTED (a daemon that takes no jobs), and what is
- * said below.
+ * Blocking: with async NULL the functions wait, and must not be called from a callback (E_STATE).
+ * Callbacks run on the client's thread. Submitting hashes the files first, on the caller's thread,
+ * and borrows the submission until its end.
+ * Fails: what umb_client_list_assets fails with, E_UNSUPPORTED (a daemon that takes no jobs), and
+ *        what is said below.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -107,6 +108,7 @@ struct umb_job_submitted {
 UMB_API UMB_CHECKED enum umb_status umb_client_submit(struct umb_client *client,
                                                       const struct umb_job_submission *submission,
                                                       struct umb_job_submitted *submitted,
+                                                      struct umb_client_async *async,
                                                       struct umb_error *error);
 
 /* Calls told for each change, at once for the first, until the job is over. told returns 0 to stop
@@ -114,20 +116,20 @@ UMB_API UMB_CHECKED enum umb_status umb_client_submit(struct umb_client *client,
 typedef int (*umb_job_told_fn)(void *user, const struct umb_job_status *status);
 UMB_API UMB_CHECKED enum umb_status umb_client_watch(struct umb_client *client, const char *job,
                                                      umb_job_told_fn told, void *user,
+                                                     struct umb_client_async *async,
                                                      struct umb_error *error);
 
 /* Ends a job that is not over. Out: status: may be NULL; its plan and notices are NULL. Fails:
  * E_NOT_FOUND. */
-UMB_API UMB_CHECKED enum umb_status umb_client_cancel_job(struct umb_client *client,
-                                                          const char *job,
-                                                          struct umb_job_status *status,
-                                                          struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_client_cancel_job(struct umb_client *client, const char *job, struct umb_job_status *status,
+                      struct umb_client_async *async, struct umb_error *error);
 
 /* Lists the caller's jobs, newest first. In: limit: 0 = 100, at most 1000. Owns: the caller frees
  * them with umb_free. */
-UMB_API UMB_CHECKED enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
-                                                         struct umb_job_status **jobs,
-                                                         size_t *count, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_client_list_jobs(struct umb_client *client, uint32_t limit, struct umb_job_status **jobs,
+                     size_t *count, struct umb_client_async *async, struct umb_error *error);
 
 /* Gets an asset's packed file from an offset on. got: takes the next bytes and returns UMB_OK, or
  * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got
@@ -137,11 +139,13 @@ typedef enum umb_status (*umb_job_got_fn)(void *user, uint64_t offset, const voi
 UMB_API UMB_CHECKED enum umb_status umb_client_fetch(struct umb_client *client,
                                                      const uint8_t asset[UMB_ID_BYTES],
                                                      uint64_t offset, umb_job_got_fn got,
-                                                     void *user, struct umb_error *error);
+                                                     void *user, struct umb_client_async *async,
+                                                     struct umb_error *error);
 
 /* Takes an asset from the caller; its file goes with the last owner. Fails: E_NOT_FOUND. */
 UMB_API UMB_CHECKED enum umb_status umb_client_delete_asset(struct umb_client *client,
                                                             const uint8_t asset[UMB_ID_BYTES],
+                                                            struct umb_client_async *async,
                                                             struct umb_error *error);
 
 #ifdef __cplusplus

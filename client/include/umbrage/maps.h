@@ -299,8 +299,8 @@ struct umb_map_level {
     size_t bytes;
 };
 
-/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored as
- * texels: tables, DEEP); out is then zeroed. Cost: O(1). */
+/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored
+ * as texels: tables, DEEP); out is then zeroed. Cost: O(1). */
 UMB_API enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
                                           struct umb_map_level *out);
 

@@ -6,8 +6,8 @@
  * them.
  *
  *     struct umb_partial *partial;
- *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // size: head.front_bytes
- *         umb_partial_build(partial, &error)) {                         // coarse answers everywhere
+ *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // head.front_bytes
+ *         umb_partial_build(partial, &error)) {                         // coarse answers
  *         return error.status;
  *     }
  *     uint32_t pages[64];
@@ -201,7 +201,6 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_build(struct umb_partial *partia
  * the whole asset is: info, lights, frusta. Borrowed until the next build; NULL before the first.
  */
 UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *partial);
-UMB_API const struct umb_asset *umb_partial_upper(const struct umb_partial *partial);
 
 /* Answers of a partial asset. Arrays of points->count; only values is needed. */
 struct umb_partial_answers {

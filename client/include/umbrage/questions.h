@@ -6,13 +6,13 @@
  * answers are those that umb_volume_segments and its like give for the same asset, bit for bit.
  *
  *     const struct umb_question question = {.asset = "city"};
- *     if (umb_client_columns(client, &question, &points, &columns, &reply, &error)) {
+ *     if (umb_client_columns(client, &question, &points, &columns, &reply, NULL, &error)) {
  *         return error.status;
  *     }
  *
- * All block until answered, and are tried again as umb_client_query is. What the server takes in
- * one call: Limits (docs/protocol.md); a segment counts as 64 points or as its stretches, a column
- * as 1, a box as 256.
+ * With async NULL they block until answered. All are tried again as umb_client_query is. What the
+ * server takes in one call: Limits (docs/protocol.md); a segment counts as 64 points or as its
+ * stretches, a column as 1, a box as 256.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"
@@ -38,6 +38,7 @@ struct umb_question_reply {
  * Asks for the lit stretches of segments.
  *
  * In:    segments: that they are finite is checked by the server alone.
+ *        async: NULL: waits for the answer.
  * Out:   answers: as umb_volume_segments fills it for all segments; unspecified on failure.
  *        reply: may be NULL; zeroed on failure.
  * Fails: as umb_client_query; E_UNSUPPORTED (a light that cannot be asked).
@@ -46,21 +47,24 @@ struct umb_question_reply {
 UMB_API UMB_CHECKED enum umb_status
 umb_client_segments(struct umb_client *client, const struct umb_question *question,
                     const struct umb_segments *segments, struct umb_segment_answers *answers,
-                    struct umb_question_reply *reply, struct umb_error *error);
+                    struct umb_question_reply *reply, struct umb_client_async *async,
+                    struct umb_error *error);
 
-/* Asks for the first occluders of columns; likewise. Out: answers: as umb_volume_columns fills it. */
+/* Asks for the first occluders of columns; likewise. Out: as umb_volume_columns fills it. */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_columns(struct umb_client *client, const struct umb_question *question,
                    const struct umb_points *points, struct umb_column_answers *answers,
-                   struct umb_question_reply *reply, struct umb_error *error);
+                   struct umb_question_reply *reply, struct umb_client_async *async,
+                   struct umb_error *error);
 
 /* Counts the lit voxels of boxes; likewise. In: boxes: [count], min <= max on each axis, which only
- * the server checks. Out: answers: as umb_volume_boxes fills it. Fails too: E_TOO_LARGE (a box whose
- * counting takes the server too many steps). */
+ * the server checks. Out: answers: as umb_volume_boxes fills it. Fails too: E_TOO_LARGE (a box
+ * whose counting takes the server too many steps). */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_boxes(struct umb_client *client, const struct umb_question *question,
                  const struct umb_box *boxes, size_t count, struct umb_box_answers *answers,
-                 struct umb_question_reply *reply, struct umb_error *error);
+                 struct umb_question_reply *reply, struct umb_client_async *async,
+                 struct umb_error *error);
 
 #ifdef __cplusplus
 }

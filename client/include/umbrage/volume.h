@@ -21,8 +21,8 @@
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
  * inside they answer for what is stored. A column's first occluder needs the depth of front faces,
- * which such an asset holds only if it was baked with the effect `front`; else umb_volume_check_columns
- * refuses it.
+ * which such an asset holds only if it was baked with the effect `front`; else
+ * umb_volume_check_columns refuses it.
  *
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
@@ -170,8 +170,8 @@ UMB_API UMB_CHECKED enum umb_status umb_volume_check_columns(const struct umb_vo
  * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
  *        Spot and point lights: columns are those of the face that looks at the point, and
  *        distances are along the ray from the light through it.
- * Not guaranteed: in a volume that umb_volume_check_columns refuses, `lit` is the first voxel stored as
- *        shadowed: nowhere before the first occluder, possibly behind it.
+ * Not guaranteed: in a volume that umb_volume_check_columns refuses, `lit` is the first voxel
+ *        stored as shadowed: nowhere before the first occluder, possibly behind it.
  * Threads: as umb_volume_segments.
  */
 UMB_API void umb_volume_columns(const struct umb_volume *volume, const struct umb_points *points,
@@ -218,12 +218,12 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  * Counts the lit voxels of boxes in world space; for volumes that umb_volume_check_parallel lets
  * pass. In others no box holds a voxel.
  *
- * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel is in the box if its centre is, min
- * <= centre < max, so that boxes side by side share no voxel and leave none out. The centre of
- *        voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in
- *        doubles and in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey -
- *        m2 ez with the last column m of world_to_voxel, origin is the asset's. Voxels outside the
- *        frustum do not count.
+ * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel
+ *        is in the box if its centre is, min <= centre < max, so that boxes side by side share no
+ *        voxel and leave none out. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2)
+ *        ey) + (z + 1/2) ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's
+ *        voxel_step, o = -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin
+ *        is the asset's. Voxels outside the frustum do not count.
  * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
  * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in

@@ -196,8 +196,9 @@ static void fake_health(struct fake_stream *stream)
 }
 
 /* Segments: of segment i share i is lit, in i stretches, each from its number on; "lies" tells one
- * stretch less than it counts, "few" answers one segment less. Other questions get no answer. */
-static void fake_segments(struct fake_stream *stream)
+ * stretch less than it counts, "few" answers one segment less. Other questions get an empty reply.
+ * Returns false for "silent", which gets none. */
+static bool fake_segments(struct fake_stream *stream)
 {
     struct umbw_question_request request;
     struct umbw_buffer buffer = {NULL, 0, 0};
@@ -206,7 +207,10 @@ static void fake_segments(struct fake_stream *stream)
     size_t told = 0;
     if (umbw_decode_question_request(UMBW_SEGMENTS, stream->body + 5, stream->body_size - 5, 1000,
                                      &request, NULL) != UMB_OK) {
-        return; /* an empty reply */
+        return true; /* an empty reply */
+    }
+    if (strcmp(request.asset, "silent") == 0) {
+        return false;
     }
     for (uint32_t i = 0; i < request.count && i < 16; i++) {
         lit[i] = counts[i] = i;
@@ -228,6 +232,7 @@ static void fake_segments(struct fake_stream *stream)
         abort();
     }
     fake_append_buffer(stream, &buffer);
+    return true;
 }
 
 static void fake_respond(struct fake_connection *connection, struct fake_stream *stream)
@@ -252,7 +257,9 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
         } else if (strcmp(stream->path, UMBW_PATH_LIMITS) == 0) {
             fake_limits(stream);
         } else if (strncmp(stream->path, "/umbrage.v1.Questions/", 22) == 0) {
-            fake_segments(stream);
+            if (!fake_segments(stream)) {
+                return;
+            }
         } else {
             fake_health(stream);
         }

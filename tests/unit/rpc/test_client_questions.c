@@ -7,6 +7,7 @@
 #include <cmocka.h>
 #include <math.h>
 
+#include "call_end.h"
 #include "fake_server.h"
 #include "umbrage/questions.h"
 
@@ -50,7 +51,7 @@ static enum umb_status ask(struct peer *peer, const char *asset, size_t kept,
     const struct umb_segments asked = {.ends = ends, .count = COUNT};
     struct umb_segment_answers answers = {
         .segments = segments, .stretches = stretches, .stretch_max = kept};
-    return umb_client_segments(peer->client, &question, &asked, &answers, reply, error);
+    return umb_client_segments(peer->client, &question, &asked, &answers, reply, NULL, error);
 }
 
 static void stretches_come_to_the_places_of_their_segments(void **state)
@@ -101,10 +102,46 @@ static void bad_questions_are_refused_before_they_are_sent(void **state)
     const struct umb_points points = {.positions = ends, .origin = {0, NAN, 0}, .count = 1};
     assert_int_equal(ask(peer, "", 0, segments, NULL, NULL, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "asset"));
-    assert_int_equal(umb_client_columns(peer->client, &question, &points, &answers, NULL, &error),
-                     UMB_E_ARGUMENT);
+    assert_int_equal(
+        umb_client_columns(peer->client, &question, &points, &answers, NULL, NULL, &error),
+        UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "origin"));
     assert_int_equal(atomic_load(&peer->server.requests), 0);
+}
+
+static void a_question_ends_in_a_callback_or_is_cancelled(void **state)
+{
+    static const char *const assets[] = {"ok", "lies", "silent"};
+    static const enum umb_status statuses[] = {UMB_OK, UMB_E_PROTOCOL, UMB_E_CANCELLED};
+    struct peer *peer = *state;
+    for (size_t i = 0; i < 3; i++) {
+        struct umb_segment_answer segments[COUNT];
+        struct umb_stretch stretches[COUNT * KEPT];
+        struct umb_segment_answers answers = {
+            .segments = segments, .stretches = stretches, .stretch_max = KEPT};
+        struct umb_question_reply reply;
+        struct end end;
+        end_init(&end);
+        struct umb_client_async async = {.done = on_end, .user = &end};
+        const struct umb_question question = {.asset = assets[i], .timeout_ms = 20000};
+        const struct umb_segments asked = {.ends = ends, .count = COUNT};
+        assert_int_equal(umb_client_segments(peer->client, &question, &asked, &answers, &reply,
+                                             &async, &end.error),
+                         UMB_OK);
+        assert_int_equal(umb_client_cancel(peer->client, 0, NULL), UMB_OK);
+        assert_int_equal(umb_client_cancel(peer->client, async.call + 1, NULL), UMB_OK);
+        if (statuses[i] == UMB_E_CANCELLED) {
+            assert_int_equal(umb_client_cancel(peer->client, async.call, NULL), UMB_OK);
+        }
+        end_wait(&end);
+        assert_int_equal(end.status, statuses[i]);
+        if (statuses[i] == UMB_OK) {
+            assert_int_equal(answers.stats.nodes, 7);
+            assert_true(segments[4].lit == 4.0);
+        } else {
+            assert_int_equal(end.error.status, statuses[i]);
+        }
+    }
 }
 
 int main(void)
@@ -112,6 +149,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(stretches_come_to_the_places_of_their_segments, meet, part),
         cmocka_unit_test_setup_teardown(replies_that_do_not_fit_are_refused, meet, part),
+        cmocka_unit_test_setup_teardown(a_question_ends_in_a_callback_or_is_cancelled, meet, part),
         cmocka_unit_test_setup_teardown(bad_questions_are_refused_before_they_are_sent, meet, part),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
