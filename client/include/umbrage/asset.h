@@ -66,6 +66,7 @@ struct umb_open_options {
      * casters take of it (`transmittance_bytes`). 0 = 64 GiB. */
     uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_encoding {
@@ -88,6 +89,7 @@ struct umb_light_info {
     double extent;       /* angular diameter in radians (directional) or size in metres; 0 = none */
     uint32_t first_frustum; /* its frusta are first_frustum .. first_frustum + frustum_count - 1 */
     uint32_t frustum_count; /* 1 for directional, up to 6 for spot and point */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */
@@ -102,6 +104,7 @@ struct umb_frustum_info {
     /* Row i: world vector of one voxel along voxel axis i, metres; of a perspective frustum x and y
      * where W = 1 (they grow with W), z along the frustum's axis. */
     double voxel_step[3][3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What an asset is, in one look. */
@@ -128,6 +131,7 @@ struct umb_asset_info {
     const char *plan;                 /* one line an effect, UTF-8 */
     const char *settings;             /* key=value lines of the bake, canonical */
     const char *notes; /* key=value lines outside the identity; the three are never NULL */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

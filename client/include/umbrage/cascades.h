@@ -48,6 +48,7 @@ struct umb_cascade_settings {
     enum umb_cascade_fit fit;
     uint32_t resolution[UMB_CASCADES_MAX]; /* texels a side of each, 4..16384 */
     double blend; /* share of a slice, 0..0.5, at its far end that fades into the next */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_cascade_plan {
@@ -58,6 +59,7 @@ struct umb_cascade_plan {
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
     int warped[UMB_CASCADES_MAX]; /* 1 where LISPSM warped; it does not when looking along the light
                                    */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -99,6 +101,7 @@ struct umb_cascade_seam {
     double contrast;   /* out: C for the coarse filter, 1/1024..1024 */
     double difference; /* out: root mean square of coarse - fine with C = 1 */
     double after;      /* out: the same with `contrast` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

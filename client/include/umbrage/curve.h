@@ -65,6 +65,7 @@ struct umb_curve_row {
     double visibility_error;
     double nodes; /* mixed octree nodes above bricks that a point's look-up goes through */
     double lines; /* cache lines it reads: grid, wide nodes, bricks */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -81,6 +82,7 @@ UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint3
 struct umb_calibration {
     size_t count;                  /* rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -123,6 +125,7 @@ struct umb_dial {
     double max_error_m;    /* bound, metres */
     double max_visibility; /* root mean square error of visibility, 0..1 */
     double budget_ns;      /* nanoseconds a point on one core; needs a calibration */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -56,6 +56,7 @@ struct umb_derive_settings {
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
     int (*cancelled)(void *user);         /* NULL, or asked for each row: nonzero gives up */
     void *cancel_user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Maps that belong together: one, or a cascade each. Made by umb_derive alone. */
@@ -67,6 +68,7 @@ struct umb_derived {
     struct umb_derive_settings settings; /* with what was filled in; pointers NULL */
     uint8_t asset_id[UMB_ID_BYTES];
     double texel_error_m; /* half a voxel along the light: the stated error of depth */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

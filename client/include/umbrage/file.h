@@ -56,6 +56,7 @@ struct umb_file_head {
     uint64_t file_bytes;      /* Length of the whole file */
     uint64_t front_bytes;     /* Length of its head, with the first block of a packed file's
                                  directory: what umb_partial_open wants */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A file's bytes, mapped to be read. */

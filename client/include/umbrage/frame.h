@@ -37,6 +37,7 @@ struct umb_picture {
     const void *depth; /* float[width * height], little-endian, any alignment: along `forward`, not
                           along the pixel's ray. Not positive, not finite or beyond UMB_DEPTH_MAX:
                           nothing is there */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Fails: E_ARGUMENT (what is wrong is named). */

@@ -73,6 +73,7 @@ struct umb_job_status {
     /* Of a watched job's last try; total 0 = not known, found: kept from earlier bakes: */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* lines; NULL in lists; borrowed during the call-back */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One file of a scene. */
@@ -96,11 +97,13 @@ struct umb_job_submission {
     /* Told what was sent so far, in bytes; NULL: nobody. Runs on the client's thread. */
     void (*sent)(void *user, uint64_t done, uint64_t total);
     void *user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_job_submitted {
     char job[UMB_JOB_ID_SIZE];
     int existing; /* 1: it had been submitted before */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Reads and sends the files. Fails: E_NO_INPUT or E_IO (a file; it must not change meanwhile),

@@ -107,6 +107,7 @@ struct umb_map_frustum {
     double near_m;   /* metres from a point or spot light to depth 0 */
     int directional; /* 1: `light` is the unit vector towards the light, else its position */
     double light[3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What the light sees through the centre of each texel. */
@@ -114,6 +115,7 @@ struct umb_map_layer {
     const float *depth; /* float[height][width], 0..1, 1 = no caster */
     const float *slope; /* float[height][width][2]: depth the hit surface gains per texel in x and
                            in y, finite; NULL: the smaller of the differences to both neighbours */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map_settings {
@@ -135,6 +137,7 @@ struct umb_map_settings {
     double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of what may be taken at the
                                    receiver's own depth that counts; 0: an upper bound of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_map_kernel {
@@ -158,6 +161,7 @@ struct umb_map_filter {
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map; /* opaque */
@@ -172,6 +176,7 @@ struct umb_map_info {
     enum umb_map_bound bound; /* of an answer without `reduction`, in exact arithmetic */
     double slack;             /* rounding, of visibility: the stated error of storage and arithmetic
                                  (docs/numerics.md) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */
@@ -201,6 +206,7 @@ struct umb_map_deep_settings {
     double exponent; /* 0: steps; to 1e6: the last step fades in by exp(-c d), d of depth behind it
                       */
     enum umb_map_deep_way way;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A checked query: caller's storage, no pointer into itself, may be copied. */
@@ -224,6 +230,7 @@ struct umb_map_spot {
     double tangent;                        /* of half the field of view, > 0 */
     double near_m, far_m;                  /* metres along forward, 0 <= near < far */
     enum umb_map_projection projection;    /* PERSPECTIVE, or PARABOLOID (tangent not used) */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT.
@@ -297,6 +304,7 @@ struct umb_map_level {
     enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
                                    1/32767; U24: three bytes a texel */
     size_t bytes;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored

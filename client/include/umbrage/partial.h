@@ -70,6 +70,7 @@ struct umb_partial_options {
     const uint8_t *id;               /* uint8[UMB_ID_BYTES] that was asked for; NULL: any */
     uint64_t max_memory_bytes;       /* 0 = 1 GiB; less than the head takes: E_TOO_LARGE */
     const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What one wants to see. World space, metres, radians. */
@@ -83,6 +84,7 @@ struct umb_partial_view {
     double max_error_rad;     /* the same, as seen from the eye: half a pixel, say; 0: exact */
     uint32_t taps;            /* widest window that will be asked; 0 = UMB_TAPS_MAX */
     double bias_m;            /* longest bias that will be asked beyond UMB_BIAS_AUTO's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_partial_stats {
@@ -94,6 +96,7 @@ struct umb_partial_stats {
     uint64_t pages_dropped;                   /* by the budget, since open */
     uint64_t builds;
     uint32_t block_count, blocks_held; /* of the directory; here */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -211,6 +214,7 @@ struct umb_partial_answers {
     uint64_t exact;    /* out: points whose low and high are equal */
     double worst_error_m;         /* out: greatest of error_m */
     struct umb_query_stats stats; /* of the lower asset, added to */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

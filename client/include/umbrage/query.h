@@ -139,6 +139,7 @@ struct umb_query_settings {
      * covers of its surface: side = pixel_rad * distance / sqrt(c), c the cosine between normal and
      * the way to the eye, at least 1/16 (1 without a normal). */
     double eye[3], pixel_rad;
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -155,6 +156,7 @@ struct umb_points {
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
                                 UMB_FILTER_FOOTPRINT reads them; they come before the settings'. */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What a run adds up; zero it before the first run. */
@@ -170,6 +172,7 @@ struct umb_query_stats {
      * depend on how a batch is cut; the others and the answers do not. */
     uint64_t nodes; /* cells, columns and nodes; 1 for a window that the grid settles */
     uint64_t bricks;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Adds what one run counted to what others did: for who splits a batch himself. */
@@ -179,6 +182,7 @@ struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */
     struct umb_query_stats stats; /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
@@ -258,6 +262,7 @@ UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 struct umb_light_answers {
     void *const *values; /* [query_count], an array for each light as umb_answers.values */
     struct umb_query_stats *stats; /* [query_count], added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -302,6 +307,7 @@ struct umb_explanation {
         uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: went on */
         uint64_t index; /* offset or brick number */
     } steps[16];        /* path of the centre tap */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few

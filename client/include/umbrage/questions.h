@@ -25,6 +25,7 @@ struct umb_question {
     const char *asset;   /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     uint32_t light;      /* index */
     uint32_t timeout_ms; /* 0 = the client's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_question_reply {
@@ -32,6 +33,7 @@ struct umb_question_reply {
     struct umb_volume_stats stats;
     uint64_t nanoseconds;    /* CPU time on the server */
     int ignores_translucent; /* as umb_volume_ignores_translucent */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

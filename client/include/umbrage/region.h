@@ -59,12 +59,14 @@ struct umb_region_source {
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
     void *user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES] to insist on; NULL: any */
     uint64_t max_memory_bytes; /* of everything the region keeps; 0 = 1 GiB */
     uint64_t first_bytes;      /* how much to read at first; 0 = 32 KiB */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What has come so far; see umb_region_request. */
@@ -74,6 +76,7 @@ struct umb_region_stats {
     uint64_t requests;       /* ranges asked for */
     uint64_t rounds;         /* times the source was asked and waited for */
     uint64_t pages_received;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -90,6 +93,7 @@ struct umb_region_request {
                              of what is here, at least 512 KiB */
     umb_region_fn progress; /* may be NULL */
     void *progress_user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

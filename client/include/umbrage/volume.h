@@ -56,6 +56,7 @@ struct umb_volume {
 struct umb_volume_stats {
     uint64_t nodes;  /* grid cells and nodes read */
     uint64_t bricks; /* bricks read */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -88,6 +89,7 @@ struct umb_segments {
     enum umb_point_format format;
     double origin[3]; /* metres, world space, added to every end; finite */
     size_t count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A lit stretch: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
@@ -108,6 +110,7 @@ struct umb_segment_answers {
     size_t stretch_max;                  /* stretches kept of each segment; later ones are counted
                                             and added up, not kept */
     struct umb_volume_stats stats;       /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that segments may be run: every number finite. Fails: E_ARGUMENT, naming the first bad
@@ -156,6 +159,7 @@ struct umb_column_answer {
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
     struct umb_volume_stats stats;     /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
@@ -190,6 +194,7 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 #define UMB_BOX_STEPS 65536 /* between two looks at a box under way: a few milliseconds at most */
