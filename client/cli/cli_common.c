@@ -9,8 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include "base/open_status.h"
-#include "base/utf8.h"
+#include "tool/base.h"
 #include "cli_session.h"
 #include "tool/exit_code.h"
 

@@ -225,10 +225,10 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  *
  * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel
  *        is in the box if its centre is, min <= centre < max, so that boxes side by side share no
- *        voxel and leave none out. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2)
- *        ey) + (z + 1/2) ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's
- *        voxel_step, o = -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin
- *        is the asset's. Voxels outside the frustum do not count.
+ *        voxel and leave none out. Voxels outside the frustum do not count. The centre of voxel
+ *        (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in doubles and
+ *        in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey - m2 ez with
+ *        the last column m of world_to_voxel, origin is the asset's.
  * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
  * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
