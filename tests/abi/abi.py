@@ -227,6 +227,9 @@ def write(build):
 
 def check():
     blocks = interface()
+    for path in headers():
+        if not re.search(r"^ \* Stability: (stable|experimental)\b", read(path), re.M):
+            yield f"{os.path.basename(path)}: no line 'Stability: stable' or 'Stability: experimental'"
     yield from list_faults()
     yield from shape_faults(blocks)
     yield from difflib.unified_diff(read(RECORD).splitlines(), record_text(blocks).splitlines(),

@@ -15,6 +15,7 @@
  *
  * Sources: Stamminger, Drettakis 2002; Lloyd 2007, chapter 3 (seed 004).
  * Threads: pure functions.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/cascades.h"
 

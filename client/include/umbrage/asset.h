@@ -27,6 +27,7 @@
  * Caveat: a mapped file (.umbm) that another process truncates or overwrites while it is open
  * breaks that promise; the store's files are never edited in place (docs/operations.md). A packed
  * one is not looked at any more once it is open.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

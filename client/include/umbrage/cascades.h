@@ -24,7 +24,8 @@
  *
  * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM a layer, C a
  * layer); Wimmer, Scherzer, Purgathofer 2004 (LiSPSM).
- * Threads, ownership, stability: as umbrage/maps.h.
+ * Threads, ownership: as umbrage/maps.h.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/maps.h"
 

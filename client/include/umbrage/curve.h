@@ -24,6 +24,7 @@
  * it reads. Costs are counts, the same on every machine; nanoseconds come from umb_calibrate.
  *
  * Threads: everything here may be called at once; only struct umb_calibration is written to.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -27,8 +27,8 @@
  * Precision: texel centres become voxel coordinates in doubles (2^-50 of the frustum); depth is
  * rounded once to the format.
  * Threads: derive from one asset on any number of threads; a derived map is immutable.
- * Stability: experimental; may change before version 1.0.
  * Sources: seed 000 (the DAG); seeds 001, 002, 004 (the techniques); KTX 2.0 (Khronos).
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -17,6 +17,7 @@
  *
  * Trust: safe on hostile bytes.
  * Threads: any; each call on a sink and a hash of its own, or on ones that serve several threads.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

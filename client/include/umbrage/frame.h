@@ -18,6 +18,7 @@
  *
  * Client and server run the same code. Nothing here keeps state.
  * Trust: unpacking is safe on hostile bytes.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -19,6 +19,7 @@
  * and borrows the submission until its end.
  * Fails: what umb_client_list_assets fails with, E_UNSUPPORTED (a daemon that takes no jobs), and
  *        what is said below.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -31,7 +31,7 @@
  * Ownership: a map copies what it needs; destroy it with umb_map_destroy.
  * Threads: a built map and a prepared query are immutable; any number of threads may run a query.
  * Trust: sizes, settings and every depth of a layer are checked; points as umb_points_check wants.
- * Stability: experimental; may change before version 1.0.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -62,8 +62,9 @@ enum umb_map_technique {
     UMB_MAP_DEEP,        /* transmittance lists; see umb_map_build_deep */
     UMB_MAP_MOMENTS,    /* `terms` moments of where light is taken; see umb_map_build_translucent */
     UMB_MAP_ABSORBANCE, /* the same of absorbance, -log of transmittance, and its sum */
-    UMB_MAP_TECHNIQUES
 };
+
+#define UMB_MAP_TECHNIQUES 10 /* Number of values of enum umb_map_technique in this version */
 
 enum umb_map_format {
     UMB_MAP_F32 = 0, /* IEEE single */

@@ -51,6 +51,7 @@
  * MiB) comes from malloc on top. A dropped page is missing again.
  * Threads: one at a time; but between two builds any number may query.
  * Space: voxels and boxes as in umbrage/geom.h.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

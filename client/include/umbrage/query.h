@@ -34,6 +34,7 @@
  * thread count and instruction set.
  * Threads: a prepared query is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -85,7 +86,7 @@ enum umb_filter {
     UMB_FILTER_FOOTPRINT = 3,
 };
 
-#define UMB_FILTERS 4 /* how many enum umb_filter has */
+#define UMB_FILTERS 4 /* Number of values of enum umb_filter in this version */
 
 /* "box", "tent", "penumbra", "footprint"; "auto", "voxels", "metres", "none"; "unknown" else.
  * Static strings. */

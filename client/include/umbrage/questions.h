@@ -13,6 +13,7 @@
  * With async NULL they block until answered. All are tried again as umb_client_query is. What the
  * server takes in one call: Limits (docs/protocol.md); a segment counts as 64 points or as its
  * stretches, a column as 1, a box as 256.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"

@@ -23,6 +23,7 @@
  * Blocking: open and update wait for the source.
  * Trust: a hostile source can fail calls and waste time, not crash or lie: what it sends is proven
  * against options.id; without an id only against what it says of itself.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>

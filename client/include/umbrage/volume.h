@@ -35,6 +35,7 @@
  * every batch size, split, thread count and machine.
  * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
