@@ -2,7 +2,7 @@
 # libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc) and the umbrage command.
 INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
-MAPS_SRC := $(wildcard client/core/deep/*.c client/core/maps/*.c)
+MAPS_SRC := $(wildcard client/core/maps/*.c)
 MAPS_OBJ := $(MAPS_SRC:%.c=$(BUILD)/%.o)
 MAPS_LIB := $(BUILD)/libumbrage-maps.a
 CORE_SRC := $(filter-out $(MAPS_SRC),$(wildcard client/core/*/*.c))
@@ -49,20 +49,23 @@ LIBS_umbrage-maps = -lm
 LIBS_umbrage      = $(RPC_LIBS) -lm
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
+LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c))
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
+LOAD_LIB := $(BUILD)/libumbrage-load.a
 CLI_LIBS := -lcurl
 
 # Numerics: the sanitizers also watch floats that do not fit an integer and divisions by zero.
 FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
-$(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+$(foreach part,base format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(CORE_LIB): $(CORE_OBJ)
 $(MAPS_LIB): $(MAPS_OBJ)
 $(RPC_LIB): $(RPC_OBJ) $(RPC_SHARED)
+$(LOAD_LIB): $(LOAD_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "cli_stream_view.h"
+#include "cli_paging_view.h"
 
 enum derive_option {
     OPTION_TECHNIQUE,

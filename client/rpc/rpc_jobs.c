@@ -50,7 +50,7 @@ static enum umb_status encode_job(const char *job, struct umbw_buffer *body,
 /* --- Watch --- */
 
 struct watch {
-    umb_job_told_fn told;
+    umb_job_status_fn on_status;
     void *user;
     struct umb_error error; /* of a message that is none; its status is UMB_OK otherwise */
     int stopped;
@@ -67,7 +67,7 @@ static bool take_status(void *user, const uint8_t *message, size_t size)
     status_from_wire(&wire, &status);
     status.plan = wire.plan;
     status.notices = wire.notices;
-    watch->stopped = !watch->told(watch->user, &status);
+    watch->stopped = !watch->on_status(watch->user, &status);
     umbw_job_status_finish(&wire);
     return !watch->stopped;
 }
@@ -83,16 +83,16 @@ static enum umb_status finish_watch(void *context, enum umb_status status, struc
                : status;
 }
 
-enum umb_status umb_client_watch(struct umb_client *client, const char *job, umb_job_told_fn told,
-                                 void *user, struct umb_client_async *async,
-                                 struct umb_error *error)
+enum umb_status umb_client_watch(struct umb_client *client, const char *job,
+                                 umb_job_status_fn on_status, void *user,
+                                 struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct watch *watch = calloc(1, sizeof *watch);
     if (watch == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    *watch = (struct watch){.told = told, .user = user};
+    *watch = (struct watch){.on_status = on_status, .user = user};
     const struct umb__ending ending = {watch, umb__decode_nothing, finish_watch};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_WATCH,
                                         .timeout_ms = FOR_EVER_MS,
@@ -193,7 +193,7 @@ enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
 /* --- Fetch --- */
 
 struct fetch {
-    umb_job_got_fn got;
+    umb_job_bytes_fn on_bytes;
     void *user;
     uint64_t at, size;
     struct umb_error error;
@@ -217,7 +217,7 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
         fetch->at += reply.data_size;
         fetch->size = reply.size;
         fetch->status =
-            fetch->got(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
+            fetch->on_bytes(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
         if (fetch->status != UMB_OK) {
             (void)umb_fail(&fetch->error, fetch->status, "the fetch was ended here: %s",
                            umb_status_text(fetch->status));
@@ -240,7 +240,7 @@ static enum umb_status finish_fetch(void *context, enum umb_status status, struc
 }
 
 enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[UMB_ID_BYTES],
-                                 uint64_t offset, umb_job_got_fn got, void *user,
+                                 uint64_t offset, umb_job_bytes_fn on_bytes, void *user,
                                  struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_fetch_request request = {.offset = offset};
@@ -249,7 +249,7 @@ enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[
     if (fetch == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    *fetch = (struct fetch){.got = got, .user = user, .at = offset};
+    *fetch = (struct fetch){.on_bytes = on_bytes, .user = user, .at = offset};
     const struct umb__ending ending = {fetch, umb__decode_nothing, finish_fetch};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_FETCH,
                                         .timeout_ms = FOR_EVER_MS,

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "common/scene_file.h"
+#include "scene/scene_file.h"
 #include "common/sha256.h"
 #include "umbrage/version.h"
 

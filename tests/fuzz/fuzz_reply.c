@@ -4,8 +4,8 @@
  * decoders of job replies and region replies as the client calls them. The two client files are
  * part of this program, so that their call-backs can be fed without a socket.
  */
-#include "../../client/rpc/region_daemon.c"
-#include "../../client/rpc/rpc_jobs.c"
+#include "rpc/region_daemon.c"
+#include "rpc/rpc_jobs.c"
 
 #include "fuzz.h"
 
@@ -102,20 +102,20 @@ static void one_reply(struct input *input)
 
 static int told_status(void *user, const struct umb_job_status *status)
 {
-    size_t *told = user;
+    size_t *on_status = user;
     FUZZ_DEMAND(strlen(status->job) < sizeof status->job);
     FUZZ_DEMAND(strlen(status->cause) < sizeof status->cause);
     FUZZ_DEMAND(strlen(status->phase) < sizeof status->phase);
-    *told += (status->plan != NULL ? strlen(status->plan) : 0) +
-             (status->notices != NULL ? strlen(status->notices) : 0);
+    *on_status += (status->plan != NULL ? strlen(status->plan) : 0) +
+                  (status->notices != NULL ? strlen(status->notices) : 0);
     return 1;
 }
 
 static void job_replies(struct input *input)
 {
     struct umb_error error = {.status = UMB_OK};
-    size_t told = 0, count = 0;
-    struct watch watch = {.told = told_status, .user = &told};
+    size_t on_status = 0, count = 0;
+    struct watch watch = {.on_status = told_status, .user = &on_status};
     struct umb_job_status status, *jobs = NULL;
     struct list list = {&jobs, &count};
     struct cancel cancel = {&status};

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Proves the include rules of docs/ARCHITECTURE.md: who may include whom, and who may see which library.
 #
-# core <- wire <- {rpc, daemon};  {core, common} <- {daemon, jobs, bake, rays, study};  jobs <- daemon;  rays <- {bake, study};
-# rpc <- {cli, study}. Nothing under client/ or proto/ includes server/.
+# core <- wire <- {rpc, daemon};  core <- common <- {scene, store};  scene <- {rays, bake, study};  {store, jobs} <- daemon;
+# rays <- {bake, study};  rpc <- {cli, load, study};  cli <- load. Nothing under client/ or proto/ includes server/.
 set -eu
 cd "$(dirname "$0")/../.."
 failures=0
@@ -31,21 +31,33 @@ ASSIMP='^assimp/'
 LIBUV='^uv\.h'
 HTTP2='^nghttp2/'
 PROTOBUF='(pb-c\.h$|^protobuf-c/)'
-SERVER='^(common|daemon|jobs|bake|rays|study|depth|build|analysis|import)/'
+SERVER='^(common|scene|store|daemon|jobs|bake|rays|study|analysis|build|depth|import|sandbox|tiles|write)/'
 
-forbid client/include '^(format|query|base|wire|common|daemon|bake|rays|study)/' "is public and sees only itself"
-forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
-forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|$SERVER" "uses the core and wire, libuv and nghttp2"
-forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the public headers and the toolbox"
-forbid client/cli '^(\.\./|(base|format|query|curve|maps|deep|partial|rpc|wire|net)/)' "is the first customer: umbrage/, cli/ and tool/"
+forbid client/include "^(format|query|base|curve|maps|partial|wire|rpc|cli|load)/|$SERVER" "is public and sees only itself"
+forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^(wire|rpc|cli|load)/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
+forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|^(cli|load)/|$SERVER" "uses the core and wire, libuv and nghttp2"
+forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|^load/|$SERVER" "uses the public headers and the toolbox"
+forbid client/cli '^(\.\./|(base|format|query|curve|maps|partial|rpc|wire|net)/)' "is the first customer: umbrage/, cli/ and tool/"
+# The load test is a command of the same program: it shares the CLI's session, points, output and JSON.
+forbid client/load "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core, libumbrage and what commands share"
+others=$(includes client/load | awk '$2 ~ /^cli\// && $2 !~ /^cli\/cli_(json|output|points|session)\.h$/ { print "  " $1 " includes " $2 }')
+[ -z "$others" ] || fail "client/load sees only what the CLI's commands share:
+$others"
 forbid proto/wire "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$SERVER|^rpc_" "uses the core, protobuf-c and zlib"
-forbid proto/net "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|$SERVER|^rpc_" "uses the core and OpenSSL, and does no I/O"
-forbid server/common "^jobs/|$EMBREE|$ASSIMP|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses the core only"
-forbid server/jobs "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
-forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(bake|rays|study)/" "uses core, wire, common and jobs"
-forbid server/rays "$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core and common, and Embree"
-forbid server/bake "^sqlite3\.h|^jobs/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common and rays"
-forbid server/study "$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, rays and libumbrage"
+forbid proto/net "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^(wire|rpc)/|$SERVER" "uses the core and OpenSSL, and does no I/O"
+OUTER='^(jobs|daemon|bake|rays|study)/'
+forbid server/common "^(scene|store)/|$OUTER|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/" "uses the core only"
+forbid server/scene "^store/|$OUTER|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/" "uses core and common"
+forbid server/store "^scene/|$OUTER|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/" "uses core and common"
+# Of scenes the job service knows the magic of scene files alone: bundles may not be such.
+others=$(includes server/jobs | awk '$2 ~ /^scene\// && $2 != "scene/scene_file.h" { print "  " $1 " includes " $2 }')
+[ -z "$others" ] || fail "server/jobs sees of scenes scene_file.h only:
+$others"
+forbid server/jobs "^store/|$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|rays|study)/" "uses core and common, and SQLite"
+forbid server/daemon "$EMBREE|$ASSIMP|$PROTOBUF|^(scene|bake|rays|study)/" "uses core, wire, common, store and jobs"
+forbid server/rays "^(store|jobs)/|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|bake|study)/" "uses core, common and scene, and Embree"
+forbid server/bake "^sqlite3\.h|^(store|jobs)/|$LIBUV|$HTTP2|$PROTOBUF|^wire/|^(daemon|study)/" "uses core, common, scene and rays"
+forbid server/study "^(store|jobs)/|$ASSIMP|$HTTP2|$PROTOBUF|$LIBUV|^(daemon|bake)/" "uses core, common, scene, rays and libumbrage"
 
 # libcurl: ranges over HTTP for the command alone.
 others=$(grep -rlE '# *include <curl/' server client proto --include='*.c' --include='*.h' |

@@ -190,7 +190,8 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_
         facts->file_bytes = head.file_length;
         facts->front_bytes = head.head_length;
         if (head.encoding == UMB_ENCODING_PACKED) {
-            facts->front_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
+            facts->front_bytes +=
+                umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
         }
     }
     return status;

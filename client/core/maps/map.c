@@ -4,7 +4,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/reserved.h"
-#include "deep/deep_parts.h"
+#include "maps/deep_parts.h"
 #include "maps/map_channels.h"
 #include "maps/map_depths.h"
 #include "maps/map_poisson.h"

@@ -117,9 +117,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_submit(struct umb_client *client,
 
 /* Calls told for each change, at once for the first, until the job is over. told returns 0 to stop
  * watching, which is E_CANCELLED. Fails: E_NOT_FOUND. */
-typedef int (*umb_job_told_fn)(void *user, const struct umb_job_status *status);
+typedef int (*umb_job_status_fn)(void *user, const struct umb_job_status *status);
 UMB_API UMB_CHECKED enum umb_status umb_client_watch(struct umb_client *client, const char *job,
-                                                     umb_job_told_fn told, void *user,
+                                                     umb_job_status_fn on_status, void *user,
                                                      struct umb_client_async *async,
                                                      struct umb_error *error);
 
@@ -135,14 +135,14 @@ UMB_API UMB_CHECKED enum umb_status
 umb_client_list_jobs(struct umb_client *client, uint32_t limit, struct umb_job_status **jobs,
                      size_t *count, struct umb_client_async *async, struct umb_error *error);
 
-/* Gets an asset's packed file from an offset on. got: takes the next bytes and returns UMB_OK, or
- * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got
- * returns. */
-typedef enum umb_status (*umb_job_got_fn)(void *user, uint64_t offset, const void *bytes,
-                                          size_t count, uint64_t size);
+/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns
+ * UMB_OK, or why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what
+ * on_bytes returns. */
+typedef enum umb_status (*umb_job_bytes_fn)(void *user, uint64_t offset, const void *bytes,
+                                            size_t count, uint64_t size);
 UMB_API UMB_CHECKED enum umb_status umb_client_fetch(struct umb_client *client,
                                                      const uint8_t asset[UMB_ID_BYTES],
-                                                     uint64_t offset, umb_job_got_fn got,
+                                                     uint64_t offset, umb_job_bytes_fn on_bytes,
                                                      void *user, struct umb_client_async *async,
                                                      struct umb_error *error);
 

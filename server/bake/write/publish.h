@@ -11,7 +11,7 @@
  * after commit
  */
 #include "common/file.h"
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 

@@ -14,7 +14,7 @@
 #include "umbrage/aliasing.h"
 #include "umbrage/derive.h"
 #include "umbrage/jobs.h"
-#include "umbrage/questions.h"
+#include "umbrage/volume_queries.h"
 #include "umbrage/region.h"
 
 enum {
@@ -209,18 +209,18 @@ static void the_client_refuses_unknown_words(void **state)
     REFUSED(&request.points, "points", START);
     REFUSED(&picture, "picture", START);
 
-    struct umb_question question = {.asset = "a"};
+    struct umb_volume_query volume_query = {.asset = "a"};
     struct umb_segments segments = {.ends = zeros, .count = 1};
     struct umb_segment_answer share;
     struct umb_segment_answers shares = {.segments = &share};
     struct umb_column_answer column;
     struct umb_column_answers columns = {.columns = &column};
-    REFUSED(&question, "question",
-            umb_client_segments(client, &question, &segments, &shares, NULL, NULL, &error));
+    REFUSED(&volume_query, "volume_query",
+            umb_client_segments(client, &volume_query, &segments, &shares, NULL, NULL, &error));
     REFUSED(&segments, "segments",
-            umb_client_segments(client, &question, &segments, &shares, NULL, NULL, &error));
+            umb_client_segments(client, &volume_query, &segments, &shares, NULL, NULL, &error));
     REFUSED(&request.points, "points",
-            umb_client_columns(client, &question, &request.points, &columns, NULL, NULL, &error));
+            umb_client_columns(client, &volume_query, &request.points, &columns, NULL, NULL, &error));
 
     struct umb_client_async async = {.done = on_done};
     struct umb_client_description *description;

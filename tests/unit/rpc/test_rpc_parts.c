@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "net/address.h"
-#include "../../../client/rpc/rpc_reply.h"
+#include "rpc/rpc_reply.h"
 #include "umbrage/region.h"
 #include "umbrage/client.h"
 
