@@ -3,8 +3,8 @@
 #define UMBRAGE_TESTS_EXAMPLE_H
 /*
  * What the functions around the examples of the installed headers share. Each runs in a folder that
- * has the asset city.umb, which a daemon serves too; the examples name its address. The arguments of
- * a program are the scene of that asset and the daemon's address.
+ * has the asset city.umb, which a daemon serves too; the examples name its address. Arguments of a
+ * program: the scene of that asset, and an address of the daemon that takes jobs.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,7 +20,7 @@ enum {
 #define EXPECT(condition)                                                                          \
     do {                                                                                           \
         if (!(condition)) {                                                                        \
-            fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition);                 \
+            fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition);                \
             exit(1);                                                                               \
         }                                                                                          \
     } while (0)

@@ -56,7 +56,7 @@ total = 0
 for name in sorted(os.listdir(HEADERS)):
     blocks, strays = examples(os.path.join(HEADERS, name))
     stem = name[:-2]
-    around = os.path.join(AROUND, stem + ".c")
+    around = os.path.join(AROUND, f"example_{stem}.c")
     with test.check(f"{name}: every line of code is in an example, every example is run"):
         assert not strays, strays
         used = re.findall(r'#include "(\w+\.\d+)"', read(around)) if os.path.exists(around) else []

@@ -11,8 +11,8 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* True, with E_ARGUMENT in error, if a word of object->reserved is not 0. name: the struct's name in
- * messages. */
+/* True, with E_ARGUMENT in error, if a word of object->reserved is not 0. In:
+ * name: of the struct, in messages. */
 #define UMB__UNKNOWN(object, name, error)                                                          \
     umb__unknown((object)->reserved, sizeof(object)->reserved / sizeof(uint64_t), name, error)
 

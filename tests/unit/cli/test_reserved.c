@@ -219,8 +219,9 @@ static void the_client_refuses_unknown_words(void **state)
             umb_client_segments(client, &volume_query, &segments, &shares, NULL, NULL, &error));
     REFUSED(&segments, "segments",
             umb_client_segments(client, &volume_query, &segments, &shares, NULL, NULL, &error));
+    const struct umb_points *points = &request.points;
     REFUSED(&request.points, "points",
-            umb_client_columns(client, &volume_query, &request.points, &columns, NULL, NULL, &error));
+            umb_client_columns(client, &volume_query, points, &columns, NULL, NULL, &error));
 
     struct umb_client_async async = {.done = on_done};
     struct umb_client_description *description;
