@@ -113,12 +113,12 @@ static enum umb_status open_front(struct umb_region *region,
     if (status == UMB_OK) {
         status = umb_file_read_head(front->bytes, front->size, &head, error);
     }
-    if (status == UMB_OK && head.front_bytes > limit) {
+    if (status == UMB_OK && head.open_bytes > limit) {
         status = umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the memory budget is %llu",
-                          (unsigned long long)head.front_bytes, (unsigned long long)limit);
+                          (unsigned long long)head.open_bytes, (unsigned long long)limit);
     }
-    if (status == UMB_OK && head.front_bytes > front->size) {
-        status = read_front(region, front, head.front_bytes, error);
+    if (status == UMB_OK && head.open_bytes > front->size) {
+        status = read_front(region, front, head.open_bytes, error);
     }
     region->received_bytes = front->received;
     if (status == UMB_OK) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TOOL_EXIT_CODE_H
 #define UMBRAGE_TOOL_EXIT_CODE_H
-/* Statuses as process exit codes, the same in all programs (docs/operations.md, "Exit codes"). */
+/* Process exit codes, the same in all programs (docs/reference/operations.md, "Exit codes"). */
 #include "umbrage/status.h"
 
 /* Returns the exit code of a program that ends with a status. Pure. Without a default, so that the

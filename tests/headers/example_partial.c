@@ -11,7 +11,7 @@ static int example(const struct umb_file *file)
     const uint8_t *bytes = file->bytes, *front = bytes;
     struct umb_file_head head;
     EXPECT(umb_file_read_head(bytes, UMB_FILE_HEAD_BYTES, &head, &error) == UMB_OK);
-    const size_t size = (size_t)head.front_bytes;
+    const size_t size = (size_t)head.open_bytes;
     const struct umb_partial_options options = {.sha256 = umb_sha256_openssl()};
     const struct umb_partial_view view = {.light = UINT32_MAX};
     const struct umb_query_settings settings = {.taps = 9};

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Reads the installed programs and libraries of a release build for each layer of hardening
-(docs/testing.md): a flag that goes missing from the Makefile, or from one object, fails here. Needs
-readelf.
+(docs/explained/testing.md): a flag that goes missing from the Makefile, or from one object, fails
+here. Needs readelf.
 """
 import glob
 import os

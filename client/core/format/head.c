@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See head.h; offsets in layout.h, normative text in docs/umb-format.md. */
+/* See head.h; offsets in layout.h, normative text in docs/reference/umb-format.md. */
 #include "format/head.h"
 
 #include <stdbool.h>
@@ -188,10 +188,9 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_
         facts->encoding = head.encoding;
         memcpy(facts->id, bytes + UMB__HEAD_ID, UMB_ID_BYTES);
         facts->file_bytes = head.file_length;
-        facts->front_bytes = head.head_length;
+        facts->open_bytes = head.head_length;
         if (head.encoding == UMB_ENCODING_PACKED) {
-            facts->front_bytes +=
-                umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
+            facts->open_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
         }
     }
     return status;

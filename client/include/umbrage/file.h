@@ -53,9 +53,9 @@ struct umb_sha256 {
 /* What the first bytes of an asset file say; nothing of it is proven. */
 struct umb_file_head {
     enum umb_encoding encoding;
-    uint8_t id[UMB_ID_BYTES];      /* Identity that the file claims */
-    uint64_t file_bytes;           /* Length of the whole file */
-    uint64_t front_bytes; /* Length of its head, with the first block of a packed file's
+    uint8_t id[UMB_ID_BYTES]; /* Identity that the file claims */
+    uint64_t file_bytes;      /* Length of the whole file */
+    uint64_t open_bytes;      /* Length of its head, with the first block of a packed file's
                                  directory: what umb_partial_open wants */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };

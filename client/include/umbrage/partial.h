@@ -6,7 +6,7 @@
  * them.
  *
  *     struct umb_partial *partial;
- *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // head.front_bytes
+ *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // head.open_bytes
  *         umb_partial_build(partial, &error)) {                         // coarse answers
  *         return error.status;
  *     }
@@ -237,7 +237,7 @@ UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
                                    struct umb_partial_stats *stats);
 
 /*
- * Writes what is here as a partial file (docs/umb-format.md, section 7).
+ * Writes what is here as a partial file (docs/reference/umb-format.md, section 7).
  *
  * Fails: E_NO_MEMORY, or what the sink returns.
  */

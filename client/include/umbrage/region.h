@@ -36,7 +36,7 @@ extern "C" {
 struct umb_client; /* umbrage/client.h */
 struct umb_region; /* opaque */
 
-/* An interval of the packed file, bytes. */
+/* A byte range of the packed file. */
 struct umb_range {
     uint64_t offset, length;
 };

@@ -12,8 +12,8 @@
  *     }
  *
  * With async NULL they block until answered. All are tried again as umb_client_query is. What the
- * server takes in one call: Limits (docs/protocol.md); a segment counts as 64 points or as its
- * intervals, a column as 1, a box as 256.
+ * server takes in one call: Limits (docs/reference/protocol.md). A segment counts as 64 points or
+ * as its intervals, a column as 1, a box as 256.
  * Stability: stable; umbrage/version.h says what that means.
  */
 #include "umbrage/client.h"

@@ -139,7 +139,7 @@ static void the_first_bytes_say_what_the_file_is(void **state)
         assert_int_equal(head.encoding, i ? UMB_ENCODING_MAPPED : UMB_ENCODING_PACKED);
         assert_memory_equal(head.id, info.id, UMB_ID_BYTES);
         assert_int_equal(head.file_bytes, files[i]->size);
-        assert_in_range(head.front_bytes, UMB_FILE_HEAD_BYTES, files[i]->size);
+        assert_in_range(head.open_bytes, UMB_FILE_HEAD_BYTES, files[i]->size);
         assert_int_equal(umb_file_read_head(exact, UMB_FILE_HEAD_BYTES - 1, &head, NULL),
                          UMB_E_TRUNCATED);
     }

@@ -29,7 +29,7 @@ static void reopen(bool with_block)
     struct umb_error error = {0};
     struct umb_file_head facts;
     assert_int_equal(umb_file_read_head(f.file.data, UMB_FILE_HEAD_BYTES, &facts, &error), UMB_OK);
-    const size_t front = (size_t)facts.front_bytes;
+    const size_t front = (size_t)facts.open_bytes;
     assert_int_equal(front, head + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY);
     umb_partial_close(f.partial);
     if (umb_partial_open(f.file.data, with_block ? front : head, &options, &f.partial, &error) !=
