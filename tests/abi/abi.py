@@ -12,10 +12,14 @@ Needs gcc (its debugging information and -aux-info) and readelf, on a 64-bit mac
 import difflib
 import glob
 import os
+import pathlib
 import re
 import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+import api_index  # noqa: E402
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 INCLUDE = os.path.join(ROOT, "client", "include")
@@ -33,13 +37,9 @@ def headers():
     return sorted(glob.glob(os.path.join(INCLUDE, "umbrage", "*.h")))
 
 
-def declared(folder_headers=None):
+def declared(paths=None):
     """Names of the functions that the installed headers declare."""
-    names = set()
-    for path in folder_headers or headers():
-        code = re.sub(r"/\*.*?\*/|^\s*#.*?[^\\]$", "", read(path), flags=re.S | re.M)
-        names |= set(re.findall(r"\bUMB_API\b[^;(]*?\b(umb_\w+)\s*\(", code))
-    return names
+    return {name for path in paths or headers() for name in api_index.functions(pathlib.Path(path))}
 
 
 def exported(library, folder=EXPORTS):
