@@ -12,8 +12,9 @@ static enum umb_status read_ranges(void *folder, const struct umb_range *ranges,
     static char bytes[16 << 20], path[256];
     for (size_t i = 0; i < count; i++) {
         size_t size = 0, skip = ranges[i].offset % PIECE, wanted = skip + ranges[i].length;
-        for (uint64_t piece = ranges[i].offset / PIECE; size < wanted; piece++) {
-            snprintf(path, sizeof path, "%s/%u", (const char *)folder, (unsigned)piece);
+        unsigned piece = (unsigned)(ranges[i].offset / PIECE);
+        while (size < wanted && size + PIECE <= sizeof bytes) {
+            snprintf(path, sizeof path, "%s/%u", (const char *)folder, piece++);
             FILE *file = fopen(path, "rb");
             if (file == NULL) break; /* the file's end */
             size += fread(bytes + size, 1, PIECE, file);
@@ -39,8 +40,9 @@ int main(int argc, char **argv)
     struct umb_partial_answers partial = {0};
     struct umb_partial_view view = {0};
     struct umb_region_request request = {0};
-    struct umb_region_source source = {read_ranges, argv[2]};
+    struct umb_region_source source = {0};
     if (argc != 3 || fread(positions, 12, POINTS, stdin) != POINTS) return 2;
+    source.read = read_ranges, source.user = argv[2];
     settings.taps = 9;
     points.positions = positions, points.count = POINTS;
     answers.values = whole, partial.values = paged;

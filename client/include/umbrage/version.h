@@ -25,7 +25,8 @@
  * Handles (struct umb_asset and others without members) and storage (`opaque`) are the libraries'
  * own.
  *
- * The words hold for 64-bit systems. tests/abi holds every struct and enum to them.
+ * These rules hold on 64-bit systems. The tests compare every struct, enum and function with a
+ * record (tests/abi).
  *
  * Threads: pure functions.
  * Stability: stable.
