@@ -149,7 +149,7 @@ static enum umb_status got_piece(void *user, uint64_t offset, const void *data, 
 static void fetch_pieces(struct input *input)
 {
     struct got got = {0, 0};
-    struct fetch fetch = {.got = got_piece, .user = &got};
+    struct fetch fetch = {.on_bytes = got_piece, .user = &got};
     while (input->at < input->end) {
         size_t size;
         const uint8_t *message = take(input, next(input), &size);
