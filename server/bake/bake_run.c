@@ -29,6 +29,7 @@
 #include "tool/output.h"
 #include "scene/scene_file.h"
 #include "format/receiver_mask.h"
+#include "umbrage/version.h"
 
 /* 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
@@ -393,7 +394,7 @@ static void write_notes(const struct run *run, char *text, size_t size)
         strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", &utc);
     }
     snprintf(text, size, "seconds=%.3f\ntime=%s\nwriter=umbrage-bake %s\n",
-             umbu_clock_s() - run->start_s, stamp, UMB_VERSION);
+             umbu_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
 }
 
 static enum umb_status write_asset(struct run *run, struct umb_error *error)

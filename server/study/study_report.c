@@ -10,6 +10,7 @@
 
 #include "tool/output.h"
 #include "study/study_techniques.h"
+#include "umbrage/version.h"
 
 #define PATH_BYTES 4096
 
@@ -100,7 +101,7 @@ static void json_head(struct umbu_json *json, const struct umbt_study *study)
 {
     const struct umbt_study_points *points = &study->points;
     umbu_json_text(json, "scene", study->options.scene);
-    umbu_json_text(json, "version", UMB_VERSION);
+    umbu_json_text(json, "version", UMB_VERSION_TEXT);
     umbu_json_integer(json, "triangles", study->scene.count);
     umbu_json_integer(json, "seed", study->options.seed);
     umbu_json_integer(json, "threads", study->options.threads);
