@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Runs a fuzz target over files without a fuzzer: those of the folders given, or without arguments
- * those of tests/fuzz/seeds and tests/fuzz/regress (inputs that broke it once) by the target's name.
+ * Runs a fuzz target over the files of folders, without a fuzzer. Without arguments the folders are
+ * the target's seeds (tests/fuzz/seeds) and the inputs that broke it once (tests/fuzz/regress).
  * Then each file once more with single bytes changed, so that even without libFuzzer the target
  * sees damaged inputs; the changes come from a fixed generator.
  */

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 run_tests.py TEST...: runs each test in a process group of its own under a timeout, as many side by
-side as keep the processors busy (test_schedule.py), and prints one line a test, the output of those
+side as keep the processors busy (run_order.py), and prints one line a test, the output of those
 that fail, the ten slowest, and at the end one line "N passed, N failed, N skipped".
 
 A test is skipped by exit code 77. A part that a passing test leaves out counts as skipped too: the
@@ -29,7 +29,7 @@ import tempfile
 import threading
 import time
 
-import test_schedule
+import run_order
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 ALONE = re.compile(r"^(# |/\* )run: alone \(.+\)", re.MULTILINE)
@@ -120,7 +120,7 @@ def source_of(test):
 
 
 def name_of(test):
-    return test_schedule.name_of(test, ROOT, os.environ.get("BUILD", "build/release"))
+    return run_order.name_of(test, ROOT, os.environ.get("BUILD", "build/release"))
 
 
 def is_alone(test):
@@ -198,8 +198,8 @@ def run_all(tests, tally):
                 tally.note(test, run)
 
     alone = [test for test in tests if is_alone(test)]
-    times = test_schedule.read()
-    room = test_schedule.Room(JOBS, lambda test: times.get(name_of(test), test_schedule.NEW))
+    times = run_order.read()
+    room = run_order.Room(JOBS, lambda test: times.get(name_of(test), run_order.NEW))
     room.run([test for test in tests if test not in alone], one)
     for test in alone:
         one(test)
@@ -225,7 +225,7 @@ def main():
     tally = Tally()
     run_all(sys.argv[1:], tally)
     if os.environ.get("TEST_RECORD"):
-        test_schedule.write({name_of(test): (run.seconds, run.busy)
+        run_order.write({name_of(test): (run.seconds, run.busy)
                              for test, run in tally.runs.items() if run.code == 0})
     return tally.finish()
 
