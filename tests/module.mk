@@ -179,8 +179,8 @@ attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attacke
 # Sanitizer runs: all unit tests under ASan and UBSan, those that have threads under TSan, the daemon
 # serving real clients under both. What the short form leaves out is in docs/testing.md.
 sanitize: ## unit tests and a serving daemon under ASan with UBSan, then under TSan
-	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
-	@$(MAKE) --no-print-directory -j$(CORES) config=tsan sanitize-one
+	@$(MAKE) --no-print-directory -j$(CORES) config=asan warn= sanitize-one
+	@$(MAKE) --no-print-directory -j$(CORES) config=tsan warn= sanitize-one
 sanitize-short:
 	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory sanitize
 SANITIZED := $(if $(filter tsan,$(config)),$(UNIT_TESTS),$(UNIT_TESTS) $(FUZZ_REPLAYS))
