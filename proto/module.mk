@@ -38,5 +38,9 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
 
+# Addresses and TLS: part of the client library and of the daemon.
+NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/net/*.c))
+$(RPC_LIB): $(NET_OBJ)
+
 wire: $(WIRE_LIB) ## the wire library alone
 .PHONY: wire

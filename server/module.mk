@@ -65,7 +65,7 @@ $(RAYS_LIB): $(RAYS_OBJ)
 $(JOBS_LIB): $(JOBS_OBJ)
 $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
 $(STUDY_LIB): $(filter-out %/study_main.o,$(STUDY_OBJ))
-$(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ))
+$(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ)) $(NET_OBJ)
 
 $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -25,7 +25,7 @@
 #include <nghttp2/nghttp2.h>
 #include <openssl/ssl.h>
 #include <uv.h>
-#include "rpc_address.h"
+#include "net/address.h"
 #include "rpc_reply.h"
 #include "umbrage/client.h"
 #include "wire/messages.h"
@@ -109,7 +109,9 @@ void umb__call_moved(const struct umb_client *client, struct umb__call *call, si
 /* A replica: where it is, and the one connection to it that takes new calls. */
 struct umb__endpoint {
     struct umb_client *client;
-    struct umb__address address;
+    char text[320]; /* address as given, for messages */
+    struct umbn_address address;
+    char authority[UMBN_AUTHORITY_SIZE]; /* value of the header :authority */
     uint64_t key; /* of its address */
     struct umb__call_list waiting;
     struct umb__connection *current; /* the one that takes new calls, or NULL */

@@ -20,7 +20,8 @@ static void free_if_done(struct umb__connection *connection)
         uv_freeaddrinfo(connection->addresses);
         umbw_buffer_finish(&connection->out);
         umbw_buffer_finish(&connection->sealed);
-        umb__tls_destroy(connection->tls);
+        umbw_buffer_finish(&connection->records);
+        umbn_tls_destroy(connection->tls);
         free(connection);
     }
 }
@@ -99,8 +100,8 @@ static void lose_uv(struct umb__connection *connection, int code, const char *wh
 {
     char text[96];
     struct umb_error error;
-    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s: %s", connection->endpoint->address.text,
-                   what, uv_text(code, text));
+    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s: %s", connection->endpoint->text, what,
+                   uv_text(code, text));
     umb__connection_lose(connection, &error);
 }
 
@@ -108,7 +109,7 @@ static void lose_uv(struct umb__connection *connection, int code, const char *wh
 static void lose_session(struct umb__connection *connection, const char *what)
 {
     struct umb_error error;
-    const char *address = connection->endpoint->address.text;
+    const char *address = connection->endpoint->text;
     if (connection->http1) {
         (void)umb_fail(&error, UMB_E_PROTOCOL, "%.180s: the server speaks HTTP/1, not HTTP/2",
                        address);
@@ -148,18 +149,41 @@ static struct umbw_buffer *output_of(struct umb__connection *connection)
     return connection->tls != NULL ? &connection->sealed : &connection->out;
 }
 
+/* Takes records of the TLS session until they can be written. */
+static bool keep_records(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbw_buffer *records = &((struct umb__connection *)user)->records;
+    if (umbw_buffer_reserve(records, count, NULL) != UMB_OK) {
+        return false;
+    }
+    memcpy(records->bytes + records->size, bytes, count);
+    records->size += count;
+    return true;
+}
+
+/* Makes the records kept what is written next. */
+static void take_records(struct umb__connection *connection)
+{
+    struct umbw_buffer written = connection->sealed;
+    connection->sealed = connection->records;
+    connection->records = written;
+    connection->records.size = 0;
+}
+
 /* Fills the output; false if the session is broken or memory is out. */
 static bool fill_output(struct umb__connection *connection)
 {
     connection->out.size = 0;
-    connection->sealed.size = 0;
-    if ((connection->tls == NULL || umb__tls_ready(connection->tls)) &&
+    if ((connection->tls == NULL || umbn_tls_ready(connection->tls)) &&
         !collect_frames(connection)) {
         return false;
     }
-    return connection->tls == NULL ||
-           umb__tls_seal(connection->tls, connection->out.bytes, connection->out.size,
-                         &connection->sealed, NULL) == UMB_OK;
+    if (connection->tls == NULL) {
+        return true;
+    }
+    bool sealed = umbn_tls_seal(connection->tls, connection->out.bytes, connection->out.size);
+    take_records(connection);
+    return sealed;
 }
 
 static void on_written(uv_write_t *request, int code)
@@ -246,13 +270,13 @@ static void start_draining(struct umb__connection *connection)
     if (connection->endpoint->current == connection) {
         connection->endpoint->current = NULL;
         umb__client_log(client, UMB_LOG_INFO, "%s: the server is going away",
-                        connection->endpoint->address.text);
+                        connection->endpoint->text);
     }
     umb__session_give_back(connection);
 }
 
 /* Takes HTTP/2 from the peer; false if that lost the connection. */
-static bool take_plain(void *user, const uint8_t *bytes, size_t count)
+static int take_plain(void *user, const uint8_t *bytes, size_t count)
 {
     struct umb__connection *connection = user;
     if (!connection->saw_bytes) {
@@ -262,9 +286,9 @@ static bool take_plain(void *user, const uint8_t *bytes, size_t count)
     ssize_t taken = nghttp2_session_mem_recv(connection->session, bytes, count);
     if (taken < 0) {
         lose_session(connection, nghttp2_strerror((int)taken));
-        return false;
+        return -1;
     }
-    return true;
+    return 0;
 }
 
 /* TLS is over; tells the peer why, as far as the socket takes it at once. */
@@ -275,13 +299,12 @@ static void lose_tls(struct umb__connection *connection, const struct umb_error 
         return;
     }
     if (!connection->writing) {
-        connection->sealed.size = 0;
-        if (umb__tls_seal(connection->tls, NULL, 0, &connection->sealed, NULL) == UMB_OK &&
-            connection->sealed.size > 0) {
+        take_records(connection);
+        if (connection->sealed.size > 0) {
             (void)write_output(connection);
         }
     }
-    (void)umb_fail(&error, detail->status, "%.120s: %.280s", connection->endpoint->address.text,
+    (void)umb_fail(&error, detail->status, "%.120s: %.280s", connection->endpoint->text,
                    detail->message);
     umb__connection_lose(connection, &error);
 }
@@ -341,13 +364,13 @@ static void on_timeout(uv_timer_t *timer)
     }
     if (connection->probing) {
         (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no sign of life within %lu ms",
-                       connection->endpoint->address.text,
+                       connection->endpoint->text,
                        (unsigned long)connection->client->options.connect_timeout_ms);
         umb__connection_lose(connection, &error);
         return;
     }
     (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no HTTP/2 connection within %lu ms%s%.80s",
-                   connection->endpoint->address.text,
+                   connection->endpoint->text,
                    (unsigned long)connection->client->options.connect_timeout_ms,
                    connection->last_error.message[0] != '\0' ? ", last: " : "",
                    connection->last_error.message);
@@ -378,12 +401,13 @@ void umb__connection_probe(struct umb__connection *connection)
 static enum umb_status start_tls(struct umb__connection *connection, struct umb_error *error)
 {
     const struct umb_client *client = connection->client;
-    const struct umb__address *address = &connection->endpoint->address;
-    if (!address->is_tls) {
+    const struct umbn_address *address = &connection->endpoint->address;
+    if (address->transport != UMBN_TLS) {
         return UMB_OK;
     }
     const char *name = client->server_name != NULL ? client->server_name : address->host;
-    enum umb_status status = umb__tls_create(client->tls_context, name, &connection->tls, error);
+    enum umb_status status = umb__tls_create(client->tls_context, name, keep_records, connection,
+                                             &connection->tls, error);
     return status == UMB_OK ? umb__tls_open(connection->tls, NULL, 0, take_plain, connection, error)
                             : status;
 }
@@ -391,7 +415,7 @@ static enum umb_status start_tls(struct umb__connection *connection, struct umb_
 static void start_session(struct umb__connection *connection)
 {
     struct umb_error error;
-    if (!connection->endpoint->address.is_unix) {
+    if (connection->endpoint->address.transport != UMBN_UNIX) {
         (void)uv_tcp_nodelay(&connection->socket.tcp, 1);
     }
     if (umb__session_create(connection, &error) != UMB_OK ||
@@ -425,7 +449,7 @@ static void connect_failed(struct umb__connection *connection, int code)
 {
     char text[96];
     (void)umb_fail(&connection->last_error, UMB_E_UNAVAILABLE, "%.180s: cannot connect: %s",
-                   connection->endpoint->address.text, uv_text(code, text));
+                   connection->endpoint->text, uv_text(code, text));
     if (connection->next_address == NULL) {
         struct umb_error error = connection->last_error;
         umb__connection_lose(connection, &error);
@@ -508,7 +532,7 @@ static void connect_unix(struct umb__connection *connection)
 /* Numbers are connected to at once; only names cost a resolver thread. */
 static void connect_host(struct umb__connection *connection)
 {
-    const struct umb__address *address = &connection->endpoint->address;
+    const struct umbn_address *address = &connection->endpoint->address;
     int port = (int)strtol(address->port, NULL, 10);
     union {
         struct sockaddr any;
@@ -556,7 +580,7 @@ void umb__connection_open(struct umb__endpoint *endpoint)
     endpoint->current = connection;
     uv_update_time(&client->loop);
     (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
-    if (endpoint->address.is_unix) {
+    if (endpoint->address.transport == UMBN_UNIX) {
         connect_unix(connection);
     } else {
         connect_host(connection);

@@ -37,8 +37,9 @@ struct umb__connection {
     uv_write_t write;
     bool writing;
     struct umbw_buffer out;    /* frames; given to uv_write while writing, unless there is TLS */
-    struct umb__tls *tls;      /* of tls: addresses, else NULL */
-    struct umbw_buffer sealed; /* the same as records */
+    struct umbn_tls *tls;      /* session of tls: addresses, else NULL */
+    struct umbw_buffer sealed; /* records that are being written */
+    struct umbw_buffer records; /* records made since */
     nghttp2_session *session;
     struct umb__call_list active;
     bool ready;     /* settings came: takes calls */

@@ -32,6 +32,20 @@ uint64_t umb__asset_key(const char *asset)
     return key;
 }
 
+/* Parses the address that endpoint->text holds. */
+static enum umb_status parse_endpoint(struct umb__endpoint *endpoint, struct umb_error *error)
+{
+    enum umb_status status =
+        umbn_address_parse("address", endpoint->text, &endpoint->address, error);
+    if (status == UMB_OK && strcmp(endpoint->address.port, "0") == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "address: '%.200s': the port must be 1 to 65535",
+                        endpoint->text);
+    }
+    umbn_address_authority(&endpoint->address, endpoint->authority);
+    endpoint->key = umb__asset_key(endpoint->text);
+    return status;
+}
+
 enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text,
                                      struct umb_error *error)
 {
@@ -50,18 +64,16 @@ enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text
     enum umb_status status = UMB_OK;
     for (const char *at = text; status == UMB_OK; at++) {
         struct umb__endpoint *endpoint = &client->endpoints[client->endpoint_count++];
-        char one[sizeof endpoint->address.text];
         size_t length = strcspn(at, ",");
-        if (length >= sizeof one) {
+        if (length >= sizeof endpoint->text) {
             return umb_fail(error, UMB_E_ARGUMENT, "address: %zu bytes are over the limit of %zu",
-                            length, sizeof one - 1);
+                            length, sizeof endpoint->text - 1);
         }
-        memcpy(one, at, length);
-        one[length] = '\0';
+        memcpy(endpoint->text, at, length);
+        endpoint->text[length] = '\0';
         endpoint->client = client;
-        status = umb__address_parse(one, &endpoint->address, error);
-        endpoint->key = umb__asset_key(one);
-        client->any_tls |= endpoint->address.is_tls;
+        status = parse_endpoint(endpoint, error);
+        client->any_tls |= endpoint->address.transport == UMBN_TLS;
         at += length;
         if (*at == '\0') {
             break;

@@ -121,7 +121,7 @@ static enum umb_status take_tls(struct umb_client *client, struct umb_error *err
     return file == NULL ? UMB_OK
                         : umb_fail(error, UMB_E_ARGUMENT,
                                    "'%.150s': certificates need a tls: address, not %.100s", file,
-                                   client->endpoints[0].address.text);
+                                   client->endpoints[0].text);
 }
 
 enum umb_status umb__identity_take(struct umb_client *client, struct umb_error *error)

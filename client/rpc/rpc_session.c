@@ -147,7 +147,7 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
     struct umb_error error;
     enum umb_status status =
         umb_fail(&error, unprocessed ? UMB_E_UNAVAILABLE : status_of_reset(code),
-                 "%.200s: the server reset the call (%s)", connection->endpoint->address.text,
+                 "%.200s: the server reset the call (%s)", connection->endpoint->text,
                  nghttp2_http2_strerror(code));
     umb__call_conclude(connection->client, call, status, &error, !unprocessed);
     return 0;
@@ -303,9 +303,9 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
     char timeout[16];
     nghttp2_nv headers[HEADERS_MAX] = {
         header(":method", "POST"),
-        header(":scheme", connection->endpoint->address.is_tls ? "https" : "http"),
+        header(":scheme", connection->endpoint->address.transport == UMBN_TLS ? "https" : "http"),
         header(":path", call->path),
-        header(":authority", connection->endpoint->address.authority),
+        header(":authority", connection->endpoint->authority),
         header("te", "trailers"),
         header("content-type", "application/grpc"),
         header("user-agent", "umbrage/" UMB_VERSION),
@@ -360,7 +360,7 @@ void umb__session_give_back(struct umb__connection *connection)
             struct umb_error error;
             enum umb_status status =
                 umb_fail(&error, UMB_E_UNAVAILABLE, "%.200s: the server is going away",
-                         connection->endpoint->address.text);
+                         connection->endpoint->text);
             umb__call_conclude(connection->client, call, status, &error, false);
         }
     }

@@ -2,27 +2,13 @@
 #ifndef UMBRAGE_RPC_RPC_TLS_H
 #define UMBRAGE_RPC_RPC_TLS_H
 /*
- * TLS of a client's connections, without I/O: records in, plain bytes out, and the other way round.
+ * The client's side of TLS (net/tls_session.h): the server must choose HTTP/2 (ALPN), and its
+ * certificate is always verified: chain, dates and name. There is no switch that turns that off.
  *
- *     umb__tls_context_create once a client,
- *     umb__tls_create, umb__tls_open with no bytes: the hello is in `sealed`,
- *     umb__tls_open with what came, umb__tls_seal with what goes, umb__tls_destroy.
- *
- * TLS 1.2 or 1.3, of 1.2 only suites with forward secrecy and authenticated encryption; the server
- * must choose HTTP/2 (ALPN) and its certificate is always verified: chain, dates and name. There is
- * no switch that turns that off. No session is resumed.
  * Threads: a context is read only once made; a session has one owner.
  */
-#include <openssl/ssl.h>
-#include <stdbool.h>
-#include <stdint.h>
+#include "net/tls_session.h"
 #include "umbrage/client.h"
-#include "wire/messages.h"
-
-struct umb__tls; /* opaque: one connection's session */
-
-/* Takes plain bytes; false ends the reading. */
-typedef bool (*umb__plain_fn)(void *user, const uint8_t *bytes, size_t count);
 
 /*
  * Reads the files that the options name.
@@ -33,31 +19,25 @@ UMB_CHECKED enum umb_status umb__tls_context_create(const struct umb_client_opti
                                                     SSL_CTX **context, struct umb_error *error);
 
 /*
- * Makes a session.
+ * Makes a session. Free it with umbn_tls_destroy.
  *
  * In:    name: that the certificate must have: a host's name, or an IP address.
+ *        sink, user: take the records to be sent.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a name that no certificate can have).
  */
 UMB_CHECKED enum umb_status umb__tls_create(SSL_CTX *context, const char *name,
-                                            struct umb__tls **tls, struct umb_error *error);
-void umb__tls_destroy(struct umb__tls *tls); /* NULL is allowed */
-
-/* True once the handshake is over: then plain bytes may be sealed. */
-bool umb__tls_ready(const struct umb__tls *tls);
+                                            umbn_records_fn sink, void *user, struct umbn_tls **tls,
+                                            struct umb_error *error);
 
 /*
- * Takes what came from the peer, goes on with the handshake, gives plain bytes to `take`. There may
- * be records to send afterwards, also after a failure: umb__tls_seal without bytes.
+ * Takes what came from the server, as umbn_tls_open; a value that `take` returns to stop is no
+ * failure.
  *
- * Fails: E_UNAUTHENTICATED (a certificate that is not trusted, or the peer refuses ours),
- *        E_UNAVAILABLE (the peer said goodbye), E_PROTOCOL (no TLS, no HTTP/2).
+ * Fails: E_UNAUTHENTICATED (a certificate that is not trusted, or the server refuses ours),
+ *        E_UNAVAILABLE (the server said goodbye, or speaks no TLS), E_PROTOCOL (no HTTP/2, broken
+ *        records).
  */
-UMB_CHECKED enum umb_status umb__tls_open(struct umb__tls *tls, const uint8_t *bytes, size_t count,
-                                          umb__plain_fn take, void *user, struct umb_error *error);
-
-/* Appends records to `sealed`: of the bytes (none before the handshake is over), and what the
- * handshake has to say. Fails: E_NO_MEMORY. */
-UMB_CHECKED enum umb_status umb__tls_seal(struct umb__tls *tls, const uint8_t *bytes, size_t count,
-                                          struct umbw_buffer *sealed, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count,
+                                          umbn_plain_fn take, void *user, struct umb_error *error);
 
 #endif

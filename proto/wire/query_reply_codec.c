@@ -6,6 +6,7 @@
 #include "wire/messages.h"
 
 #include <string.h>
+#include "base/compat.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
@@ -205,7 +206,7 @@ static uint8_t *write_id(uint8_t *at, uint8_t tag, const uint8_t id[UMB_ID_BYTES
 
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes)
 {
-    uint8_t stats[STATS_MAX];
+    uint8_t stats[STATS_MAX] UMB__UNSET;
     size_t stats_size = reply->has_stats ? write_stats(reply, stats) : 0;
     uint64_t message_size = head_size(reply, stats_size) + reply->visibility_bytes;
     uint8_t *at = bytes + UMBW_PREFIX_BYTES;

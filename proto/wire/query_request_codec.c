@@ -16,6 +16,7 @@
 #include "wire/picture_codec.h"
 #include "wire/proto_scan.h"
 #include "wire/query_check.h"
+#include "base/compat.h"
 
 enum request_field {
     FIELD_ASSET,
@@ -297,7 +298,7 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
                                           struct umbw_query_request *request,
                                           struct umb_error *error)
 {
-    struct umbw_field_found found[FIELD_COUNT];
+    struct umbw_field_found found[FIELD_COUNT] UMB__UNSET; /* set by the scan */
     memset(request, 0, sizeof *request);
     enum umb_status status =
         umbw_proto_scan(message, size, REQUEST_FIELDS, FIELD_COUNT, found, NULL, error);

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/compat.h"
 #include "base/open_status.h"
 
 char *umbs__path_join(const char *folder, const char *name)
@@ -283,7 +284,7 @@ static enum umb_status is_damaged(struct umbs_entry *entry, const struct umb_err
 enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *user), void *user,
                                 struct umb_error *error)
 {
-    struct umb_error cause;
+    struct umb_error cause UMB__UNSET;
     if (entry->map == NULL) {
         read(user);
         return UMB_OK;
@@ -295,7 +296,7 @@ enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *use
 
 enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *error)
 {
-    struct umb_error cause;
+    struct umb_error cause UMB__UNSET;
     return entry->map == NULL || umbs_asset_map_prove(entry->map, &cause) == UMB_OK
                ? UMB_OK
                : is_damaged(entry, &cause, error);

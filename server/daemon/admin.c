@@ -253,7 +253,7 @@ static int listen_at(struct umbd_admin *admin, const struct sockaddr_storage *ad
 
 enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     struct sockaddr_storage resolved;
     socklen_t size = sizeof resolved;
     if (loop->daemon->options.admin == NULL) {

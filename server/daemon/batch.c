@@ -6,6 +6,7 @@
 #include <time.h>
 
 #include "daemon/batch_slice.h"
+#include "base/compat.h"
 
 #define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too; answers fill lines */
 #define CPU_CLOCK_POINTS 256 /* slices of fewer points are timed by the wall clock */
@@ -290,7 +291,7 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
 
 void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
 {
-    struct umbd__slice_result result;
+    struct umbd__slice_result result UMB__UNSET;
     umbd_count(&metrics->batches_started, 1);
     batch->status = umbd__slice_run(batch, 0, batch->points.count, &result);
     if (batch->status != UMB_OK) {

@@ -10,6 +10,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/compat.h"
 #include "common/sha256.h"
 #include "jobs/service.h"
 
@@ -116,7 +117,7 @@ int umbd_call_is_allowed(struct umbd_call *call)
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
     enum umbd_scope scope = scope_of(call->method);
-    struct umb_error error;
+    struct umb_error error UMB__UNSET;
     if (scope == UMBD_SCOPE_SUBMIT && daemon->tokens == NULL && is_plain_tcp(call->conn)) {
         umbd_count(&daemon->metrics.unauthorized, 1);
         umbd_call_fail(call, UMBW_GRPC_UNAUTHENTICATED,

@@ -163,20 +163,20 @@ static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
 }
 
 /* Names the peer and counts the connection for its address. Returns 0 if it has too many. */
-static int know_peer(struct umbd_conn *conn, enum umbd_transport transport, const char **reason)
+static int know_peer(struct umbd_conn *conn, enum umbn_transport transport, const char **reason)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;
     struct sockaddr_storage address;
     memset(&address, 0, sizeof address);
     int size = sizeof address;
-    if (transport == UMBD_UNIX) {
+    if (transport == UMBN_UNIX) {
         snprintf(conn->peer, sizeof conn->peer, "unix");
     } else if (uv_tcp_getpeername(&conn->socket.tcp, (struct sockaddr *)&address, &size) == 0) {
         umbd_address_text(&address, conn->peer, sizeof conn->peer);
     } else {
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
-    const struct sockaddr_storage *from = transport == UMBD_UNIX ? NULL : &address;
+    const struct sockaddr_storage *from = transport == UMBN_UNIX ? NULL : &address;
     /* The socket's mode admits the peers of a Unix socket; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
     return umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason) ||
@@ -200,12 +200,12 @@ static int may_shake_hands(struct umbd_conn *conn, const char **reason)
 
 /* Checks the address's limits, then finds room: a newcomer that is refused closes no connection of
  * another address. Returns 0 with the reason; the account is then released. */
-static int admit(struct umbd_conn *conn, enum umbd_transport transport, const char **reason)
+static int admit(struct umbd_conn *conn, enum umbn_transport transport, const char **reason)
 {
     if (!know_peer(conn, transport, reason)) {
         return 0;
     }
-    int admitted = transport != UMBD_TLS || may_shake_hands(conn, reason);
+    int admitted = transport != UMBN_TLS || may_shake_hands(conn, reason);
     if (admitted && !umbd_conn_make_room(conn->loop)) {
         *reason = "too many connections";
         admitted = 0;
@@ -224,7 +224,7 @@ static void refuse(struct umbd_conn *conn, const char *reason)
     uv_close(&conn->socket.handle, on_closed);
 }
 
-static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport transport)
+static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport transport)
 {
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
@@ -232,7 +232,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport t
     }
     conn->loop = loop;
     conn->serial = atomic_fetch_add(&loop->daemon->next_serial, 1);
-    if (transport == UMBD_UNIX) {
+    if (transport == UMBN_UNIX) {
         uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &conn->socket.tcp);
@@ -242,7 +242,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbd_transport t
 }
 
 /* Begins a connection whose socket is open; code: of opening it. */
-static void begin(struct umbd_conn *conn, enum umbd_transport transport, int code)
+static void begin(struct umbd_conn *conn, enum umbn_transport transport, int code)
 {
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
@@ -257,12 +257,12 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
     conn->retire_at_ms = retirement_ms(conn, daemon->options.max_age_ms);
     link_conn(conn);
     umbd_count(&daemon->metrics.connections_opened, 1);
-    if (transport != UMBD_UNIX) {
+    if (transport != UMBN_UNIX) {
         uv_tcp_nodelay(&conn->socket.tcp, 1);
         uv_tcp_keepalive(&conn->socket.tcp, 1, KEEPALIVE_S);
     }
     if (umbd_conn_h2_start(conn) != UMB_OK ||
-        (transport == UMBD_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
+        (transport == UMBN_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
         umbd_conn_read_start(conn) != 0) {
         umbd_conn_close(conn, "cannot start");
         return;
@@ -273,14 +273,14 @@ static void begin(struct umbd_conn *conn, enum umbd_transport transport, int cod
     umbd_conn_flush(conn);
 }
 
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport)
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport)
 {
     struct umbd_conn *conn = make_conn(loop, transport);
     if (conn == NULL) {
         close(socket);
         return;
     }
-    int code = transport == UMBD_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
+    int code = transport == UMBN_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
                                       : uv_tcp_open(&conn->socket.tcp, socket);
     if (code != 0) {
         close(socket);

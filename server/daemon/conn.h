@@ -85,7 +85,7 @@ struct umbd_conn {
 #define UMBD_QUEUED_FRAMES 1500
 
 /* Takes over a connected socket; closes it if there is no room or memory. */
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbd_transport transport);
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport);
 
 /*
  * Room for connections (conn_room.c).

@@ -213,9 +213,9 @@ static int feed_filter(void *user, const uint8_t *bytes, size_t count)
 static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
     int code = umbd_conn_tls_open(conn, bytes, count, feed_filter, conn);
-    /* The loop's buffer is for whoever comes next. */
+    /* The next connection needs the buffer of the loop. */
     if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
-        return UMBD_TLS_BROKEN;
+        return UMBN_TLS_BROKEN;
     }
     return code;
 }
@@ -251,9 +251,9 @@ static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buf
             umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
         }
     }
-    if (code == UMBD_TLS_BROKEN) {
+    if (code == UMBN_TLS_BROKEN || code == UMBN_TLS_NO_H2) {
         tls_broke(conn);
-    } else if (code == UMBD_TLS_OVER) {
+    } else if (code == UMBN_TLS_OVER) {
         umbd_conn_flush(conn);
         umbd_conn_close(conn, "the peer said goodbye");
     } else if (code != 0) {

@@ -2,33 +2,27 @@
 #ifndef UMBRAGE_SERVER_DAEMON_CONN_TLS_H
 #define UMBRAGE_SERVER_DAEMON_CONN_TLS_H
 /*
- * TLS of one connection, without I/O: records in, plain bytes out, and the other way round.
- *
- * The library reads records from where the loop read them, and writes records into the loop's
- * buffer; a connection keeps no buffer of its own but records that could not be sent at once
- * (handshakes and alerts only, since data is sealed when it can be sent).
+ * TLS of one connection of the daemon (net/tls_session.h): records go into the loop's buffer. A
+ * connection keeps no buffer of its own but records that could not be sent at once (handshakes and
+ * alerts only, since data is sealed when it can be sent).
  */
 #include "daemon/conn.h"
+#include "net/tls_session.h"
 
-#define UMBD_TLS_RECORD   16384 /* plain bytes of a record */
-#define UMBD_TLS_OVERHEAD 64    /* at most, of a record: head, nonce, tag, padding */
-/* Room for sealing all of the loop's output, and what a handshake says. */
+#define UMBD_TLS_OVERHEAD 64 /* most bytes that a record adds: head, nonce, tag, padding */
+/* Bytes for all of the loop's output, sealed, and for a handshake. */
 #define UMBD_SEALED_CAPACITY                                                                       \
-    (UMBD_OUT_CAPACITY + (UMBD_OUT_CAPACITY / UMBD_TLS_RECORD + 2) * UMBD_TLS_OVERHEAD + 65536)
+    (UMBD_OUT_CAPACITY + (UMBD_OUT_CAPACITY / UMBN_TLS_RECORD_BYTES + 2) * UMBD_TLS_OVERHEAD +     \
+     65536)
 
 /* Makes the session. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
 void umbd_conn_tls_finish(struct umbd_conn *conn);
 
-/*
- * Takes records; gives what they hold to `emit`. Returns 0, what emit returned to stop,
- * UMBD_TLS_BROKEN or, when the peer said goodbye, UMBD_TLS_OVER: the connection must be flushed
- * (there may be an alert) and closed.
- */
-#define UMBD_TLS_BROKEN (-100000)
-#define UMBD_TLS_OVER   (-100001)
+/* Takes records and gives what they hold to `take`; returns as umbn_tls_open. On an end the
+ * connection must be flushed (there may be an alert) and closed. */
 int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
-                       umbd_emit_fn emit, void *user);
+                       umbn_plain_fn take, void *user);
 
 /*
  * 0 if --tls-client-ca or --tls-crl, reloaded, no longer accepts the client's certificate; else 1.

@@ -241,11 +241,11 @@ static enum umb_status set_number(const struct option *option, const char *text,
 static enum umb_status set_listen(const char *text, struct umbd_options *options,
                                   struct umb_error *error)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     if (options->listen_count == UMBD_LISTEN_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "--listen: more than %d addresses", UMBD_LISTEN_MAX);
     }
-    enum umb_status status = umbd_address_parse("--listen", text, &address, error);
+    enum umb_status status = umbn_address_parse("--listen", text, &address, error);
     if (status == UMB_OK) {
         options->listen[options->listen_count++] = text;
     }
@@ -385,7 +385,7 @@ static void set_defaults(struct umbd_options *options)
 /* Checks what single options cannot say. */
 static enum umb_status check_whole(struct umbd_options *options, struct umb_error *error)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     if (options->stores[0] == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--store DIR is required");
     }
@@ -455,12 +455,12 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     return UMB_OK;
 }
 
-int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
                               const struct sockaddr_storage *address)
 {
-    return transport != UMBD_UNIX && !umbd_address_is_loopback(address) &&
+    return transport != UMBN_UNIX && !umbd_address_is_loopback(address) &&
            options->token_file == NULL && !options->without_tokens &&
-           !(transport == UMBD_TLS && options->tls_client_ca != NULL);
+           !(transport == UMBN_TLS && options->tls_client_ca != NULL);
 }
 
 /* A text of the config file, kept as long as the options. */

@@ -93,7 +93,7 @@ void umbd_options_finish(struct umbd_options *options);
  * 1 if a listener on that address would serve other machines without any check of callers: no token
  * file, no client certificates, and no --without-tokens.
  */
-int umbd_options_serve_anyone(const struct umbd_options *options, enum umbd_transport transport,
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
                               const struct sockaddr_storage *address);
 
 /* Prints every setting as a config file has it, in the order of the usage. */

@@ -104,7 +104,7 @@ static int permit(const char *path, mode_t mode)
 }
 
 /* Nothing can connect before it listens, so the permissions are there in time. */
-static int bind_unix(struct umbd_listener *listener, const struct umbd_address *address, int *fd)
+static int bind_unix(struct umbd_listener *listener, const struct umbn_address *address, int *fd)
 {
     struct sockaddr_un name = {.sun_family = AF_UNIX};
     memcpy(name.sun_path, address->path, sizeof name.sun_path);
@@ -133,7 +133,7 @@ static socklen_t size_of(const struct sockaddr_storage *address)
 static void name_listener(struct umbd_listener *listener)
 {
     static const char *const prefixes[] = {
-        [UMBD_TCP] = "tcp:", [UMBD_TLS] = "tls:", [UMBD_UNIX] = "unix:"};
+        [UMBN_TCP] = "tcp:", [UMBN_TLS] = "tls:", [UMBN_UNIX] = "unix:"};
     struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
     int length =
@@ -141,7 +141,7 @@ static void name_listener(struct umbd_listener *listener)
     char *rest = listener->text + length;
     size_t room = sizeof listener->text - (size_t)length;
     (void)getsockname(listener->acceptor.fd, (struct sockaddr *)&address, &size);
-    if (listener->transport == UMBD_UNIX) {
+    if (listener->transport == UMBN_UNIX) {
         struct sockaddr_un name = {0};
         memcpy(&name, &address, size < sizeof name ? size : sizeof name);
         snprintf(rest, room, "%.*s", (int)sizeof name.sun_path, name.sun_path);
@@ -151,7 +151,7 @@ static void name_listener(struct umbd_listener *listener)
 }
 
 /* Makes a listener of the loop, not bound yet; NULL: out of memory. */
-static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbd_transport transport)
+static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbn_transport transport)
 {
     struct umbd_listener *listener = calloc(1, sizeof *listener);
     if (listener == NULL) {
@@ -176,7 +176,7 @@ static void log_listening(const struct umbd_listener *listener, const char *from
 }
 
 /* Fails: E_ARGUMENT (other machines could query without a token or a certificate). */
-static enum umb_status check_reach(const struct umbd_loop *loop, enum umbd_transport transport,
+static enum umb_status check_reach(const struct umbd_loop *loop, enum umbn_transport transport,
                                    const struct sockaddr_storage *address, struct umb_error *error)
 {
     char text[UMBD_ADDRESS_TEXT_SIZE];
@@ -192,10 +192,10 @@ static enum umb_status check_reach(const struct umbd_loop *loop, enum umbd_trans
 
 static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct umb_error *error)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     struct sockaddr_storage resolved;
-    enum umb_status status = umbd_address_parse("--listen", text, &address, error);
-    if (status == UMB_OK && address.transport != UMBD_UNIX) {
+    enum umb_status status = umbn_address_parse("--listen", text, &address, error);
+    if (status == UMB_OK && address.transport != UMBN_UNIX) {
         status = umbd_address_resolve(&address, &resolved, error);
         if (status == UMB_OK) {
             status = check_reach(loop, address.transport, &resolved, error);
@@ -209,7 +209,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
     int fd = -1;
-    int code = address.transport == UMBD_UNIX
+    int code = address.transport == UMBN_UNIX
                    ? bind_unix(listener, &address, &fd)
                    : umbd_socket_bind((struct sockaddr *)&resolved, size_of(&resolved), &fd);
     if (code == 0) {
@@ -227,7 +227,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
 /* Protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening stream socket;
  * check_reach's). */
 static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, int is_tls,
-                                        enum umbd_transport *transport, struct umb_error *error)
+                                        enum umbn_transport *transport, struct umb_error *error)
 {
     struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
@@ -238,10 +238,10 @@ static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, in
         return umb_fail(error, UMB_E_ARGUMENT,
                         "LISTEN_FDS: descriptor %d is not a listening stream socket", fd);
     }
-    *transport = address.ss_family == AF_UNIX ? UMBD_UNIX : is_tls ? UMBD_TLS : UMBD_TCP;
+    *transport = address.ss_family == AF_UNIX ? UMBN_UNIX : is_tls ? UMBN_TLS : UMBN_TCP;
     if ((address.ss_family != AF_UNIX && address.ss_family != AF_INET &&
          address.ss_family != AF_INET6) ||
-        (is_tls && *transport == UMBD_UNIX)) {
+        (is_tls && *transport == UMBN_UNIX)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "LISTEN_FDS: descriptor %d is neither TCP nor a plain Unix socket", fd);
     }
@@ -251,9 +251,9 @@ static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, in
 static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
                                    struct umb_error *error)
 {
-    enum umbd_transport transport = UMBD_TCP;
+    enum umbn_transport transport = UMBN_TCP;
     enum umb_status status = handed_transport(loop, fd, is_tls, &transport, error);
-    if (status == UMB_OK && transport == UMBD_TLS && loop->daemon->tls == NULL) {
+    if (status == UMB_OK && transport == UMBN_TLS && loop->daemon->tls == NULL) {
         status = umb_fail(error, UMB_E_ARGUMENT,
                           "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
     }

@@ -17,7 +17,7 @@
 struct umbd_handed {
     struct umbd_handed *next;
     int socket;
-    enum umbd_transport transport;
+    enum umbn_transport transport;
 };
 
 enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *error)
@@ -110,7 +110,7 @@ struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon)
     return best;
 }
 
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport)
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport)
 {
     struct umbd_handed *handed = malloc(sizeof *handed);
     if (handed == NULL) {

@@ -26,7 +26,7 @@ void umbd_loops_finish(struct umbd_daemon *daemon);
 struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon);
 
 /* Hands an accepted socket to another loop; closes it if that has no memory. */
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbd_transport transport);
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport);
 
 /* Makes every other loop begin its drain, or, the second time, end at once. */
 void umbd_loops_drain(struct umbd_loop *from);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parsing and printing of addresses. */
+/* See net_address.h. */
 #include "daemon/net_address.h"
 
 #include <arpa/inet.h>
@@ -8,63 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static enum umb_status parse_host_port(const char *option, const char *text,
-                                       struct umbd_address *address, struct umb_error *error)
-{
-    const char *colon = strrchr(text, ':');
-    const char *host = text;
-    size_t length = colon != NULL ? (size_t)(colon - text) : 0;
-    if (length >= 2 && host[0] == '[' && host[length - 1] == ']') {
-        host++;
-        length -= 2;
-    } else if (length > 0 && memchr(host, ':', length) != NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.100s': write an IPv6 host in brackets",
-                        option, text);
-    }
-    if (length == 0 || length >= sizeof address->host) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.100s' is not HOST:PORT", option, text);
-    }
-    const char *port = colon + 1;
-    size_t digits = strspn(port, "0123456789");
-    unsigned long number = digits > 0 && digits <= 5 ? strtoul(port, NULL, 10) : 65536;
-    if (port[digits] != '\0' || number > 65535) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: port '%.20s' is not in 0..65535", option, port);
-    }
-    memcpy(address->host, host, length);
-    address->host[length] = '\0';
-    snprintf(address->port, sizeof address->port, "%lu", number);
-    return UMB_OK;
-}
-
-enum umb_status umbd_address_parse(const char *option, const char *text,
-                                   struct umbd_address *address, struct umb_error *error)
-{
-    memset(address, 0, sizeof *address);
-    if (strncmp(text, "unix:", 5) == 0) {
-        size_t length = strlen(text + 5);
-        if (length == 0 || length >= sizeof address->path) {
-            return umb_fail(error, UMB_E_ARGUMENT, "%s: unix path of %zu bytes, must be 1..%zu",
-                            option, length, sizeof address->path - 1);
-        }
-        memcpy(address->path, text + 5, length + 1);
-        address->transport = UMBD_UNIX;
-        return UMB_OK;
-    }
-    if (strncmp(text, "tls:", 4) == 0) {
-        address->transport = UMBD_TLS;
-    } else if (strncmp(text, "tcp:", 4) != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "%s: '%.100s' is not tcp:HOST:PORT, tls:HOST:PORT or unix:PATH", option,
-                        text);
-    }
-    return parse_host_port(option, text + 4, address, error);
-}
-
-enum umb_status umbd_address_parse_admin(const char *text, struct umbd_address *address,
+enum umb_status umbd_address_parse_admin(const char *text, struct umbn_address *address,
                                          struct umb_error *error)
 {
-    memset(address, 0, sizeof *address);
-    enum umb_status status = parse_host_port("--admin", text, address, error);
+    enum umb_status status = umbn_address_parse_host("--admin", text, address, error);
     if (status == UMB_OK && strcmp(address->host, "localhost") != 0 &&
         strcmp(address->host, "::1") != 0 && strncmp(address->host, "127.", 4) != 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "--admin: '%.100s' is not a loopback host", text);
@@ -72,7 +19,7 @@ enum umb_status umbd_address_parse_admin(const char *text, struct umbd_address *
     return status;
 }
 
-enum umb_status umbd_address_resolve(const struct umbd_address *address,
+enum umb_status umbd_address_resolve(const struct umbn_address *address,
                                      struct sockaddr_storage *out, struct umb_error *error)
 {
     struct addrinfo hints = {.ai_family = AF_UNSPEC,

@@ -7,6 +7,7 @@
  * that version.
  */
 #include "daemon/query_budget.h"
+#include "base/compat.h"
 
 #include <math.h>
 #include <string.h>
@@ -115,7 +116,7 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
 static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
                           const struct umbw_query_request *request)
 {
-    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
+    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES] UMB__UNSET;
     struct umbw_query_reply reply = reply_of(batch, request->target_count > 0, ids);
     size_t room = umbw_query_reply_room(&reply);
     uint8_t *at = umbd_call_reserve(call, room + batch->value_bytes);
@@ -276,9 +277,9 @@ void umbd_service_query(struct umbd_call *call)
 {
     struct umbd_loop *loop = call->conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
-    struct umbw_query_request request;
+    struct umbw_query_request request UMB__UNSET;
     struct umbd_batch *batch = NULL;
-    struct umb_error error;
+    struct umb_error error UMB__UNSET;
     error.message[0] = '\0';
     if (!umbd_proof_has_room(loop)) {
         umbd_proof_settle(loop);

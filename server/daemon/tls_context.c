@@ -8,14 +8,8 @@
 #include <openssl/err.h>
 #include <pthread.h>
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stdlib.h>
-#include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
-/* Of TLS 1.2 only what forward secrecy and authenticated encryption are part of. */
-#define TLS12_CIPHERS "ECDHE+AESGCM:ECDHE+CHACHA20"
+#include "net/tls_rules.h"
 
 struct umbd_tls {
     struct umbd_tls_files files;
@@ -39,52 +33,19 @@ static int select_h2(SSL *ssl, const unsigned char **out, unsigned char *out_siz
     return SSL_TLSEXT_ERR_OK;
 }
 
-/* A key under a password is refused: the library would ask for it on the terminal, and a reload
- * would hold a loop up until somebody types it. */
-static int no_password(char *password, int size, int writing, void *unused)
-{
-    (void)password;
-    (void)size;
-    (void)writing;
-    (void)unused;
-    return -1;
-}
-
-/* What OpenSSL has to say; empties its queue. */
-static enum umb_status refuse(struct umb_error *error, const char *option, const char *path)
-{
-    char reason[160] = "";
-    unsigned long code = ERR_peek_error();
-    if (code != 0) {
-        ERR_error_string_n(code, reason, sizeof reason);
-    }
-    ERR_clear_error();
-    return umb_fail(error, access(path, R_OK) == 0 ? UMB_E_ARGUMENT : UMB_E_NO_INPUT,
-                    "%s: '%.100s' cannot be used: %s", option, path, reason);
-}
-
-/* OpenSSL would wait for the writer of a pipe, on the loop. */
-static bool is_special(const char *path)
-{
-    struct stat info;
-    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
-}
-
 static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files *files,
                                   struct umb_error *error)
 {
-    const char *const paths[] = {files->certificate, files->key, files->client_ca, files->crl};
-    for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
-        if (paths[i] != NULL && is_special(paths[i])) {
-            return umb_fail(error, UMB_E_NO_INPUT, "TLS: '%.150s' is not a regular file", paths[i]);
-        }
+    const struct umbn_tls_file named[] = {{"--tls-cert", files->certificate},
+                                          {"--tls-key", files->key},
+                                          {"--tls-client-ca", files->client_ca},
+                                          {"--tls-crl", files->crl}};
+    enum umb_status status = umbn_tls_files_check(named, sizeof named / sizeof named[0], error);
+    if (status == UMB_OK) {
+        status = umbn_tls_load_pair(context, &named[0], &named[1], error);
     }
-    if (SSL_CTX_use_certificate_chain_file(context, files->certificate) != 1) {
-        return refuse(error, "--tls-cert", files->certificate);
-    }
-    if (SSL_CTX_use_PrivateKey_file(context, files->key, SSL_FILETYPE_PEM) != 1 ||
-        SSL_CTX_check_private_key(context) != 1) {
-        return refuse(error, "--tls-key", files->key);
+    if (status != UMB_OK) {
+        return status;
     }
     if (files->client_ca == NULL) {
         return UMB_OK;
@@ -92,14 +53,14 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
     STACK_OF(X509_NAME) *names = SSL_load_client_CA_file(files->client_ca);
     if (names == NULL || SSL_CTX_load_verify_locations(context, files->client_ca, NULL) != 1) {
         sk_X509_NAME_pop_free(names, X509_NAME_free);
-        return refuse(error, "--tls-client-ca", files->client_ca);
+        return umbn_tls_refuse_file(&named[2], error);
     }
     if (files->crl != NULL) {
         X509_STORE *store = SSL_CTX_get_cert_store(context);
         X509_LOOKUP *lookup = X509_STORE_add_lookup(store, X509_LOOKUP_file());
         if (lookup == NULL || X509_load_crl_file(lookup, files->crl, X509_FILETYPE_PEM) < 1) {
             sk_X509_NAME_pop_free(names, X509_NAME_free);
-            return refuse(error, "--tls-crl", files->crl);
+            return umbn_tls_refuse_file(&named[3], error);
         }
         /* A missing or expired list of an authority refuses all of its clients. */
         X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);
@@ -116,23 +77,22 @@ static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX 
                                     struct umb_error *error)
 {
     static const unsigned char session_id[] = "umbraged";
-    SSL_CTX *context = SSL_CTX_new(TLS_server_method());
+    SSL_CTX *context;
+    enum umb_status status = umbn_tls_context_create(TLS_server_method(), &context, error);
     *out = NULL;
-    if (context == NULL || SSL_CTX_set_min_proto_version(context, TLS1_2_VERSION) != 1 ||
-        SSL_CTX_set_cipher_list(context, TLS12_CIPHERS) != 1 ||
-        SSL_CTX_set_session_id_context(context, session_id, sizeof session_id - 1) != 1) {
+    if (status != UMB_OK) {
+        return status;
+    }
+    if (SSL_CTX_set_session_id_context(context, session_id, sizeof session_id - 1) != 1) {
         SSL_CTX_free(context);
         ERR_clear_error();
         return umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
     }
-    SSL_CTX_set_options(context, SSL_OP_NO_RENEGOTIATION | SSL_OP_NO_COMPRESSION |
-                                     SSL_OP_CIPHER_SERVER_PREFERENCE);
+    SSL_CTX_set_options(context, SSL_OP_CIPHER_SERVER_PREFERENCE);
     /* Idle connections keep no record buffers. */
     SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
-    SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
     SSL_CTX_set_alpn_select_cb(context, select_h2, NULL);
-    SSL_CTX_set_default_passwd_cb(context, no_password);
-    enum umb_status status = load_files(context, files, error);
+    status = load_files(context, files, error);
     if (status != UMB_OK) {
         SSL_CTX_free(context);
         return status;

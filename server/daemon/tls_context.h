@@ -2,9 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TLS_CONTEXT_H
 #define UMBRAGE_SERVER_DAEMON_TLS_CONTEXT_H
 /*
- * The server's certificate, key and what it demands of clients: TLS 1.2 and 1.3, ALPN "h2" and
- * nothing else, no renegotiation, no compression; with a client authority also a client's
- * certificate (mutual TLS).
+ * The server's certificate and key, and what it demands of clients beside net/tls_rules.h: ALPN
+ * "h2" and nothing else; with a client authority also a client's certificate (mutual TLS).
  *
  * Threads: all functions from any thread; a session made before a reload keeps the old certificate.
  */

@@ -20,7 +20,7 @@ import tempfile
 
 BUILD = os.environ.get("BUILD", "build/release")
 NEAR = 2.0 ** -26  # of the reach: what a face leaves out
-RESOLUTIONS = [512] * 80 + [1024] * 60 + [2048] * 40 + [4096] * 16 + [8192] * 3 + [16384]
+RESOLUTIONS = [512] * 60 + [1024] * 50 + [2048] * 40 + [4096] * 26 + [8192] * 16 + [16384] * 8
 OFFSETS = [(0, 0, 0)] * 6 + [(2600000, 1200000, 400), (447751.25, 5936000.5, 12), (1e7, -1e7, 1e3), (0.3, -0.7, 0.1)]
 
 

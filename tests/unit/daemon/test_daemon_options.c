@@ -121,11 +121,11 @@ static void options_name_each_bad_argument(void **state)
     }
 }
 
-static struct sockaddr_storage resolve(const char *text, struct umbd_address *address)
+static struct sockaddr_storage resolve(const char *text, struct umbn_address *address)
 {
     struct sockaddr_storage found = {0};
-    assert_int_equal(umbd_address_parse("x", text, address, NULL), UMB_OK);
-    if (address->transport != UMBD_UNIX) {
+    assert_int_equal(umbn_address_parse("x", text, address, NULL), UMB_OK);
+    if (address->transport != UMBN_UNIX) {
         assert_int_equal(umbd_address_resolve(address, &found, NULL), UMB_OK);
     }
     return found;
@@ -138,7 +138,7 @@ static int serves_anyone(const char *text, char **argv)
 {
     struct umbd_options options;
     struct umb_error error;
-    struct umbd_address address;
+    struct umbn_address address;
     if (parse(argv, &options, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
@@ -185,14 +185,14 @@ static void options_require_a_store_and_values(void **state)
 
 static void address_keeps_brackets_out_of_the_host(void **state)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     struct sockaddr_storage resolved;
     char text[UMBD_ADDRESS_TEXT_SIZE];
     (void)state;
-    assert_int_equal(umbd_address_parse("x", "tcp:[::1]:080", &address, NULL), UMB_OK);
+    assert_int_equal(umbn_address_parse("x", "tcp:[::1]:080", &address, NULL), UMB_OK);
     assert_string_equal(address.host, "::1");
     assert_string_equal(address.port, "80");
-    assert_int_equal(umbd_address_parse("x", "tcp:127.0.0.1:7420", &address, NULL), UMB_OK);
+    assert_int_equal(umbn_address_parse("x", "tcp:127.0.0.1:7420", &address, NULL), UMB_OK);
     assert_int_equal(umbd_address_resolve(&address, &resolved, NULL), UMB_OK);
     umbd_address_text(&resolved, text, sizeof text);
     assert_string_equal(text, "127.0.0.1:7420");
@@ -200,16 +200,16 @@ static void address_keeps_brackets_out_of_the_host(void **state)
 
 static void address_limits_the_unix_path(void **state)
 {
-    struct umbd_address address;
+    struct umbn_address address;
     char text[200] = "unix:";
     (void)state;
     memset(text + 5, 'a', 107);
     text[5 + 107] = '\0';
-    assert_int_equal(umbd_address_parse("x", text, &address, NULL), UMB_OK);
-    assert_int_equal(address.transport, UMBD_UNIX);
+    assert_int_equal(umbn_address_parse("x", text, &address, NULL), UMB_OK);
+    assert_int_equal(address.transport, UMBN_UNIX);
     text[5 + 107] = 'a';
     text[5 + 108] = '\0';
-    assert_int_equal(umbd_address_parse("x", text, &address, NULL), UMB_E_ARGUMENT);
+    assert_int_equal(umbn_address_parse("x", text, &address, NULL), UMB_E_ARGUMENT);
 }
 
 int main(void)

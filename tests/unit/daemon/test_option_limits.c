@@ -169,19 +169,19 @@ static void addresses_are_hosts_with_ports(void **state)
     static const char *const bad[] = {"tcp:[::1]:",    "tcp:[]:80",      "tcp:h:123456",
                                       "tcp:h:80x",     "tcp:[::1:80",    "tcp:a]:b:80",
                                       "tcp::::::::80", "tcp:h:99999"};
-    struct umbd_address address;
+    struct umbn_address address;
     char longest[400];
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        assert_int_equal(umbd_address_parse("--listen", bad[i], &address, &error), UMB_E_ARGUMENT);
+        assert_int_equal(umbn_address_parse("--listen", bad[i], &address, &error), UMB_E_ARGUMENT);
         assert_non_null(strstr(error.message, "--listen"));
     }
     memset(longest, 'h', sizeof longest);
     memcpy(longest, "tcp:", 4);
     memcpy(longest + 390, ":80", 4);
-    assert_int_equal(umbd_address_parse("--listen", longest, &address, &error), UMB_E_ARGUMENT);
-    assert_int_equal(umbd_address_parse("--listen", "tls:h:65535", &address, &error), UMB_OK);
-    assert_int_equal(address.transport, UMBD_TLS);
+    assert_int_equal(umbn_address_parse("--listen", longest, &address, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umbn_address_parse("--listen", "tls:h:65535", &address, &error), UMB_OK);
+    assert_int_equal(address.transport, UMBN_TLS);
     static const char *const here[] = {"localhost:1", "[::1]:1", "127.1.2.3:1"};
     for (size_t i = 0; i < 3; i++) {
         assert_int_equal(umbd_address_parse_admin(here[i], &address, &error), UMB_OK);

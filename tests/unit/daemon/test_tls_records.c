@@ -185,7 +185,7 @@ static void bytes_go_both_ways_and_a_goodbye_is_one(void **state)
     assert_memory_equal(back, "answer", 6);
     assert_int_equal(to_client(f, 0), 0); /* nothing twice */
     assert_int_equal(SSL_shutdown(f->client), 0);
-    assert_int_equal(to_daemon(f), UMBD_TLS_OVER);
+    assert_int_equal(to_daemon(f), UMBN_TLS_OVER);
     umbd_conn_tls_bye(&f->conn);
     assert_true(to_client(f, 0) > 0);
     assert_int_equal(SSL_read(f->client, back, sizeof back), 0);
@@ -266,7 +266,7 @@ static void noise_and_other_protocols_are_broken(void **state)
     struct fixture *f = *state;
     static const uint8_t noise[] = "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
     assert_int_equal(umbd_conn_tls_open(&f->conn, noise, sizeof noise - 1, take_plain, f),
-                     UMBD_TLS_BROKEN);
+                     UMBN_TLS_BROKEN);
     static const char *const protocols[] = {"\x08http/1.1", NULL};
     for (size_t i = 0; i < 2; i++) {
         int code = 0;
@@ -280,7 +280,8 @@ static void noise_and_other_protocols_are_broken(void **state)
             code = to_daemon(f);
             (void)to_client(f, 0);
         }
-        assert_int_equal(code, UMBD_TLS_BROKEN);
+        /* a client without ALPN gets through OpenSSL's handshake */
+        assert_int_equal(code, protocols[i] != NULL ? UMBN_TLS_BROKEN : UMBN_TLS_NO_H2);
         assert_false(umbd_conn_tls_ready(&f->conn));
     }
     assert_int_equal(f->got_size, 0);
@@ -296,7 +297,7 @@ static void a_record_that_was_changed_ends_it(void **state)
     assert_true(size > 10);
     record[size - 1] ^= 1;
     assert_int_equal(umbd_conn_tls_open(&f->conn, record, (size_t)size, take_plain, f),
-                     UMBD_TLS_BROKEN);
+                     UMBN_TLS_BROKEN);
     assert_int_equal(f->got_size, 0);
 }
 

@@ -9,31 +9,49 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "../../../client/rpc/rpc_address.h"
+#include "net/address.h"
 #include "../../../client/rpc/rpc_reply.h"
 #include "../../../client/rpc/rpc_sha256.h"
 #include "umbrage/client.h"
 
+static void expect_authority(const char *text, const char *authority)
+{
+    struct umbn_address address;
+    char written[UMBN_AUTHORITY_SIZE];
+    assert_int_equal(umbn_address_parse("address", text, &address, NULL), UMB_OK);
+    umbn_address_authority(&address, written);
+    assert_string_equal(written, authority);
+}
+
 static void address_forms_are_told_apart(void **state)
 {
-    struct umb__address address;
+    struct umbn_address address;
     (void)state;
-    assert_int_equal(umb__address_parse("tcp:127.0.0.1:7420", &address, NULL), UMB_OK);
+    assert_int_equal(umbn_address_parse("address", "tcp:127.0.0.1:7420", &address, NULL), UMB_OK);
     assert_string_equal(address.host, "127.0.0.1");
     assert_string_equal(address.port, "7420");
-    assert_string_equal(address.authority, "127.0.0.1:7420");
-    assert_int_equal(umb__address_parse("tcp:[::1]:65535", &address, NULL), UMB_OK);
-    assert_string_equal(address.host, "::1");
-    assert_string_equal(address.authority, "[::1]:65535");
-    assert_int_equal(umb__address_parse("tcp:shadow-1.example.org:1", &address, NULL), UMB_OK);
-    assert_false(address.is_tls);
-    assert_int_equal(umb__address_parse("tls:[fe80::1]:443", &address, NULL), UMB_OK);
-    assert_true(address.is_tls && !address.is_unix);
-    assert_string_equal(address.authority, "[fe80::1]:443");
-    assert_int_equal(umb__address_parse("unix:/run/umbrage.sock", &address, NULL), UMB_OK);
-    assert_true(address.is_unix);
+    assert_int_equal(address.transport, UMBN_TCP);
+    assert_int_equal(umbn_address_parse("address", "tls:[fe80::1]:443", &address, NULL), UMB_OK);
+    assert_string_equal(address.host, "fe80::1");
+    assert_int_equal(address.transport, UMBN_TLS);
+    assert_int_equal(umbn_address_parse("address", "unix:/run/umbrage.sock", &address, NULL),
+                     UMB_OK);
+    assert_int_equal(address.transport, UMBN_UNIX);
     assert_string_equal(address.path, "/run/umbrage.sock");
-    assert_string_equal(address.authority, "localhost");
+    expect_authority("tcp:127.0.0.1:7420", "127.0.0.1:7420");
+    expect_authority("tcp:[::1]:65535", "[::1]:65535");
+    expect_authority("tcp:shadow-1.example.org:1", "shadow-1.example.org:1");
+    expect_authority("tls:[fe80::1]:443", "[fe80::1]:443");
+    expect_authority("unix:/run/umbrage.sock", "localhost");
+}
+
+/* Opens a client at an address; nothing is sent. */
+static enum umb_status open_at(const char *address, struct umb_error *error)
+{
+    struct umb_client *client;
+    enum umb_status status = umb_client_open(address, NULL, &client, error);
+    umb_client_close(client);
+    return status;
 }
 
 static void bad_addresses_are_refused(void **state)
@@ -44,18 +62,18 @@ static void bad_addresses_are_refused(void **state)
         "tcp:[]:1",   "tcp:a b:1",   "tcp:a\n:1",    "unix:",     "http://h:1",
         "h:7420",     "tcp:a/b:1",   "tcp:h:123456", "tls:",      "tls:host",
         "tls:h:0"};
-    struct umb__address address;
     struct umb_error error;
     char long_path[200] = "unix:";
     (void)state;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         print_message("'%s'\n", bad[i]);
-        assert_int_equal(umb__address_parse(bad[i], &address, &error), UMB_E_ARGUMENT);
+        assert_int_equal(open_at(bad[i], &error), UMB_E_ARGUMENT);
+        assert_int_equal(strncmp(error.message, "address", 7), 0);
     }
     memset(long_path + 5, 'a', 108);
-    assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_E_ARGUMENT);
+    assert_int_equal(open_at(long_path, &error), UMB_E_ARGUMENT);
     long_path[5 + 107] = '\0';
-    assert_int_equal(umb__address_parse(long_path, &address, &error), UMB_OK);
+    assert_int_equal(open_at(long_path, &error), UMB_OK);
 }
 
 static void bad_tokens_and_files_are_refused_before_anything_is_sent(void **state)
