@@ -132,7 +132,7 @@ def fault_of(path, target):
         return None if other in PARTS[part] else f"{part} may not include {other}"
     if part in FLOORS and floor_of(target, part) > floor_of(path, part):
         floor = FLOORS[part][floor_of(target, part)]
-        return f"it stands below {floor if floor != '*' else 'the top of ' + part}"
+        return f"{floor if floor != '*' else 'the top of ' + part} stands above it"
     return None
 
 
