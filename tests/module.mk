@@ -183,7 +183,10 @@ sanitize: ## unit tests and a serving daemon under ASan with UBSan, then under T
 	@$(MAKE) --no-print-directory -j$(CORES) config=tsan warn= sanitize-one
 sanitize-short:
 	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory sanitize
-SANITIZED := $(if $(filter tsan,$(config)),$(UNIT_TESTS),$(UNIT_TESTS) $(FUZZ_REPLAYS))
+# The core, maps and wire start no threads; a test of theirs may.
+THREADLESS := $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire)
+THREADED := $(filter-out $(THREADLESS),$(UNIT_TESTS)) $(patsubst %.c,$(BUILD)/%,$(shell grep -l pthread_create $(THREADLESS:$(BUILD)/%=%.c)))
+SANITIZED := $(if $(filter tsan,$(config)),$(THREADED),$(UNIT_TESTS) $(FUZZ_REPLAYS))
 sanitize-one: $(SANITIZED) $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake scenegen)
 	@echo "== $(config)"
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) \
