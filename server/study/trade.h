@@ -7,7 +7,8 @@
  *     ladder    bakes the scene at each resolution, open and closed     (trade_ladder.c)
  *     points    draws samples and traces what is true of them           (trade_points.c)
  *     measure   asks every setting about the same points, interleaved   (trade_measure.c)
- *     report    report.json, report.csv, report.html, the verdict       (trade_report.c, trade_page.c)
+ *     report    report.json, report.csv, report.html, the verdict       (trade_report.c,
+ *                                                                        trade_page.c)
  *
  * Data flows in that order; each step reads what the earlier ones filled and nothing else.
  *
