@@ -23,7 +23,7 @@
 #include "format/file_map.h"
 #include "format/head.h"
 #include "format/layout.h"
-#include "../rpc/rpc_sha256.h"
+#include "rpc/rpc_sha256.h"
 #include "umbrage/jobs.h"
 
 #define TRIES 5 /* without one byte more between two */

@@ -3,7 +3,7 @@
 #include "cli_repack.h"
 
 #include <string.h>
-#include "../rpc/rpc_sha256.h"
+#include "rpc/rpc_sha256.h"
 
 static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
 {

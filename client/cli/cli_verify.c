@@ -9,7 +9,7 @@
 
 #include <stdio.h>
 #include <string.h>
-#include "../rpc/rpc_sha256.h"
+#include "rpc/rpc_sha256.h"
 #include "cli_json.h"
 #include "cli_repack.h"
 #include "format/file_map.h"

@@ -26,7 +26,7 @@
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "common/file.h"
-#include "common/scene_file.h"
+#include "scene/scene_file.h"
 #include "format/near.h"
 
 /* 32 KiB each, in a head of at most 64 MiB. */

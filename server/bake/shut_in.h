@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_BAKE_SHUT_IN_H
 /* The sandbox of a bake (sandbox/bake_sandbox.h) with the paths that its options name. */
 #include "bake/bake_options.h"
-#include "common/scene.h"
+#include "scene/scene.h"
 
 /*
  * Sets the limits and restricts paths to those of the options. The bake may read the scene's folder

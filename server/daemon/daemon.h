@@ -7,7 +7,7 @@
  */
 #include <stdatomic.h>
 #include "common/log.h"
-#include "common/store.h"
+#include "store/store.h"
 #include "daemon/daemon_metrics.h"
 #include "daemon/daemon_options.h"
 #include "daemon/pool.h"

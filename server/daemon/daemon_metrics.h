@@ -9,7 +9,7 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
-#include "common/store.h"
+#include "store/store.h"
 #include "jobs/service.h"
 #include "umbrage/status.h"
 #include "wire/questions.h"

@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include "common/log.h"
-#include "common/store.h"
+#include "store/store.h"
 #include "daemon/net_address.h"
 #include "umbrage/log.h"
 #include "umbrage/status.h"

@@ -21,7 +21,7 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
-#include "common/store.h"
+#include "store/store.h"
 #include "daemon/daemon_metrics.h"
 #include "daemon/frame.h"
 #include "umbrage/curve.h"

@@ -5,7 +5,7 @@
  * The proofs that a loop owes for answers of small batches.
  *
  * What was read from a mapped file may leave once the file has been looked at after the read and
- * found unchanged (common/asset_map.h). The look is a system call that takes as long as ten
+ * found unchanged (store/asset_map.h). The look is a system call that takes as long as ten
  * look-ups, so small batches only peek: their answers go into the bodies of their calls, the loop
  * notes which versions it read, and before a frame is made of any body each of them is looked at
  * once. Where one has changed, the calls that read it take back what is not proven and fail.
@@ -17,7 +17,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "common/store.h"
+#include "store/store.h"
 #include "wire/messages.h"
 
 #define UMBD_OWED_MAX 4 /* versions at once; more are settled early */

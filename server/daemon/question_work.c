@@ -9,7 +9,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "common/store.h"
+#include "store/store.h"
 
 #define CHUNK 64
 

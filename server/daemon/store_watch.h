@@ -7,7 +7,7 @@
  * (SIGHUP, an asset set aside), every 30 s in any case, and soon again while a young file looks
  * half copied. Between scans it checks the mapped files again, one by one.
  */
-#include "common/store.h"
+#include "store/store.h"
 #include "daemon/daemon_metrics.h"
 
 #define UMBD_RESCAN_S           30 /* events can be lost; this is the safety */

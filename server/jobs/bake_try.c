@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sysexits.h>
 
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 
 struct umbj_report umbj_try_report(const struct umbj_try *try, enum umbj_report_kind kind)
 {

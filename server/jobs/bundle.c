@@ -8,7 +8,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "common/scene_file.h"
+#include "scene/scene_file.h"
 #include "common/sha256.h"
 
 _Static_assert(UMBJ_HEAD_BYTES == UMBS_SCENE_FILE_MAGIC_BYTES, "the head is the magic");

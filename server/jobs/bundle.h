@@ -47,7 +47,7 @@ UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *mani
 
 #define UMBJ_HEAD_BYTES 8
 
-/* Refuses a file of the bundle by its first bytes: those of a scene buffer (common/scene_file.h),
+/* Refuses a file of the bundle by its first bytes: those of a scene buffer (scene/scene_file.h),
  * which only this program's own stages may hand on. In: head: UMBJ_HEAD_BYTES. Fails: E_ARGUMENT.
  */
 UMB_CHECKED enum umb_status umbj_bundle_check_head(size_t index, const char *path,

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 #include "jobs/bundle.h"
 
 #define NUMBER_MAX ((int64_t)1 << 53) /* of times, epochs, bytes: exact in every language */

@@ -16,7 +16,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 
 struct umbr_exact; /* opaque */
 

@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_RAYS_RAY_HOLES_H
 /* Triangles that rays pass through: holes of cut-outs, triangles that cast nothing, translucent
  * ones. */
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 
 /* 1 if a ray goes on at these weights of a triangle's second and third corner. */
 static inline int umbr_is_hole(const struct umbs_cuts *cuts, uint32_t triangle, double second,

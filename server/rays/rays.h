@@ -12,7 +12,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 #include "rays/exact_rays.h"
 
 struct umbr_rays; /* opaque */

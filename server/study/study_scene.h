@@ -7,8 +7,8 @@
  * Closed parts that the bake turns around (umbs_part.flipped) are turned around here too, so that
  * "outside" means the same to the rays and to the bake.
  */
-#include "common/parts.h"
-#include "common/scene.h"
+#include "scene/parts.h"
+#include "scene/scene.h"
 #include "rays/rays.h"
 
 struct umbt_scene {

@@ -18,7 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 #include "umbrage/query.h"
 
 enum {

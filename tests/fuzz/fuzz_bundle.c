@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "../../client/cli/cli_bundle.h"
+#include "cli/cli_bundle.h"
 #include "bake/import/gltf_guard.h"
 #include "fuzz.h"
 #include "fuzz_folder.h"

@@ -13,7 +13,7 @@
 #include "bake/bake_frusta.h"
 #include "bake/bake_transmittance.h"
 #include "bake/memory_plan.h"
-#include "common/scene.h"
+#include "scene/scene.h"
 #include "format/near.h"
 #include "fuzz.h"
 

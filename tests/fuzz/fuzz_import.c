@@ -11,7 +11,7 @@
 #include "bake/import/gltf_instances.h"
 #include "bake/import/import_job.h"
 #include "common/open_beneath.h"
-#include "common/scene.h"
+#include "scene/scene.h"
 #include "fuzz.h"
 #include "make_asset.h"
 

@@ -4,8 +4,8 @@
  * decoders of job replies and region replies as the client calls them. The two client files are
  * part of this program, so that their call-backs can be fed without a socket.
  */
-#include "../../client/rpc/region_daemon.c"
-#include "../../client/rpc/rpc_jobs.c"
+#include "rpc/region_daemon.c"
+#include "rpc/rpc_jobs.c"
 
 #include "fuzz.h"
 

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "common/parts.h"
-#include "common/scene.h"
+#include "scene/parts.h"
+#include "scene/scene.h"
 #include "fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

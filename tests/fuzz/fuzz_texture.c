@@ -14,7 +14,7 @@
 #include "bake/import/png_alpha.h"
 #include "bake/import/texture_table.h"
 #include "common/open_beneath.h"
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 #include "fuzz.h"
 #include "make_asset.h"
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 
 enum {
     CUT_SIDE = 40, /* texels */

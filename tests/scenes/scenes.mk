@@ -9,7 +9,7 @@ $(BUILD)/scenegen: $(BUILD)/tests/scenes/scenegen.o $(GEN_OBJ) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 
-$(BUILD)/tests/unit/common/test_parts_scenes $(addprefix $(BUILD)/tests/unit/rays/test_,verify exact_rays): $(GEN_OBJ)
+$(BUILD)/tests/unit/scene/test_parts_scenes $(addprefix $(BUILD)/tests/unit/rays/test_,verify exact_rays): $(GEN_OBJ)
 
 scenegen: $(BUILD)/scenegen ## scenegen: writes generated test scenes
 .PHONY: scenegen

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/memory.h"
-#include "deep/deep_parts.h"
+#include "maps/deep_parts.h"
 #include "maps/map_channels.h"
 #include "maps/map_depths.h"
 #include "maps/map_poisson.h"

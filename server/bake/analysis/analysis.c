@@ -15,7 +15,7 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/tile.h"
 #include "base/vec.h"
-#include "common/parts.h"
+#include "scene/parts.h"
 
 void umbb_analysis_finish(struct umbb_analysis *analysis)
 {

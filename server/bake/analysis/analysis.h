@@ -16,7 +16,7 @@
 #include <stdint.h>
 #include "bake/analysis/light_choice.h"
 #include "bake/analysis/perspective_frame.h"
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 
 struct umbb_cut_plane;
 

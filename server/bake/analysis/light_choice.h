@@ -7,7 +7,7 @@
  * a notice.
  */
 #include "bake/bake_options.h"
-#include "common/scene.h"
+#include "scene/scene.h"
 
 /* The lights chosen, and what there is to say about the choice. */
 struct umbb_light_choice {

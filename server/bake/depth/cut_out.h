@@ -13,7 +13,7 @@
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_draw.h"
 #include "bake/depth/tile.h"
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 
 /* The edge functions of a triangle in light space. */
 struct umbb_cut_plane {

@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_buffer.h"
-#include "common/scene_text.h"
+#include "scene/scene_buffer.h"
+#include "common/clean_text.h"
 
 #define NO_NUMBER UINT64_MAX
 

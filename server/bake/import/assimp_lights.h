@@ -11,7 +11,7 @@
  * it by the names, and falls back on names alone where the proof fails.
  */
 #include <assimp/scene.h>
-#include "common/scene_builder.h"
+#include "scene/scene_builder.h"
 
 struct umbb_light_table {
     const struct aiScene *scene;

@@ -7,8 +7,8 @@
 
 #include "bake/import/assimp_lights.h"
 #include "bake/import/gltf_instances.h"
-#include "common/scene_buffer.h"
-#include "common/scene_text.h"
+#include "scene/scene_buffer.h"
+#include "common/clean_text.h"
 
 struct walk {
     const struct aiScene *scene;

@@ -22,7 +22,7 @@
 #include "bake/import/face_builder.h"
 #include "bake/import/gltf_guard.h"
 #include "bake/import/gltf_texcoords.h"
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 
 /* Parts of a scene that the validator must not see. */
 struct aside {

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_buffer.h"
+#include "scene/scene_buffer.h"
 
 void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene)
 {

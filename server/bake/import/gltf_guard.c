@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "bake/import/json_scan.h"
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 
 #define COMPONENT_FLOAT 5126
 #define NO_TYPE         (-1)

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "bake/import/json_scan.h"
-#include "common/scene_builder.h"
+#include "scene/scene_builder.h"
 
 struct umbb_cursor umbb_gltf_json(const struct umbb_import *job, enum umbb_kind kind)
 {

@@ -17,9 +17,9 @@
 #include "bake/import/import_job.h"
 #include "bake/import/text_number.h"
 #include "bake/sandbox/sandbox.h"
-#include "common/scene_broker.h"
-#include "common/scene_contract.h"
-#include "common/scene_text.h"
+#include "scene/scene_broker.h"
+#include "scene/scene_contract.h"
+#include "common/clean_text.h"
 
 #define EXIT_USAGE 2
 #define EXIT_READ  74

@@ -12,7 +12,7 @@
  *     3     the scene file
  *     4     a socket to ask for the files that the scene names (.mtl, .bin): the parent opens them
  *           beneath the scene's folder by relative names; absolute names, "..", and symbolic links
- *           that leave it are refused (common/scene_broker.h)
+ *           that leave it are refused (scene/scene_broker.h)
  *     5     an empty memfd; gets the scene buffer (scene_buffer.h)
  *
  * Exit codes: 0 the buffer is complete; 65 the scene cannot be used; 74 reading or writing failed;

@@ -9,7 +9,7 @@
 #include <strings.h>
 
 #include "bake/import/text_number.h"
-#include "common/scene_file.h"
+#include "scene/scene_file.h"
 
 #define TEXT_PROBE_BYTES 4096
 #define STL_HEADER_BYTES 84

@@ -11,7 +11,7 @@
  * Trust: readers are safe on hostile bytes.
  */
 #include "bake/import/import_files.h"
-#include "common/scene_builder.h"
+#include "scene/scene_builder.h"
 
 struct umbb_import {
     struct umbb_file file;     /* the scene file */

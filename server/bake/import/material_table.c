@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 
 #define SLOT_COUNT (2U * UMBB_MATERIALS_MAX)
 

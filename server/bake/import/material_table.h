@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_MATERIAL_TABLE_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_MATERIAL_TABLE_H
 /* Materials of a scene found by their full name, as OBJ and MTL refer to them. */
-#include "common/scene_builder.h"
+#include "scene/scene_builder.h"
 
 #define UMBB_MATERIALS_MAX 65536U
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/scene_buffer.h"
+#include "scene/scene_buffer.h"
 
 #define CHUNK_BYTES_MAX 8000000U /* of an ancillary chunk that libpng may expand */
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "bake/import/png_alpha.h"
-#include "common/scene_text.h"
+#include "common/clean_text.h"
 
 /* A texture that was asked for. */
 struct known {

@@ -3,10 +3,10 @@
 #define UMBRAGE_SERVER_BAKE_SANDBOX_SANDBOX_H
 /*
  * What the importer's process may do once it looks at a foreign byte: compute, get and return
- * memory, ask its parent for a file (common/scene_broker.h), write the scene and one sentence.
+ * memory, ask its parent for a file (scene/scene_broker.h), write the scene and one sentence.
  *
  * Layers, from the outside in:
- *     limits      resource limits that the parent sets (common/scene_process.h). Required.
+ *     limits      resource limits that the parent sets (scene/scene_process.h). Required.
  *     namespaces  own users, network, IPC, host name, mounts. Where the kernel lets us.
  *     landlock    no path can be opened, whatever the filter lets through. Where the kernel has it.
  *     seccomp     a list of allowed system calls; what libraries only try is refused, all else

@@ -17,7 +17,7 @@
 
 #include "bake/sandbox/filter_program.h"
 #include "bake/sandbox/sandbox_parts.h"
-#include "common/scene_contract.h"
+#include "scene/scene_contract.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define REFUSE       (SECCOMP_RET_ERRNO | EACCES)

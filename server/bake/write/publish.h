@@ -12,7 +12,7 @@
  *     umbb_publish_abandon(&publish);                        harmless after commit
  */
 #include "common/file.h"
-#include "common/scene_alpha.h"
+#include "scene/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 

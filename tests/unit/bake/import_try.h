@@ -22,8 +22,8 @@
 #include "bake/import/import_child.h"
 #include "bake/import/import_job.h"
 #include "common/open_beneath.h"
-#include "common/scene.h"
-#include "common/scene_contract.h"
+#include "scene/scene.h"
+#include "scene/scene_contract.h"
 
 static char try_folder[256];
 

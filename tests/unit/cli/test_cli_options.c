@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "../../../client/cli/cli_query_options.h"
+#include "cli/cli_query_options.h"
 
 enum {
     WORDS_MAX = 24

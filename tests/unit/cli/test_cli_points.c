@@ -10,8 +10,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "../../../client/cli/cli_point_sample.h"
-#include "../../../client/cli/cli_points.h"
+#include "cli/cli_point_sample.h"
+#include "cli/cli_points.h"
 
 static char folder[] = "umbrage-points-XXXXXX";
 static char path[64];

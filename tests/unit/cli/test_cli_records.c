@@ -8,7 +8,7 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "../../../client/cli/cli_record_progress.h"
+#include "cli/cli_record_progress.h"
 
 static const double origin[3] = {4e6, -2e5, 30};
 

@@ -7,7 +7,7 @@
 #include <cmocka.h>
 #include <string.h>
 
-#include "../../../client/cli/cli_repack.h"
+#include "cli/cli_repack.h"
 #include "make_asset.h"
 
 static void another_id_is_damage_or_a_file_of_another_version(void **state)

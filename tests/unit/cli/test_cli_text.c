@@ -12,8 +12,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "../../../client/cli/cli_answers.h"
-#include "../../../client/cli/cli_option_names.h"
+#include "cli/cli_answers.h"
+#include "cli/cli_option_names.h"
 
 static char *text; /* of the memory stream */
 static size_t text_size;

@@ -14,7 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "../common/store_fixture.h"
+#include "../store/store_fixture.h"
 #include "daemon/daemon.h"
 
 struct fixture {

@@ -10,7 +10,7 @@
 #include <pthread.h>
 #include <stdatomic.h>
 
-#include "../common/store_fixture.h"
+#include "../store/store_fixture.h"
 #include "daemon/pool.h"
 
 #define POINTS 50001 /* odd, several slices, the last one short */

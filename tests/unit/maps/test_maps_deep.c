@@ -2,7 +2,7 @@
 /* Deep shadow maps against brute force: products in long double, windows searched texel by texel.
  */
 #include "maps_fixture.h"
-#include "deep/deep_parts.h"
+#include "maps/deep_parts.h"
 
 enum {
     W = 83,

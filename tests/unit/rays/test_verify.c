@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/parts.h"
+#include "scene/parts.h"
 #include "gen.h"
 #include "make_asset.h"
 #include "rays/verify.h"

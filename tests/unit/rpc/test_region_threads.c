@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "make_asset.h"
-#include "../../../client/rpc/rpc_sha256.h"
+#include "rpc/rpc_sha256.h"
 #include "umbrage/region.h"
 
 enum {

@@ -10,8 +10,8 @@
 #include <string.h>
 #include <unistd.h>
 #include "net/address.h"
-#include "../../../client/rpc/rpc_reply.h"
-#include "../../../client/rpc/rpc_sha256.h"
+#include "rpc/rpc_reply.h"
+#include "rpc/rpc_sha256.h"
 #include "umbrage/client.h"
 
 static void expect_authority(const char *text, const char *authority)

@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* umbrage load: loads a daemon and measures it. */
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include "cli/cli_output.h"
+#include "load/load_print.h"
+
+/* Everything of one load test; large, so that it lives on the heap. */
+struct test {
+    struct umbc_load_options options;
+    struct umbc_session session;
+    struct umb_client_description *about;
+    struct umbc_load_pool pool;
+    struct umbc_load_result result;
+    struct umbc_load_sweep sweep;
+    struct umbc_output report;
+    bool live; /* stderr is a terminal */
+};
+
+/* The line that is drawn over and over on a terminal. */
+static void show_moment(void *user, const struct umbc_load_moment *moment,
+                        const struct umbc_load_result *so_far)
+{
+    const struct test *test = user;
+    if (!test->live) {
+        return;
+    }
+    (void)fprintf(
+        stderr,
+        "\r%s %5.1f s  %.4g calls/s  %.3g Mpoints/s  p50 %.3g  p99 %.3g ms  errors %" PRIu64,
+        moment->at_s <= 0 ? "warm-up" : "       ", moment->at_s, moment->calls_s,
+        1e-6 * moment->calls_s * (double)test->pool.batch, moment->p50_ms, moment->p99_ms,
+        so_far->error_count);
+    if (moment->server_cores > 0) {
+        (void)fprintf(stderr, "  daemon %.2f cores", moment->server_cores);
+    }
+    (void)fputs("\033[K", stderr);
+    (void)fflush(stderr);
+}
+
+static void show_step(void *user, const struct umbc_load_step *step)
+{
+    const struct test *test = user;
+    if (!test->options.quiet) {
+        (void)fprintf(stderr,
+                      "%9.6g calls/s: %9.6g answered, p50 %.3g, p99 %.3g ms, %" PRIu64
+                      " failed: %s\n",
+                      step->rate, step->calls_s, step->p50_ms, step->p99_ms, step->failed,
+                      step->kept ? "kept" : "not kept");
+    }
+}
+
+/* Asks what the asset is and makes the points. */
+static enum umb_status prepare(struct test *test, struct umb_error *error)
+{
+    struct umb_client *client;
+    umbc_session_read(test->options.session, &test->session);
+    enum umb_status status =
+        umb_client_open(test->session.address, &test->session.options, &client, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    test->options.settings.address = test->session.address;
+    test->options.settings.client = test->session.options;
+    status = umb_client_describe(client, test->options.settings.asset, &test->about, error);
+    if (status == UMB_OK && test->options.source.light >= test->about->light_count) {
+        status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u of %u lights",
+                          (unsigned)test->options.source.light, (unsigned)test->about->light_count);
+    }
+    if (status == UMB_OK) {
+        status = umbc_load_pool_make(&test->options.source, &test->about->bounds, client,
+                                     &test->pool, error);
+    }
+    umb_client_close(client);
+    return status;
+}
+
+static enum umb_status measure(struct test *test, struct umb_error *error)
+{
+    const struct umbc_load_options *options = &test->options;
+    if (options->sweep) {
+        enum umb_status status =
+            umbc_load_sweep_run(&options->settings, &test->pool, options->bound_ms, show_step, test,
+                                &test->sweep, error);
+        test->result = test->sweep.at_knee;
+        return status;
+    }
+    test->live = !options->quiet && isatty(STDERR_FILENO) == 1;
+    enum umb_status status =
+        umbc_load_run(&options->settings, &test->pool, show_moment, test, &test->result, error);
+    if (test->live) {
+        (void)fputs("\r\033[K", stderr);
+    }
+    return status;
+}
+
+static enum umb_status write_page(const struct umbc_load_story *story, struct umbc_output *output,
+                                  struct umb_error *error)
+{
+    umbc_load_print_page(output->file, story);
+    return umbc_output_commit(output, error);
+}
+
+static enum umb_status tell(struct test *test, struct umb_error *error)
+{
+    const struct umbc_load_story story = {
+        .options = &test->options,
+        .about = test->about,
+        .result = &test->result,
+        .sweep = test->options.sweep ? &test->sweep : NULL,
+    };
+    if (test->options.json) {
+        umbc_load_print_json(stdout, &story);
+    } else {
+        umbc_load_print_text(stdout, &story);
+    }
+    return test->report.file != NULL ? write_page(&story, &test->report, error) : UMB_OK;
+}
+
+int umbc_load(int argc, char **argv)
+{
+    struct umb_error error = {.status = UMB_OK};
+    struct test *test = calloc(1, sizeof *test);
+    if (test == NULL) {
+        return umbc_complain_as(UMB_E_NO_MEMORY, "load: out of memory");
+    }
+    int code = umbc_load_options_parse(argc, argv, &test->options);
+    if (code >= 0) {
+        free(test);
+        return code;
+    }
+    enum umb_status status = prepare(test, &error);
+    if (status == UMB_OK && test->options.report != NULL) {
+        /* Before the run: a page that cannot be made must not cost one. */
+        status = umbc_output_begin(test->options.report, &test->report, &error);
+    }
+    status = status == UMB_OK ? measure(test, &error) : status;
+    status = status == UMB_OK ? tell(test, &error) : status;
+    code = status == UMB_OK ? 0 : umbc_complain(&error);
+    if (status == UMB_OK && test->options.sweep && test->sweep.knee <= 0) {
+        code = UMBC_EXIT_NEGATIVE;
+    }
+    umbc_output_abandon(&test->report);
+    umb_client_description_free(test->about);
+    umbc_load_pool_finish(&test->pool);
+    free(test);
+    return umbc_finish_stdout(code);
+}

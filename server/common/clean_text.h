@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
+#define UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
+/*
+ * Clean text: valid UTF-8 without control characters. Names from foreign files are made clean by
+ * the importer and checked by the validator, because they end in terminals, logs and protobuf
+ * strings, all of which misbehave on anything else.
+ *
+ * Threads: pure functions.
+ */
+#include <stddef.h>
+
+/*
+ * Copies text and makes it clean: each byte that is a control character or no valid UTF-8 becomes
+ * '?'. Cut at a character boundary so that it fits.
+ *
+ * In:    text: char[length], need not end in a NUL; stops at one. size: bytes of out, >= 1.
+ * Out:   out: char[size], NUL-terminated, the tail filled with NULs.
+ * Trust: safe on hostile bytes.
+ */
+void umbs_text_clean(char *out, size_t size, const char *text, size_t length);
+
+/*
+ * Tells whether text is clean.
+ *
+ * In:    newlines: 1 if '\n' is allowed.
+ * Trust: safe on hostile bytes.
+ */
+int umbs_text_is_clean(const char *text, size_t length, int newlines);
+
+#endif

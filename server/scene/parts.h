@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_PARTS_H
+#define UMBRAGE_SERVER_SCENE_PARTS_H
+/*
+ * Connected parts of a triangle soup and whether each is a closed solid.
+ *
+ * Corners are welded by exact position (bit equality after -0 becomes 0). Two triangles are
+ * connected if they share a welded edge. A part is closed if every edge is used by exactly two
+ * triangles, once in each direction (edge-manifold and consistently oriented). Degenerate
+ * triangles (two equal corners, or zero area in doubles) belong to no part.
+ *
+ * Orientation: outward solids have positive signed volume. A closed part of negative volume is
+ * turned around (`flipped`) unless its box lies inside the box of a closed part of positive volume:
+ * then it is taken for a cavity and left alone. (Of boxes that overlap by the thousand not all are
+ * tried: parts_nest.h. A part that is left alone wrongly costs bytes, never a wrong shadow.)
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/geom.h"
+#include "umbrage/status.h"
+
+struct umbs_part {
+    size_t triangle_count;
+    size_t boundary_edges;     /* used by one triangle */
+    size_t nonmanifold_edges;  /* used by three or more */
+    size_t inconsistent_edges; /* used twice in the same direction */
+    double volume;             /* signed, cubic metres, relative to the box's centre */
+    struct umb_box box;
+    double hole[3];               /* a point on the first bad edge (its midpoint), if not closed */
+    size_t cut_triangles;         /* with holes (umbs_cuts_open_parts) */
+    size_t translucent_triangles; /* that let light through (the same) */
+    int closed;
+    int flipped;
+};
+
+struct umbs_parts {
+    size_t part_count;
+    struct umbs_part *parts; /* [part_count], in order of their first triangle */
+    uint32_t *part_of;       /* uint32[count], UINT32_MAX for degenerate triangles */
+    uint8_t *closed;         /* uint8[count], 1 if in a closed part */
+    size_t degenerate_count;
+    size_t closed_triangles;
+    size_t duplicate_triangles; /* same three corners as an earlier one, whatever the order */
+};
+
+/*
+ * Finds the parts.
+ *
+ * In:    corners: double[count][3][3], world space; borrowed during the call.
+ * Out:   parts: finish with umbs_parts_finish.
+ * Fails: E_NO_MEMORY, E_TOO_LARGE (above 1431655764 triangles); parts is then zeroed.
+ * Cost:  O(count) with hashing; while it runs about 100 bytes a triangle of a mesh, up to 190 of a
+ *        soup in which every triangle is a part of its own.
+ */
+UMB_CHECKED enum umb_status umbs_parts_find(const double (*corners)[3][3], size_t count,
+                                            struct umbs_parts *parts, struct umb_error *error);
+void umbs_parts_finish(struct umbs_parts *parts);
+
+/* Turns one triangle around: its other side becomes its front. */
+void umbs_triangle_turn(double corners[3][3]);
+
+/*
+ * Turns the triangles of flipped parts around, so that all closed parts wind outward (cavities
+ * inward). Who traces rays or tells front from back must do this once after umbs_parts_find.
+ *
+ * In: corners: double[count][3][3], those that parts was found from; changed in place.
+ */
+void umbs_parts_orient(const struct umbs_parts *parts, double (*corners)[3][3], size_t count);
+
+/* Writes why a part is not closed, in words: "12 boundary edges, 1 edge of three or more triangles
+ * (first at 1.5 2 0)", or "closed". The text is cut at size - 1 bytes. */
+void umbs_part_reason(const struct umbs_part *part, char *text, size_t size);
+
+#endif

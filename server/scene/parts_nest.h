@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_PARTS_NEST_H
+#define UMBRAGE_SERVER_SCENE_PARTS_NEST_H
+/* Asks whether a box lies inside one of many boxes, without comparing it with each. */
+#include <stddef.h>
+#include "umbrage/geom.h"
+
+/* A binary tree in the order of `boxes`: node [first, last) is split at its middle. */
+struct umbs_nest {
+    struct umb_box *boxes;  /* [count], reordered */
+    struct umb_box *unions; /* [count], of the node whose middle is that index */
+    size_t count;
+};
+
+/*
+ * Builds the tree; takes nothing over, copies the boxes.
+ * Returns 0 if memory is short. Cost: O(count log count), 96 bytes a box.
+ */
+int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count);
+void umbs_nest_finish(struct umbs_nest *nest);
+
+/* Nodes a query looks at before it gives up. Cities and forests need a few dozen. */
+#define UMBS_NEST_STEPS_MAX 4096U
+
+/*
+ * 1 if the box lies inside (touching allowed) at least one of the tree's boxes, or if that is not
+ * known after UMBS_NEST_STEPS_MAX steps: the answer that turns no part around.
+ */
+int umbs_nest_holds(const struct umbs_nest *nest, const struct umb_box *box);
+
+#endif

@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_SCENE_H
+#define UMBRAGE_SERVER_SCENE_SCENE_H
+/*
+ * The scene as the importer hands it over: flat arrays of doubles, materials, lights and instances,
+ * in one contiguous validated buffer.
+ *
+ * Life: umbs_scene_import starts the importer in its own process, which parses the file and writes
+ * a scene buffer into a sealed memfd; this side maps it and checks every count, index and number
+ * before anybody uses it (umbs_scene_view). Nothing that parses foreign bytes runs in the caller.
+ *
+ *     struct umbs_scene *scene;
+ *     umbs_scene_import(path, &options, &scene, &error);
+ *     ... scene->view ...
+ *     umbs_scene_destroy(scene);
+ *
+ * Spaces: mesh space -> world by the instance's transform. World is right handed, metres.
+ * Threads: an imported scene is immutable.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+
+enum umbs_format {
+    UMBS_FORMAT_GLTF = 0, /* .gltf and .glb, y up */
+    UMBS_FORMAT_OBJ = 1,  /* z up */
+    UMBS_FORMAT_PLY = 2,  /* z up */
+    UMBS_FORMAT_STL = 3,  /* z up */
+};
+
+enum umbs_alpha_mode {
+    UMBS_ALPHA_OPAQUE = 0,
+    UMBS_ALPHA_MASK = 1,
+    UMBS_ALPHA_BLEND = 2,
+};
+
+#define UMBS_NO_INDEX 0xffffffffU
+
+struct umbs_material {
+    char name[UMB_NAME_SIZE];
+    uint32_t alpha_mode;   /* enum umbs_alpha_mode */
+    uint32_t double_sided; /* 0 or 1 */
+    float alpha_cutoff;    /* 0..1, for MASK */
+    float base_alpha;      /* 0..1, factor on the texture's alpha */
+    uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
+    float transmission;    /* 0..1, share of the light that goes through where there is something */
+};
+
+struct umbs_mesh {
+    uint32_t first_vertex, vertex_count;
+    uint32_t first_triangle, triangle_count;
+    uint32_t material; /* index or UMBS_NO_INDEX */
+    uint32_t reserved;
+};
+
+struct umbs_instance {
+    double mesh_to_world[3][4]; /* row major affine; finite */
+    uint32_t mesh;
+    uint32_t reserved;
+};
+
+struct umbs_light {
+    char name[UMB_NAME_SIZE];
+    uint32_t kind; /* enum umb_light_kind */
+    uint32_t reserved;
+    double direction[3];           /* unit, in which the light travels; world */
+    double position[3];            /* metres, world */
+    double inner_cone, outer_cone; /* radians, spot */
+    double range;                  /* metres, 0 = unlimited */
+    double intensity;              /* lux (directional) or candela */
+    double color[3];
+};
+
+enum umbs_wrap {
+    UMBS_WRAP_REPEAT = 0,
+    UMBS_WRAP_CLAMP = 1,
+    UMBS_WRAP_MIRROR = 2,
+};
+
+/* A decoded alpha channel; pixels start at byte `offset` of the alpha pool, uint8[height][width],
+ * the row at v = 0 first (images have it last). */
+struct umbs_texture {
+    char name[UMB_NAME_SIZE];
+    uint32_t width, height;
+    uint64_t offset;
+    uint32_t wrap_s, wrap_t; /* enum umbs_wrap, along u and v */
+    uint32_t nearest;        /* 1: the nearest texel counts; 0: bilinear */
+    uint32_t reserved;
+};
+
+/* Borrowed arrays of a validated buffer. */
+struct umbs_scene_view {
+    enum umbs_format format;
+    int z_up; /* 1 if +z is up in world space, else +y */
+    uint32_t mesh_count, instance_count, material_count, light_count, texture_count;
+    uint32_t vertex_count, triangle_count; /* as stored: instances not multiplied */
+    const struct umbs_mesh *meshes;
+    const struct umbs_instance *instances;
+    const struct umbs_material *materials;
+    const struct umbs_light *lights;
+    const struct umbs_texture *textures;
+    const double (*positions)[3];   /* [vertex_count], mesh space */
+    const float (*uvs)[2];          /* [vertex_count] or NULL; u right, v up over the image */
+    const uint32_t (*triangles)[3]; /* [triangle_count], vertex numbers within the mesh */
+    const uint8_t *alpha;           /* alpha pool */
+    uint64_t alpha_bytes;
+    uint64_t world_triangle_count; /* instances multiplied */
+    uint32_t
+        dropped_faces;    /* faces the importer could not use: not finite, bad index, < 3 corners */
+    const char *warnings; /* lines, may be empty */
+};
+
+struct umbs_scene {
+    struct umbs_scene_view view;
+    void *map;
+    size_t map_bytes;
+};
+
+/* Handles of the running importer that the caller needs. */
+struct umbs_importer {
+    int process; /* Number of its process, and of its process group */
+    int files;   /* the caller's end of scene_broker.h */
+};
+
+#define UMBS_TRIANGLES_MAX 200000000ULL /* of a scene, instances multiplied */
+
+struct umbs_import_options {
+    uint64_t max_input_bytes;  /* 0 = 4 GiB */
+    uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
+    uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
+    uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
+    const char *importer_path; /* NULL = umbrage-bake beside the running program */
+    /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
+     * of the scene or of the importer's answers is read: the caller takes away its own rights here.
+     * importer: NULL where none runs (umbs_scene_load). A failure ends the import with it. */
+    enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
+                               struct umb_error *error);
+    void *user; /* Argument of shut_in */
+};
+
+/*
+ * Imports a scene file in a separate, limited process.
+ *
+ * Out:   out: the scene, or NULL. Owns: the caller destroys it.
+ * Fails: E_NO_INPUT (missing, a folder), E_BAD_SCENE (unknown format, unreadable, no triangles, not
+ *        finite; also when the importer crashed), E_LIMIT (over memory, time or size),
+ * E_UNAVAILABLE (importer program missing).
+ */
+UMB_CHECKED enum umb_status umbs_scene_import(const char *path,
+                                              const struct umbs_import_options *options,
+                                              struct umbs_scene **out, struct umb_error *error);
+
+/* Checks a scene buffer and fills view; trusts nothing in it. Fails: E_BAD_SCENE, naming the field.
+ */
+UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
+                                            struct umbs_scene_view *view, struct umb_error *error);
+
+void umbs_scene_destroy(struct umbs_scene *scene);
+
+/*
+ * Hash of the scene's content, not of the file: up axis, world triangles in the order of
+ * umbs_scene_flatten, what their materials do to light, lights. Vertex numbering, the division into
+ * meshes and names of materials do not count; the order of triangles and of their corners does.
+ *
+ * Cost: SHA-256 of 72 bytes a world triangle (about 0.3 us); no allocation.
+ */
+void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYTES]);
+
+/*
+ * Multiplies the instances out: world triangles in a fixed order (instances, then triangles).
+ *
+ * Out:   corners: double[count][3][3], world space; material: uint32[count] (may be NULL to skip).
+ * Cost:  80 bytes a triangle; free() both.
+ */
+UMB_CHECKED enum umb_status umbs_scene_flatten(const struct umbs_scene_view *view,
+                                               double (**corners)[3][3], uint32_t **materials,
+                                               size_t *count, struct umb_error *error);
+
+#endif

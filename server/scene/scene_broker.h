@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
+#define UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
+/*
+ * How the importer's process gets the files that a scene names, although it may open none: it asks
+ * by name over a socket, and its parent opens the file beneath the scene's folder and hands the
+ * descriptor over.
+ *
+ * A request is one datagram, the name; its answer is one, an int32_t errno, with the descriptor
+ * beside it when that is 0.
+ */
+
+/* A pair of connected sockets, close-on-exec: [0] the parent's, [1] the importer's. Out: 0, or -1
+ * and errno. */
+int umbs_broker_pair(int ends[2]);
+
+/*
+ * The parent's side: answers one waiting request; never blocks.
+ *
+ * Out:   1, or 0 if the other side has hung up.
+ * Trust: the importer may be hostile: it gets regular files beneath the folder and nothing else.
+ */
+int umbs_broker_serve(int end, int folder);
+
+/*
+ * The importer's side: like umbs_open_beneath, by way of the parent. Out: a descriptor, or -1 and
+ * errno (EPIPE if the parent has hung up). Blocks until the parent answers.
+ */
+int umbs_broker_open(int end, const char *name);
+
+#endif

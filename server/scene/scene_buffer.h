@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_SCENE_BUFFER_H
+#define UMBRAGE_SERVER_SCENE_SCENE_BUFFER_H
+/*
+ * The bytes of a scene buffer: what the importer's process hands to the process that asked.
+ *
+ * Both ends are the same build on the same machine, so numbers are in native (little-endian) order
+ * and structs are those of scene.h; it is no file format. The reader still trusts nothing: the
+ * importer parsed hostile bytes and may be in hostile hands.
+ *
+ *     header, then the sections in the order of enum umbs_section, each starting at the next
+ *     multiple of 8 after the one before, nothing between but padding; the buffer ends with the
+ *     last section padded to a multiple of 8.
+ *
+ * One layout is right for given counts, and the validator recomputes it, so that no two sections
+ * can overlap and no offset needs trust. The triangles of mesh i + 1 follow those of mesh i
+ * without a gap (vertex ranges may overlap: all meshes of an OBJ share one), which keeps the check
+ * linear in the size of the buffer.
+ *
+ * Clean names: NUL-terminated, UTF-8 without control characters, NULs to the end of the field.
+ */
+#include "scene/scene.h"
+
+#define UMBS_SCENE_MAGIC "UMBSCN1\n"
+
+/* Limits of every scene; options can only be stricter. */
+#define UMBS_COORDINATE_MAX 1e15 /* metres, and matrix entries: products stay finite in float too  \
+                                  */
+#define UMBS_WORLD_TRIANGLES_MAX 0xffffffffULL
+#define UMBS_TEXTURE_SIDE_MAX    65536U
+
+enum umbs_section {
+    UMBS_SECTION_MESHES = 0,
+    UMBS_SECTION_INSTANCES,
+    UMBS_SECTION_MATERIALS,
+    UMBS_SECTION_LIGHTS,
+    UMBS_SECTION_TEXTURES,
+    UMBS_SECTION_POSITIONS,
+    UMBS_SECTION_UVS, /* vertex_count or none */
+    UMBS_SECTION_TRIANGLES,
+    UMBS_SECTION_ALPHA,
+    UMBS_SECTION_WARNINGS, /* with its NUL */
+    UMBS_SECTION_COUNT
+};
+
+struct umbs_scene_header {
+    char magic[8];
+    uint64_t total_bytes;
+    uint32_t format; /* enum umbs_format */
+    uint32_t z_up;   /* 0 or 1 */
+    uint32_t dropped_faces;
+    uint32_t reserved; /* 0 */
+    uint64_t world_triangle_count;
+    uint64_t counts[UMBS_SECTION_COUNT];  /* items */
+    uint64_t offsets[UMBS_SECTION_COUNT]; /* bytes from the start of the buffer */
+};
+
+/*
+ * Computes the layout that the counts in the header ask for.
+ *
+ * Out:   offsets: uint64[UMBS_SECTION_COUNT]. total: bytes of the whole buffer.
+ * Fails: returns NULL if all is well, else the name of the section whose count is over its limit.
+ * Trust: safe on hostile counts.
+ */
+const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
+                              uint64_t offsets[UMBS_SECTION_COUNT], uint64_t *total);
+
+/* Bytes of one item of a section. */
+size_t umbs_section_item_bytes(enum umbs_section section);
+
+#endif

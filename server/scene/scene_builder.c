@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The growing scene (scene_builder.h). Invariant: uvs.count is 0 or positions.count. */
+#include "scene/scene_builder.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/scene_buffer.h"
+#include "common/clean_text.h"
+
+#define WARNINGS_MAX 65536U
+
+void *umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_bytes)
+{
+    if (more > SIZE_MAX / item_bytes - array->count) {
+        return NULL;
+    }
+    size_t need = array->count + more;
+    if (need > array->capacity) {
+        size_t capacity = array->capacity + array->capacity / 2;
+        capacity = capacity < need ? need : capacity;
+        capacity = capacity < 16 ? 16 : capacity;
+        if (capacity > SIZE_MAX / item_bytes) {
+            capacity = need;
+        }
+        void *data = realloc(array->data, capacity * item_bytes);
+        if (data == NULL) {
+            return NULL;
+        }
+        array->data = data;
+        array->capacity = capacity;
+    }
+    return (char *)array->data + array->count * item_bytes;
+}
+
+/* Appends items; 32-bit numbers count them all. */
+static enum umb_status append(struct umbs_array *array, const void *items, size_t count,
+                              enum umbs_section section, struct umb_error *error)
+{
+    size_t item_bytes = umbs_section_item_bytes(section);
+    if (section != UMBS_SECTION_ALPHA && array->count + count > UINT32_MAX - 1U) {
+        return umb_fail(error, UMB_E_LIMIT, "more than %u items of one kind", UINT32_MAX - 1U);
+    }
+    void *room = umbs_array_reserve(array, count, item_bytes);
+    if (room == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu items of %zu bytes",
+                        array->count + count, item_bytes);
+    }
+    if (count > 0) {
+        memcpy(room, items, count * item_bytes);
+    }
+    array->count += count;
+    return UMB_OK;
+}
+
+void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_format format, int z_up,
+                             uint64_t max_triangles)
+{
+    memset(builder, 0, sizeof(*builder));
+    builder->format = format;
+    builder->z_up = z_up;
+    builder->max_triangles = max_triangles > 0 && max_triangles < UMBS_WORLD_TRIANGLES_MAX
+                                 ? max_triangles
+                                 : UMBS_WORLD_TRIANGLES_MAX;
+}
+
+void umbs_scene_builder_finish(struct umbs_scene_builder *builder)
+{
+    struct umbs_array *const arrays[] = {
+        &builder->meshes,   &builder->instances, &builder->materials, &builder->lights,
+        &builder->textures, &builder->positions, &builder->uvs,       &builder->triangles,
+        &builder->alpha,    &builder->warnings,
+    };
+    for (size_t i = 0; i < sizeof(arrays) / sizeof(arrays[0]); i++) {
+        free(arrays[i]->data);
+    }
+    memset(builder, 0, sizeof(*builder));
+}
+
+/* Gives every vertex so far the uv 0 0. */
+static enum umb_status start_uvs(struct umbs_scene_builder *builder, struct umb_error *error)
+{
+    size_t count = builder->positions.count;
+    void *room = umbs_array_reserve(&builder->uvs, count, 2 * sizeof(float));
+    if (room == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu uvs", count);
+    }
+    memset(room, 0, count * 2 * sizeof(float));
+    builder->uvs.count = count;
+    return UMB_OK;
+}
+
+enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder, const double position[3],
+                                      const float *uv, struct umb_error *error)
+{
+    static const float zero[2] = {0.0F, 0.0F};
+    enum umb_status status = UMB_OK;
+    int has_uvs = uv != NULL || builder->uvs.count > 0;
+    if (uv != NULL && builder->uvs.count != builder->positions.count) {
+        status = start_uvs(builder, error);
+    }
+    if (status == UMB_OK) {
+        status = append(&builder->positions, position, 1, UMBS_SECTION_POSITIONS, error);
+    }
+    if (status == UMB_OK && has_uvs) {
+        status = append(&builder->uvs, uv != NULL ? uv : zero, 1, UMBS_SECTION_UVS, error);
+        if (status != UMB_OK) {
+            builder->positions.count--;
+        }
+    }
+    return status;
+}
+
+enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
+                                        const uint32_t corners[3], struct umb_error *error)
+{
+    if (builder->triangles.count >= builder->max_triangles) {
+        return umb_fail(error, UMB_E_LIMIT, "more than %llu triangles",
+                        (unsigned long long)builder->max_triangles);
+    }
+    return append(&builder->triangles, corners, 1, UMBS_SECTION_TRIANGLES, error);
+}
+
+enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder, uint32_t first_vertex,
+                                    uint32_t vertex_count, uint32_t triangle_count,
+                                    uint32_t material, struct umb_error *error)
+{
+    struct umbs_mesh mesh = {
+        .first_vertex = first_vertex,
+        .vertex_count = vertex_count,
+        .triangle_count = triangle_count,
+        .material = material,
+    };
+    if (builder->meshes.count > 0) {
+        const struct umbs_mesh *meshes = builder->meshes.data;
+        const struct umbs_mesh *last = &meshes[builder->meshes.count - 1];
+        mesh.first_triangle = last->first_triangle + last->triangle_count;
+    }
+    return append(&builder->meshes, &mesh, 1, UMBS_SECTION_MESHES, error);
+}
+
+enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *builder, uint32_t mesh,
+                                        const double (*transform)[4], struct umb_error *error)
+{
+    struct umbs_instance instance = {.mesh = mesh};
+    for (int row = 0; row < 3; row++) {
+        for (int column = 0; column < 4; column++) {
+            instance.mesh_to_world[row][column] =
+                transform != NULL ? transform[row][column] : (row == column ? 1.0 : 0.0);
+        }
+    }
+    const struct umbs_mesh *meshes = builder->meshes.data;
+    uint64_t world = builder->world_triangles + meshes[mesh].triangle_count;
+    if (world > builder->max_triangles) {
+        return umb_fail(error, UMB_E_LIMIT, "%llu triangles with instances, limit %llu",
+                        (unsigned long long)world, (unsigned long long)builder->max_triangles);
+    }
+    enum umb_status status =
+        append(&builder->instances, &instance, 1, UMBS_SECTION_INSTANCES, error);
+    if (status == UMB_OK) {
+        builder->world_triangles = world;
+    }
+    return status;
+}
+
+struct umbs_material umbs_material_opaque(void)
+{
+    struct umbs_material material = {
+        .alpha_mode = UMBS_ALPHA_OPAQUE,
+        .alpha_cutoff = 0.5F,
+        .base_alpha = 1.0F,
+        .texture = UMBS_NO_INDEX,
+    };
+    return material;
+}
+
+enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
+                                        const struct umbs_material *material,
+                                        struct umb_error *error)
+{
+    return append(&builder->materials, material, 1, UMBS_SECTION_MATERIALS, error);
+}
+
+enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
+                                     const struct umbs_light *light, struct umb_error *error)
+{
+    return append(&builder->lights, light, 1, UMBS_SECTION_LIGHTS, error);
+}
+
+enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
+                                       const struct umbs_texture *texture, const uint8_t *pixels,
+                                       struct umb_error *error)
+{
+    struct umbs_texture copy = *texture;
+    copy.offset = builder->alpha.count;
+    enum umb_status status = append(&builder->textures, &copy, 1, UMBS_SECTION_TEXTURES, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = append(&builder->alpha, pixels, (size_t)copy.width * copy.height, UMBS_SECTION_ALPHA,
+                    error);
+    if (status != UMB_OK) {
+        builder->textures.count--;
+    }
+    return status;
+}
+
+void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...)
+{
+    char line[512];
+    char clean[512];
+    va_list arguments;
+    va_start(arguments, format);
+    int length = vsnprintf(line, sizeof(line), format, arguments);
+    va_end(arguments);
+    if (length < 0) {
+        return;
+    }
+    umbs_text_clean(clean, sizeof(clean) - 1, line, sizeof(line));
+    size_t used = strlen(clean);
+    clean[used++] = '\n';
+    if (builder->warnings.count + used > WARNINGS_MAX) {
+        return;
+    }
+    char *room = umbs_array_reserve(&builder->warnings, used, 1);
+    if (room != NULL) { /* a warning is not worth failing for */
+        memcpy(room, clean, used);
+        builder->warnings.count += used;
+    }
+}
+
+/* Positions no triangle uses may hold what the file had; the buffer promises finite numbers. */
+static void clear_unusable_positions(struct umbs_array *positions)
+{
+    double *position = positions->data;
+    for (size_t i = 0; i < positions->count; i++, position += 3) {
+        for (int k = 0; k < 3; k++) {
+            if (!(fabs(position[k]) <= UMBS_COORDINATE_MAX)) {
+                position[0] = position[1] = position[2] = 0.0;
+            }
+        }
+    }
+}
+
+static enum umb_status write_section(const struct umb_sink *sink, const void *data, uint64_t bytes)
+{
+    static const char zeros[8] = {0};
+    enum umb_status status = UMB_OK;
+    if (bytes > 0) {
+        status = sink->write(sink->user, data, (size_t)bytes);
+    }
+    if (status == UMB_OK && bytes % 8 != 0) {
+        status = sink->write(sink->user, zeros, (size_t)(8 - bytes % 8));
+    }
+    return status;
+}
+
+enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
+                                         const struct umb_sink *sink, struct umb_error *error)
+{
+    struct umbs_scene_header header = {
+        .format = (uint32_t)builder->format,
+        .z_up = builder->z_up != 0,
+        .dropped_faces = builder->dropped_faces,
+        .world_triangle_count = builder->world_triangles,
+    };
+    char *end = umbs_array_reserve(&builder->warnings, 1, 1);
+    if (end == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for warnings");
+    }
+    *end = '\0';
+    const struct umbs_array *const sections[UMBS_SECTION_COUNT] = {
+        [UMBS_SECTION_MESHES] = &builder->meshes,
+        [UMBS_SECTION_INSTANCES] = &builder->instances,
+        [UMBS_SECTION_MATERIALS] = &builder->materials,
+        [UMBS_SECTION_LIGHTS] = &builder->lights,
+        [UMBS_SECTION_TEXTURES] = &builder->textures,
+        [UMBS_SECTION_POSITIONS] = &builder->positions,
+        [UMBS_SECTION_UVS] = &builder->uvs,
+        [UMBS_SECTION_TRIANGLES] = &builder->triangles,
+        [UMBS_SECTION_ALPHA] = &builder->alpha,
+        [UMBS_SECTION_WARNINGS] = &builder->warnings,
+    };
+    clear_unusable_positions(&builder->positions);
+    memcpy(header.magic, UMBS_SCENE_MAGIC, sizeof(header.magic));
+    for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
+        header.counts[i] = sections[i]->count + (i == UMBS_SECTION_WARNINGS);
+    }
+    const char *field = umbs_scene_layout(header.counts, header.offsets, &header.total_bytes);
+    if (field != NULL) {
+        return umb_fail(error, UMB_E_LIMIT, "%s is over its limit", field);
+    }
+    enum umb_status status = write_section(sink, &header, sizeof(header));
+    for (int i = 0; status == UMB_OK && i < UMBS_SECTION_COUNT; i++) {
+        status = write_section(sink, sections[i]->data,
+                               header.counts[i] * umbs_section_item_bytes((enum umbs_section)i));
+    }
+    return status != UMB_OK ? umb_fail(error, status, "cannot write the scene buffer") : UMB_OK;
+}

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_SCENE_SCENE_BUILDER_H
+#define UMBRAGE_SERVER_SCENE_SCENE_BUILDER_H
+/*
+ * A growing scene that ends as a scene buffer. The importer's side of scene_buffer.h.
+ *
+ *     umbs_scene_builder_init(&builder, UMBS_FORMAT_PLY, 1, 0);
+ *     umbs_scene_add_vertices(...); umbs_scene_add_triangle(...) ...; umbs_scene_end_mesh(...);
+ *     umbs_scene_add_instance(...);
+ *     umbs_scene_builder_write(&builder, &sink, &error);
+ *     umbs_scene_builder_finish(&builder);
+ *
+ * Ownership: the builder owns its arrays; everything passed in is copied. The arrays may be read
+ * and changed in place, their counts only through the functions.
+ * Failure: E_NO_MEMORY and E_LIMIT leave the builder as it was.
+ * Threads: one thread.
+ */
+#include "scene/scene.h"
+#include "format/content.h"
+
+/* A growable array of items of one size. */
+struct umbs_array {
+    void *data;
+    size_t count;
+    size_t capacity;
+};
+
+struct umbs_scene_builder {
+    enum umbs_format format;
+    int z_up;
+    uint64_t max_triangles;      /* instances multiplied */
+    struct umbs_array meshes;    /* struct umbs_mesh */
+    struct umbs_array instances; /* struct umbs_instance */
+    struct umbs_array materials; /* struct umbs_material */
+    struct umbs_array lights;    /* struct umbs_light */
+    struct umbs_array textures;  /* struct umbs_texture */
+    struct umbs_array positions; /* double[3] */
+    struct umbs_array uvs;       /* float[2]: as many as positions once used, else none */
+    struct umbs_array triangles; /* uint32_t[3] */
+    struct umbs_array alpha;     /* uint8_t */
+    struct umbs_array warnings;  /* char, without a NUL */
+    uint64_t world_triangles;    /* of the instances so far */
+    uint32_t dropped_faces;
+};
+
+/* Makes room for `more` items behind the last and returns them (not counted yet), or NULL. */
+void *umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_bytes);
+
+/* Starts an empty scene. max_triangles: 0 = the hard limit. Needs umbs_scene_builder_finish. */
+void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_format format, int z_up,
+                             uint64_t max_triangles);
+void umbs_scene_builder_finish(struct umbs_scene_builder *builder);
+
+/*
+ * Appends one vertex. uv: NULL or float[2]; vertices without one get 0 0 once any has one.
+ *
+ * Fails: E_NO_MEMORY, E_LIMIT (2^32 - 1 vertices).
+ */
+UMB_CHECKED enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder,
+                                                  const double position[3], const float *uv,
+                                                  struct umb_error *error);
+
+/* Appends one triangle to the mesh that the next umbs_scene_end_mesh makes. Fails: as above. */
+UMB_CHECKED enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
+                                                    const uint32_t corners[3],
+                                                    struct umb_error *error);
+
+/*
+ * Makes a mesh of the `triangle_count` triangles behind the last mesh.
+ *
+ * In: first_vertex, vertex_count: the range its corner numbers count in.
+ */
+UMB_CHECKED enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder,
+                                                uint32_t first_vertex, uint32_t vertex_count,
+                                                uint32_t triangle_count, uint32_t material,
+                                                struct umb_error *error);
+
+/* Places a mesh. transform: NULL = identity. Fails: E_LIMIT over max_triangles. */
+UMB_CHECKED enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *builder,
+                                                    uint32_t mesh, const double (*transform)[4],
+                                                    struct umb_error *error);
+
+/* A material that hides what is behind it: opaque, cut-off 0.5, one sided, no texture, no name. */
+struct umbs_material umbs_material_opaque(void);
+
+UMB_CHECKED enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
+                                                    const struct umbs_material *material,
+                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
+                                                 const struct umbs_light *light,
+                                                 struct umb_error *error);
+
+/* Appends an alpha texture and its pixels, uint8[height][width]; texture->offset is set here. */
+UMB_CHECKED enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
+                                                   const struct umbs_texture *texture,
+                                                   const uint8_t *pixels, struct umb_error *error);
+
+/* Appends one line to the warnings, made clean. Beyond 64 KiB of them, lines are left out. */
+void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...) UMB_PRINTF(2, 3);
+
+/*
+ * Writes the scene buffer. Vertices that are not finite or too large become 0 0 0 (no triangle may
+ * use one: the readers drop such faces).
+ *
+ * Fails: what the sink returns; E_LIMIT if a count is over its limit.
+ * Cost:  no copy of the arrays.
+ */
+UMB_CHECKED enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
+                                                     const struct umb_sink *sink,
+                                                     struct umb_error *error);
+
+#endif

@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The hash of a scene: of its world triangles in their order, of what their materials do to light,
+ * of its lights. How a file numbers its vertices, divides triangles among meshes or places them by
+ * transforms does not count, so that one scene written as OBJ and as PLY is one scene.
+ *
+ * Relies on umbs_scene_view and checks no index again.
+ */
+#include "scene/scene.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "scene/scene_flatten.h"
+#include "common/sha256_chain.h"
+
+#define PART 64U /* triangles flattened at a time */
+
+/* First part of every scene hash; a change of what is hashed changes it. */
+static const char hash_domain[16] = "umbrage scene 2";
+
+/* What of a material can change a shadow: not its name, nor values that its mode makes idle. */
+struct surface {
+    uint32_t alpha_mode, texture;
+    float alpha_cutoff, base_alpha;
+    float transmission; /* hashed where there is some */
+};
+
+static struct surface surface_of(const struct umbs_scene_view *view, uint32_t material)
+{
+    struct surface surface = {UMBS_ALPHA_OPAQUE, UMBS_NO_INDEX, 0.0F, 1.0F, 0.0F};
+    const struct umbs_material *from =
+        material < view->material_count ? &view->materials[material] : NULL;
+    if (from != NULL && from->alpha_mode != UMBS_ALPHA_OPAQUE) {
+        surface.alpha_mode = from->alpha_mode;
+        surface.texture = from->texture;
+        surface.alpha_cutoff = from->alpha_mode == UMBS_ALPHA_MASK ? from->alpha_cutoff : 0.0F;
+        surface.base_alpha = from->base_alpha;
+    }
+    if (from != NULL) {
+        surface.transmission = from->transmission;
+    }
+    return surface;
+}
+
+static void hash_corners(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
+{
+    struct umbs_chain chain;
+    double corners[PART][3][3];
+    umbs_chain_init(&chain);
+    for (uint32_t i = 0; i < view->instance_count; i++) {
+        const struct umbs_instance *instance = &view->instances[i];
+        const uint32_t total = view->meshes[instance->mesh].triangle_count;
+        for (uint32_t first = 0; first < total; first += PART) {
+            const uint32_t left = total - first, count = left < PART ? left : PART;
+            umbs_scene_flatten_part(view, instance, first, count, corners);
+            for (size_t k = 0; k < (size_t)9 * count; k++) {
+                corners[k / 9][k / 3 % 3][k % 3] += 0.0; /* -0 becomes 0 */
+            }
+            umbs_chain_add(&chain, corners, count * sizeof corners[0]);
+        }
+    }
+    umbs_chain_end(&chain, out);
+}
+
+/* Where the surface changes along the triangles, and the texture coordinates of those that are read
+ * through them. */
+static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
+{
+    struct umbs_chain chain;
+    struct surface before = surface_of(view, UMBS_NO_INDEX);
+    uint64_t number = 0;
+    umbs_chain_init(&chain);
+    for (uint32_t i = 0; i < view->instance_count; i++) {
+        const struct umbs_mesh *mesh = &view->meshes[view->instances[i].mesh];
+        const struct surface surface = surface_of(view, mesh->material);
+        if (mesh->triangle_count > 0 && memcmp(&surface, &before, sizeof surface) != 0) {
+            umbs_chain_add(&chain, &number, sizeof number);
+            umbs_chain_add(&chain, &surface, offsetof(struct surface, transmission));
+            if (surface.transmission != 0.0F) {
+                umbs_chain_add(&chain, &surface.transmission, sizeof surface.transmission);
+            }
+            before = surface;
+        }
+        number += mesh->triangle_count;
+        if (surface.texture == UMBS_NO_INDEX || view->uvs == NULL) {
+            continue;
+        }
+        for (size_t k = 0; k < (size_t)3 * mesh->triangle_count; k++) {
+            const uint32_t vertex = view->triangles[mesh->first_triangle + k / 3][k % 3];
+            umbs_chain_add(&chain, view->uvs[(size_t)mesh->first_vertex + vertex],
+                           sizeof view->uvs[0]);
+        }
+    }
+    umbs_chain_end(&chain, out);
+}
+
+/* The textures' shapes; their names are names of files. */
+static void hash_textures(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
+{
+    struct umbs_chain chain;
+    umbs_chain_init(&chain);
+    for (uint32_t i = 0; i < view->texture_count; i++) {
+        const struct umbs_texture *texture = &view->textures[i];
+        const uint64_t shape[6] = {texture->width,  texture->height, texture->offset,
+                                   texture->wrap_s, texture->wrap_t, texture->nearest};
+        umbs_chain_add(&chain, shape, sizeof shape);
+    }
+    umbs_chain_end(&chain, out);
+}
+
+void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYTES])
+{
+    uint8_t corners[UMB_ID_BYTES], surfaces[UMB_ID_BYTES], textures[UMB_ID_BYTES];
+    hash_corners(view, corners);
+    hash_surfaces(view, surfaces);
+    hash_textures(view, textures);
+    const uint64_t counts[] = {(uint64_t)view->z_up, view->world_triangle_count, view->light_count,
+                               view->texture_count, view->alpha_bytes};
+    const void *const parts[] = {hash_domain, counts,       corners,    surfaces,
+                                 textures,    view->lights, view->alpha};
+    const size_t sizes[] = {sizeof hash_domain,       sizeof counts,
+                            sizeof corners,           sizeof surfaces,
+                            sizeof textures,          view->light_count * sizeof(struct umbs_light),
+                            (size_t)view->alpha_bytes};
+    umbs_sha256.digest(umbs_sha256.user, parts, sizes, sizeof parts / sizeof parts[0], hash);
+}

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STORE_ASSET_MAP_H
+#define UMBRAGE_SERVER_STORE_ASSET_MAP_H
+/*
+ * A mapped asset file (.umbm) that stays harmless whatever other processes do to the file.
+ *
+ *     struct umbs_asset_map *map;
+ *     umbs_asset_map_open(path, &options, &map, &error);
+ *     ... umb_query_prepare on umbs_asset_map_asset(map) ...
+ *     umbs_asset_map_read(map, run, &batch, &error);          runs the query, guarded
+ *     umbs_asset_map_close(map);
+ *
+ * What can happen to the file, and what then happens here:
+ * - cut short: the read faults and is ended by the guard (fault_guard.h), or the rest of a page
+ *   reads as zeros. Either way umbs_asset_map_read fails: it looks at the file's size and time of
+ *   modification after each read, and they must still be those of the opening.
+ * - overwritten in place: the same look finds it. Numbers read meanwhile may lead anywhere, but
+ *   not further than a number can reach: that much address space behind the map is reserved and
+ *   unreadable, so such a read faults and is ended by the guard too.
+ * - changed while its times stay (a failing disk, a clock set back, a store through a mapping that
+ *   was dirty before): only umbs_asset_map_check finds that.
+ * - deleted or replaced by a rename: nothing; the map keeps the old bytes.
+ * With `copy` the file is read once into memory of this process, which is then write-protected:
+ * nothing that happens to the file afterwards matters.
+ *
+ * Threads: an open map is immutable; reads and checks may run at once, close needs that none does.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/stat.h>
+#include <time.h>
+#include "umbrage/asset.h"
+
+struct umbs_asset_map; /* opaque */
+
+/* What tells one state of a file from another. */
+struct umbs_stamp {
+    uint64_t device, inode, size;
+    struct timespec modified, changed;
+};
+
+struct umbs_stamp umbs_stamp_of(const struct stat *status);
+int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b);
+
+struct umbs_asset_map_options {
+    uint8_t id[UMB_ID_BYTES]; /* the asset that it must be */
+    /* NULL, or how the file looked when it passed a full check: if it still looks so, only its head
+     * is checked now. */
+    const struct umbs_stamp *known; /* not for copies: those are always checked whole */
+    /* NULL, or the SHA-256 that the whole file must have: at every check but that of a known one */
+    const uint8_t *digest; /* [UMB_ID_BYTES] */
+    int ours;              /* 1 = refuse a file that other users may write to, or a link */
+    int copy;              /* 1 = hold a copy in memory */
+    int warm;              /* 1 = have the kernel read the file ahead */
+};
+
+/*
+ * Opens a mapped file and checks that it is the asset it should be.
+ *
+ * Out:   out: the map, or NULL.
+ * Fails: as umb_asset_open_file; E_CORRUPT also if it is another asset's, a packed file, does not
+ *        have the digest, or changes while it is checked; E_PERMISSION if it must be ours.
+ * Cost:  blocks on the disk: one pass over the file, or its head if known.
+ */
+UMB_CHECKED enum umb_status umbs_asset_map_open(const char *path,
+                                                const struct umbs_asset_map_options *options,
+                                                struct umbs_asset_map **out,
+                                                struct umb_error *error);
+
+/* Gives memory and descriptor back. NULL is allowed. */
+void umbs_asset_map_close(struct umbs_asset_map *map);
+
+/* Borrowed until close. Its description may be read at any time; its voxels, that is what
+ * umb_query_run reads, only in umbs_asset_map_read. */
+const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map);
+
+/* 1 if the bytes are a copy: nothing done to the file matters. */
+int umbs_asset_map_is_copy(const struct umbs_asset_map *map);
+
+/* The SHA-256 that it must have, or NULL. */
+const uint8_t *umbs_asset_map_digest(const struct umbs_asset_map *map);
+
+/* How the file looked when it was opened. */
+const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map);
+
+/*
+ * Calls read(user), which may read the asset's voxels and must not own anything (fault_guard.h).
+ *
+ * Fails: E_CORRUPT if the file was cut or changed since it was opened: what read gave is then not
+ * to be used. It may have been called and left midway. Cost:  10 ns and one fstat, 0.2 us; with
+ * copy nothing.
+ */
+UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map,
+                                                void (*read)(void *user), void *user,
+                                                struct umb_error *error);
+
+/*
+ * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
+ * after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
+ */
+UMB_CHECKED enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map,
+                                                void (*read)(void *user), void *user,
+                                                struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map,
+                                                 struct umb_error *error);
+
+/* Checks the whole file again: the digest, or without one checksums, structure and identity. Fails:
+ * E_CORRUPT and the like, E_IO, E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
+UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,
+                                                 struct umb_error *error);
+
+#endif

@@ -1,0 +1,310 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See store_cache.h. */
+#define _GNU_SOURCE /* getrandom */
+#include "store/store_cache.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "common/file.h"
+#include "common/private_folder.h"
+#include "store/store_internal.h"
+
+enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
+                                 const struct umbs_log *log, struct umb_error *error)
+{
+    *cache = (struct umbs_cache){.log = log, .path = strdup(path), .lock = {.fd = -1}};
+    pthread_mutex_init(&cache->mutex, NULL);
+    return cache->path != NULL ? UMB_OK
+                               : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the cache");
+}
+
+void umbs__cache_let_go(struct umbs_cache *cache)
+{
+    pthread_mutex_lock(&cache->mutex);
+    umbs_owner_lock_release(&cache->lock);
+    pthread_mutex_unlock(&cache->mutex);
+}
+
+void umbs__cache_finish(struct umbs_cache *cache)
+{
+    umbs_owner_lock_release(&cache->lock);
+    umbs__records_finish(&cache->records);
+    free(cache->path);
+    pthread_mutex_destroy(&cache->mutex);
+}
+
+static void warn(const struct umbs_cache *cache, const char *event, const struct umb_error *error)
+{
+    char quoted[UMBS_LOG_QUOTE_SIZE];
+    umbs_log_event(cache->log, UMB_LOG_WARN, event, "reason=%s",
+                   umbs_log_quote(error->message, quoted));
+}
+
+/* Makes the folder and checks that it is ours alone. */
+static enum umb_status open_folder(struct umbs_cache *cache, struct umb_error *error)
+{
+    char *resolved = NULL;
+    const int made = mkdir(cache->path, S_IRWXU) == 0;
+    if (!made && errno != EEXIST) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
+                              cache->path);
+    }
+    enum umb_status status = umbs_private_folder(cache->path, &resolved, error);
+    if (status == UMB_OK) {
+        free(cache->path);
+        cache->path = resolved;
+    } else if (made) {
+        (void)rmdir(cache->path);
+    }
+    return status;
+}
+
+/*
+ * Reads the key. Fails: E_NO_INPUT (none yet), E_CORRUPT (not ours alone, or not a key: to be made
+ * anew), E_IO.
+ */
+static enum umb_status read_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
+                                struct umb_error *error)
+{
+    struct stat facts;
+    uint8_t bytes[UMBS_KEY_BYTES + 1];
+    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0) {
+        return umb_fail_errno(error,
+                              errno == ENOENT  ? UMB_E_NO_INPUT
+                              : errno == ELOOP ? UMB_E_CORRUPT
+                                               : UMB_E_IO,
+                              errno, "cannot read '%.200s'", path);
+    }
+    const int is_key = fstat(fd, &facts) == 0 && umbs_private_file(&facts) &&
+                       (facts.st_mode & (S_IRWXG | S_IRWXO)) == 0;
+    const ssize_t count = is_key ? read(fd, bytes, sizeof bytes) : 0;
+    const int cause = errno;
+    (void)close(fd);
+    if (count < 0) {
+        return umb_fail_errno(error, UMB_E_IO, cause, "cannot read '%.200s'", path);
+    }
+    if (count != (ssize_t)UMBS_KEY_BYTES) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "'%.200s' is not a key of %u bytes that only its owner may read", path,
+                        UMBS_KEY_BYTES);
+    }
+    memcpy(key, bytes, UMBS_KEY_BYTES);
+    return UMB_OK;
+}
+
+static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
+                                struct umb_error *error)
+{
+    struct umbs_file file;
+    if (getrandom(key, UMBS_KEY_BYTES, 0) != (ssize_t)UMBS_KEY_BYTES) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "no random bytes for a key");
+    }
+    if (unlink(path) != 0 && errno != ENOENT) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot replace '%.200s'", path);
+    }
+    enum umb_status status = umbs_file_begin_private(path, &file, error);
+    if (status == UMB_OK) {
+        status = umbs_file_write(&file, key, UMBS_KEY_BYTES, error);
+        if (status == UMB_OK) {
+            status = umbs_file_commit(&file, error);
+        } else {
+            umbs_file_abandon(&file);
+        }
+    }
+    return status;
+}
+
+/* Reads the key; the daemon that may write makes one where there is none that can be used. */
+static enum umb_status take_key(struct umbs_cache *cache, struct umb_error *error)
+{
+    char *path = umbs__path_join(cache->path, UMBS_CACHE_KEY);
+    if (path == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
+    }
+    enum umb_status status = read_key(path, cache->key, error);
+    if (status == UMB_E_CORRUPT) {
+        warn(cache, "cache_key_renewed", error);
+    }
+    if ((status == UMB_E_CORRUPT || status == UMB_E_NO_INPUT) && cache->lock.fd >= 0) {
+        status = make_key(path, cache->key, error);
+    }
+    free(path);
+    return status;
+}
+
+static void read_records(struct umbs_cache *cache)
+{
+    struct umbs_records records;
+    struct umb_error error;
+    size_t refused = 0;
+    char *path = umbs__path_join(cache->path, "proven");
+    enum umb_status status = path != NULL
+                                 ? umbs__records_read(path, cache->key, &records, &refused, &error)
+                                 : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
+    free(path);
+    if (status == UMB_OK && refused > 0) {
+        (void)umb_fail(&error, UMB_E_CORRUPT, "%zu lines were not written under this key", refused);
+    }
+    if (status != UMB_OK || refused > 0) {
+        warn(cache, "proven_forgotten", &error);
+    }
+    if (status == UMB_OK) {
+        umbs__records_finish(&cache->records);
+        cache->records = records;
+    }
+}
+
+/* Takes the lock unless another daemon has it; without the lock the cache is only read. On a file
+ * system without locks two daemons may write. That does no harm: files appear whole, and are
+ * checked by their digest. */
+static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *error)
+{
+    char *path = umbs__path_join(cache->path, "lock");
+    enum umb_status status =
+        path != NULL ? umbs__owner_lock_take(path, UMBS_REACH_LOCAL, 0, &cache->lock, error)
+                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
+    free(path);
+    if (status == UMB_E_BUSY && !cache->told_shared) {
+        cache->told_shared = 1;
+        warn(cache, "cache_shared", error);
+    }
+    return status == UMB_E_BUSY ? UMB_OK : status;
+}
+
+/* Checks that the folder has not been replaced since it was made ready. */
+static enum umb_status look_again(struct umbs_cache *cache, struct umb_error *error)
+{
+    char *resolved = NULL;
+    if (cache->lock.fd >= 0 && !umbs_owner_lock_is_there(&cache->lock)) {
+        umbs_owner_lock_release(&cache->lock); /* it was removed: there may be another */
+        cache->ready = 0;
+    }
+    if (!cache->ready) {
+        return UMB_OK;
+    }
+    enum umb_status status = umbs_private_folder(cache->path, &resolved, error);
+    free(resolved);
+    return status;
+}
+
+/* Under the mutex. */
+static enum umb_status make_ready(struct umbs_cache *cache, struct umb_error *error)
+{
+    enum umb_status status = cache->ready ? UMB_OK : open_folder(cache, error);
+    if (status == UMB_OK) {
+        status = take_lock(cache, error);
+    }
+    if (status == UMB_OK) {
+        status = take_key(cache, error);
+    }
+    if (status == UMB_OK) {
+        read_records(cache);
+        cache->ready = 1;
+    }
+    return status;
+}
+
+enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable, struct umb_error *error)
+{
+    pthread_mutex_lock(&cache->mutex);
+    enum umb_status status = look_again(cache, error);
+    if (status == UMB_OK && (!cache->ready || cache->lock.fd < 0)) {
+        status = make_ready(cache, error);
+        if (status != UMB_OK) {
+            umbs_owner_lock_release(&cache->lock);
+        }
+    }
+    if (writable != NULL) {
+        *writable = cache->lock.fd >= 0;
+    }
+    pthread_mutex_unlock(&cache->mutex);
+    return status;
+}
+
+static int copy_record(const struct umbs_record *found, struct umbs_record *record)
+{
+    if (found != NULL) {
+        *record = *found;
+    }
+    return found != NULL;
+}
+
+int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
+                     struct umbs_record *record)
+{
+    pthread_mutex_lock(&cache->mutex);
+    const int found = copy_record(umbs__records_find(&cache->records, packed), record);
+    pthread_mutex_unlock(&cache->mutex);
+    return found;
+}
+
+int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
+                        struct umbs_record *record)
+{
+    pthread_mutex_lock(&cache->mutex);
+    const int found = copy_record(umbs__records_of_id(&cache->records, id), record);
+    pthread_mutex_unlock(&cache->mutex);
+    return found;
+}
+
+void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record)
+{
+    pthread_mutex_lock(&cache->mutex);
+    if (umbs__records_find(&cache->records, &record->packed) == NULL) {
+        /* Without memory the file is verified again at the next start. */
+        (void)!umbs__records_add(&cache->records, record);
+        cache->unwritten = 1;
+    }
+    pthread_mutex_unlock(&cache->mutex);
+}
+
+void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records)
+{
+    struct umb_error error;
+    pthread_mutex_lock(&cache->mutex);
+    const int same = !cache->unwritten && umbs__records_equal(records, &cache->records);
+    const int writes = cache->ready && cache->lock.fd >= 0 && !same;
+    if (writes) {
+        char *path = umbs__path_join(cache->path, "proven");
+        enum umb_status status =
+            path != NULL ? umbs__records_write(path, cache->key, records, &error)
+                         : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
+        free(path);
+        if (status != UMB_OK) {
+            warn(cache, "proven_not_kept", &error);
+        }
+        struct umbs_records old = cache->records;
+        cache->records = *records;
+        *records = old;
+        cache->unwritten = 0;
+    }
+    pthread_mutex_unlock(&cache->mutex);
+    umbs__records_finish(records);
+}
+
+char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES])
+{
+    char name[UMB_ID_TEXT_SIZE + 8];
+    umb_id_to_text(id, name);
+    memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
+    pthread_mutex_lock(&cache->mutex);
+    char *path = umbs__path_join(cache->path, name);
+    pthread_mutex_unlock(&cache->mutex);
+    return path;
+}
+
+char *umbs__cache_own_folder(struct umbs_cache *cache)
+{
+    pthread_mutex_lock(&cache->mutex);
+    char *path = cache->lock.fd >= 0 ? strdup(cache->path) : NULL;
+    pthread_mutex_unlock(&cache->mutex);
+    return path;
+}

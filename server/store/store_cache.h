@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STORE_STORE_CACHE_H
+#define UMBRAGE_SERVER_STORE_STORE_CACHE_H
+/*
+ * A folder of mapped files that only the daemon writes.
+ *
+ *     key         32 random bytes, made once, mode 0600
+ *     lock        owner_lock.h: one daemon writes, others only read
+ *     proven      list of the mapped files, each line with a MAC by the key (store_record.h)
+ *     ID.umbm     mapped forms
+ *
+ * The folder is used only if no other user can change it (private_folder.h), and a file in it only
+ * if it belongs to this user or root, no other user may write to it, it has one name, and its
+ * SHA-256 is beside its id in the list. A file that fails a check is made anew.
+ *
+ * Remaining risks: processes of the daemon's user and of root can read the key. A file with the
+ * listed device, inode, size and times is opened without reading it. A user cannot set the time of
+ * change; root can (through the clock), and a failing disk can change bytes without it.
+ *
+ * Threads: any at once.
+ */
+#include <pthread.h>
+#include "common/log.h"
+#include "common/owner_lock.h"
+#include "store/store_record.h"
+
+#define UMBS_CACHE_KEY "key"
+
+struct umbs_cache {
+    pthread_mutex_t mutex;       /* over all below */
+    const struct umbs_log *log;  /* may be NULL */
+    char *path;                  /* Path as configured; without links once it is ready */
+    int ready;                   /* 1 if the folder is ours alone and the key is read */
+    int told_shared;             /* 1 if the log has another daemon's pid already */
+    struct umbs_owner_lock lock; /* Lock of the folder; held by the daemon that may write */
+    uint8_t key[UMBS_KEY_BYTES];
+    struct umbs_records records; /* Records of the last scan, and new ones of this scan */
+    int unwritten;               /* 1 if the records differ from the file */
+};
+
+/* Sets up the object; nothing is read yet. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
+                                             const struct umbs_log *log, struct umb_error *error);
+/* Lets another daemon write to the folder. */
+void umbs__cache_let_go(struct umbs_cache *cache);
+void umbs__cache_finish(struct umbs_cache *cache);
+
+/*
+ * Makes the folder ready, if it is not yet: created, checked, locked, key and list read. Tries
+ * again at each call, since another daemon may have ended.
+ *
+ * Out:   writable: 1 if this daemon may write to it. May be NULL.
+ * Fails: E_PERMISSION (other users can change it), E_BUSY (another daemon is making the key),
+ *        E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable,
+                                              struct umb_error *error);
+
+/* Copies the record of a packed file, or of an id; returns 0 if there is none. */
+int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
+                     struct umbs_record *record);
+int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
+                        struct umbs_record *record);
+
+/* Adds a record if there is none of its packed file. */
+void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
+
+/* Makes these the records, and writes them if they are not what the file has; takes them over. */
+void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);
+
+/* Path of the folder, malloc, where this daemon may write to it; NULL: it may not, or out of
+ * memory. Another thread may make the cache ready meanwhile, which changes `path`. */
+char *umbs__cache_own_folder(struct umbs_cache *cache);
+
+/* Path of the mapped file of an id, malloc; NULL: out of memory. */
+char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]);
+
+#endif

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Readers: how a thread finds assets without ever waiting for another one.
+ *
+ * A reader looks into a table of its own, which it holds. A scan that publishes a table puts it
+ * into the mail of each reader, held for him; the reader takes the mail with one exchange before it
+ * looks, so what was published before a look-up began is seen by it. A table that comes before the
+ * last one was fetched takes its place. Whoever exchanges a table out of the mail owns that hold;
+ * so each is given back once, by the reader or by the scan.
+ *
+ * Waiting and freeing are the others' part: the list of readers is under the mutex, which a reader
+ * takes when it is opened and closed and never in between, and what a reader lets go of last is
+ * left to the reaper.
+ */
+#include <stdlib.h>
+
+#include "store/store_internal.h"
+
+struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table)
+{
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_table *old = store->table;
+    store->table = table;
+    for (struct umbs_reader *reader = store->readers; reader != NULL; reader = reader->next) {
+        atomic_fetch_add(&table->references, 1);
+        struct umbs_table *unread = atomic_exchange(&reader->mail, table);
+        if (unread != NULL) {
+            (void)umbs__table_let_go(store, unread); /* the scan reaps when it has published */
+        }
+    }
+    pthread_mutex_unlock(&store->mutex);
+    return old;
+}
+
+enum umb_status umbs_reader_open(struct umbs_store *store, struct umbs_reader **out,
+                                 struct umb_error *error)
+{
+    *out = NULL;
+    struct umbs_reader *reader = calloc(1, sizeof *reader);
+    if (reader == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a reader of the store");
+    }
+    reader->store = store;
+    pthread_mutex_lock(&store->mutex);
+    reader->table = store->table;
+    atomic_fetch_add(&reader->table->references, 1);
+    reader->next = store->readers;
+    store->readers = reader;
+    pthread_mutex_unlock(&store->mutex);
+    *out = reader;
+    return UMB_OK;
+}
+
+void umbs_reader_close(struct umbs_reader *reader)
+{
+    if (reader == NULL) {
+        return;
+    }
+    struct umbs_store *store = reader->store;
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_reader **at = &store->readers;
+    while (*at != reader) {
+        at = &(*at)->next;
+    }
+    *at = reader->next;
+    pthread_mutex_unlock(&store->mutex);
+    umbs_reader_refresh(reader); /* nobody writes to it any more */
+    umbs__table_walked(store, reader->table);
+    free(reader);
+}
+
+void umbs_reader_refresh(struct umbs_reader *reader)
+{
+    /* Mostly there is none: a look does not take the line from whoever else reads it. */
+    if (atomic_load_explicit(&reader->mail, memory_order_relaxed) == NULL) {
+        return;
+    }
+    struct umbs_table *old = reader->table;
+    reader->table = atomic_exchange(&reader->mail, NULL);
+    umbs__table_walked(reader->store, old);
+}
+
+enum umb_status umbs_reader_acquire(struct umbs_reader *reader, const char *name_or_id,
+                                    struct umbs_entry **out, struct umb_error *error)
+{
+    umbs_reader_refresh(reader);
+    return umbs__table_acquire(reader->table, name_or_id, out, error);
+}
+
+int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders)
+{
+    umbs_reader_refresh(reader);
+    return umbs__table_has(reader->table, id, folders);
+}

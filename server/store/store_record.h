@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_STORE_STORE_RECORD_H
+#define UMBRAGE_SERVER_STORE_STORE_RECORD_H
+/*
+ * What a store has proven before: for each packed file, told by its stamp, the id that its content
+ * was proven to have, the stamp of the mapped file that passed a full check, and that file's
+ * SHA-256. As long as both files still look so, opening the asset takes its head and nothing else.
+ *
+ * Kept as `proven` in the cache folder, one line a file. Each line ends with its HMAC-SHA256 under
+ * the cache's key, so only the daemon's user and root can write a valid line; other lines are left
+ * out. The list only saves work: a missing line costs one more verification.
+ *
+ *     umbrage proven 2
+ *     ID DIGEST  STAMP  STAMP  MAC
+ *
+ * A stamp is DEVICE INODE SIZE MTIME NS CTIME NS; the packed file's stands first.
+ */
+#include "store/asset_map.h"
+#include "common/sha256.h"
+
+#define UMBS_RECORDS_MAX ((size_t)1 << 20) /* files in one folder that are remembered */
+
+struct umbs_record {
+    uint8_t id[UMB_ID_BYTES];
+    uint8_t digest[UMB_ID_BYTES]; /* SHA-256 of the mapped file */
+    struct umbs_stamp packed, mapped;
+};
+
+struct umbs_records {
+    size_t count, capacity;
+    struct umbs_record *list;
+    uint32_t *places;   /* [place_count] index + 1 in list, by hash of the packed stamp; 0 = none */
+    size_t place_count; /* a power of 2, at least twice as many as there are records */
+};
+
+/* Appends a record. Fails: E_NO_MEMORY (the list stays as it was). */
+UMB_CHECKED enum umb_status umbs__records_add(struct umbs_records *records,
+                                              const struct umbs_record *record);
+
+/* The record of a packed file, or NULL. */
+const struct umbs_record *umbs__records_find(const struct umbs_records *records,
+                                             const struct umbs_stamp *packed);
+
+/* The first record of an id, or NULL: walks the list. */
+const struct umbs_record *umbs__records_of_id(const struct umbs_records *records,
+                                              const uint8_t id[UMB_ID_BYTES]);
+
+/* True if both lists say the same in the same order. */
+int umbs__records_equal(const struct umbs_records *a, const struct umbs_records *b);
+
+/*
+ * Reads a list; a missing file is an empty one.
+ *
+ * Out:   refused: lines that were not written under the key, left out.
+ * Fails: E_CORRUPT (no list of this version), E_IO, E_PERMISSION (another user may write to the
+ *        file), E_NO_MEMORY: it is empty.
+ */
+UMB_CHECKED enum umb_status umbs__records_read(const char *path, const uint8_t key[UMBS_KEY_BYTES],
+                                               struct umbs_records *records, size_t *refused,
+                                               struct umb_error *error);
+
+/* Replaces the file. Fails: as umbs_file_*. */
+UMB_CHECKED enum umb_status umbs__records_write(const char *path, const uint8_t key[UMBS_KEY_BYTES],
+                                                const struct umbs_records *records,
+                                                struct umb_error *error);
+
+void umbs__records_finish(struct umbs_records *records);
+
+#endif

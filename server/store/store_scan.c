@@ -1,0 +1,326 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Scanning the store's folders and swapping the table.
+ *
+ * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
+ * and publishes it whole, so a look-up sees the folders before or after, never in between.
+ * It does so several times: first with all that opens at once, then once more for each file that
+ * must be read whole, so that a large new asset keeps nobody waiting but those who ask for it.
+ */
+#include "store/store_internal.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+/* One pass over the names. */
+struct pass {
+    struct umbs_store *store;
+    struct umbs_store_report *report;
+    int may_load; /* one file may still be read whole */
+    int pending;  /* there are more */
+    int waits;    /* the lane has no room for one */
+};
+
+static int compare_ids(const void *a, const void *b)
+{
+    const struct umbs_entry *const *left = a;
+    const struct umbs_entry *const *right = b;
+    const int order = memcmp((*left)->item.id, (*right)->item.id, UMB_ID_BYTES);
+    return order != 0 ? order : strcmp((*left)->item.name, (*right)->item.name);
+}
+
+static void sort_by_id(struct umbs_entry **list, size_t count)
+{
+    if (count > 0) {
+        qsort(list, count, sizeof(struct umbs_entry *), compare_ids);
+    }
+}
+
+static int is_fresh(const struct stat *file)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    int64_t age_ms = ((int64_t)now.tv_sec - file->st_mtim.tv_sec) * 1000 +
+                     (now.tv_nsec - file->st_mtim.tv_nsec) / 1000000;
+    return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
+}
+
+/* Record of a mapped entry; returns 0 if the entry is not mapped. */
+static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
+{
+    if (entry->map == NULL || umbs_asset_map_digest(entry->map) == NULL) {
+        return 0;
+    }
+    record->packed = entry->stamp;
+    record->mapped = *umbs_asset_map_stamp(entry->map);
+    memcpy(record->id, entry->item.id, UMB_ID_BYTES);
+    memcpy(record->digest, umbs_asset_map_digest(entry->map), UMB_ID_BYTES);
+    return 1;
+}
+
+/* Remembers what was proven, so that another name of the same file opens at once. */
+static void remember(struct umbs_store *store, const struct umbs_entry *entry)
+{
+    struct umbs_record record;
+    if (record_of(entry, &record)) {
+        umbs__cache_remember(store->folders[entry->folder].cache, &record);
+    }
+}
+
+/* Takes a fresh entry, or keeps the old one where the fresh one's failure may pass. */
+static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
+                                 struct umbs_entry *fresh, const struct stat *file)
+{
+    fresh->tried = pass->store->serial;
+    if (fresh->asset != NULL) {
+        pass->report->loaded++;
+        remember(pass->store, fresh);
+        return fresh;
+    }
+    pass->report->failed++;
+    pass->report->failed_machine += fresh->retry ? 1 : 0;
+    if (is_fresh(file)) {
+        pass->report->unsettled = 1;
+        fresh->retry = 1;
+    }
+    if (fresh->retry && old != NULL && old->asset != NULL && !old_faulted) {
+        /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
+         * version goes on answering until one can tell. */
+        umbs_entry_retain(old);
+        umbs_entry_release(fresh);
+        old->tried = pass->store->serial;
+        return old;
+    }
+    return fresh;
+}
+
+static enum umb_status look_at(const struct umbs_store *store, const struct umbs_name *name,
+                               struct stat *facts, int *missing, struct umb_error *error)
+{
+    char *path = umbs__packed_path(store, name);
+    if (path == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
+    }
+    *missing = stat(path, facts) != 0 || !S_ISREG(facts->st_mode);
+    free(path);
+    return UMB_OK;
+}
+
+/*
+ * Decides what stands for one file in the new table: the old entry, a new one, or none (NULL and
+ * UMB_OK: the file vanished, or it waits for its turn). The result holds a reference for the table.
+ */
+static enum umb_status place(struct pass *pass, const struct umbs_name *name,
+                             struct umbs_entry **out, struct umb_error *error)
+{
+    struct umbs_store *store = pass->store;
+    struct stat now;
+    int missing = 0;
+    *out = NULL;
+    enum umb_status status = look_at(store, name, &now, &missing, error);
+    if (status != UMB_OK || missing) {
+        return status;
+    }
+    /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
+    struct umbs_entry *old = umbs__table_find_name(store->table, name->text);
+    struct umbs_stamp stamp = umbs_stamp_of(&now);
+    int faulted = old != NULL && atomic_load(&old->faulted);
+    int tried = old != NULL && old->tried == store->serial;
+    if (old != NULL && (tried || (!old->retry && !faulted && old->folder == name->folder &&
+                                  umbs_stamp_equal(&old->stamp, &stamp)))) {
+        umbs_entry_retain(old);
+        pass->report->unchanged += !tried;
+        *out = old;
+        return UMB_OK;
+    }
+    uint64_t from_ms = umbs__now_ms();
+    uint64_t lane_ms = 0;
+    struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
+    enum umbs_lane_answer lane =
+        fresh != NULL ? UMBS_LANE_NOT_FOR_IT
+                      : umbs__lane_ask(store, name, &stamp, faulted, &fresh, &lane_ms);
+    if (lane == UMBS_LANE_WAIT ||
+        (lane == UMBS_LANE_NOT_FOR_IT && fresh == NULL && !pass->may_load)) {
+        pass->waits |= lane == UMBS_LANE_WAIT;
+        pass->pending |= lane != UMBS_LANE_WAIT;
+        if (old != NULL) {
+            umbs_entry_retain(old);
+        }
+        *out = old;
+        return UMB_OK;
+    }
+    if (fresh == NULL && lane == UMBS_LANE_NOT_FOR_IT) {
+        pass->may_load = 0;
+        fresh = umbs__entry_load(store, name, faulted);
+    }
+    if (fresh == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
+    }
+    pass->report->load_ms += umbs__now_ms() - from_ms + lane_ms;
+    *out = choose(pass, old, faulted, fresh, &now);
+    return UMB_OK;
+}
+
+static enum umb_status build_table(struct pass *pass, const struct umbs_name_list *list,
+                                   struct umbs_table **out, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    struct umbs_table *table = umbs__table_create(list->count);
+    if (table == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a table of %zu assets",
+                        list->count);
+    }
+    for (size_t i = 0; status == UMB_OK && i < list->count; i++) {
+        struct umbs_entry *entry = NULL;
+        status = place(pass, &list->names[i], &entry, error);
+        if (entry != NULL) {
+            table->by_name[table->count++] = entry;
+            if (entry->asset != NULL) {
+                table->by_id[table->healthy++] = entry;
+            } else if (entry->has_id) {
+                table->damaged[table->damaged_count++] = entry;
+            }
+        }
+    }
+    if (status != UMB_OK) {
+        (void)umbs__table_let_go(pass->store, table); /* reaped at the scan's end */
+        return status;
+    }
+    sort_by_id(table->by_id, table->healthy);
+    sort_by_id(table->damaged, table->damaged_count);
+    *out = table;
+    return UMB_OK;
+}
+
+/* Puts a new table in place of the old one. */
+static void publish(struct pass *pass, struct umbs_table *table)
+{
+    struct umbs_store *store = pass->store;
+    struct umbs_table *old = umbs__table_publish(store, table);
+    for (size_t i = 0; i < old->count; i++) {
+        if (umbs__table_find_name(table, old->by_name[i]->item.name) == NULL) {
+            pass->report->removed++;
+            umbs_log_event(store->log, UMB_LOG_INFO, "asset_removed", "asset=%s",
+                           old->by_name[i]->item.name);
+        }
+    }
+    (void)umbs__table_let_go(store, old);
+    umbs_store_reap(store);
+}
+
+/* Writes down what is proven now, if it is not what was. */
+static void write_records(struct umbs_store *store, struct umbs_cache *cache)
+{
+    struct umbs_records now = {0};
+    const struct umbs_table *table = store->table; /* only scans change it */
+    for (size_t i = 0; i < table->count; i++) {
+        const struct umbs_entry *entry = table->by_name[i];
+        struct umbs_record record;
+        if (store->folders[entry->folder].cache == cache && !atomic_load(&entry->faulted) &&
+            record_of(entry, &record) && umbs__records_add(&now, &record) != UMB_OK) {
+            break;
+        }
+    }
+    umbs__cache_keep(cache, &now);
+}
+
+enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_report *report,
+                                  struct umb_error *error)
+{
+    struct umbs_store_report own;
+    struct umbs_name_list list = {0};
+    struct umbs_table *table = NULL;
+    report = report != NULL ? report : &own;
+    memset(report, 0, sizeof *report);
+    pthread_mutex_lock(&store->scan);
+    store->serial++;
+    struct pass pass = {.store = store, .report = report};
+    enum umb_status status = umbs__names_read(store, &list, report, error);
+    do {
+        /* The first pass takes what is quick; each further one at least one more file, so this
+         * ends. */
+        report->unchanged = 0;
+        pass.pending = 0;
+        pass.waits = 0;
+        const int was_done = umbs__lane_has_done(store);
+        if (status == UMB_OK) {
+            status = build_table(&pass, &list, &table, error);
+        }
+        if (status == UMB_OK) {
+            publish(&pass, table);
+        }
+        pass.may_load = 1;
+        pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
+    } while (status == UMB_OK && pass.pending);
+    free(list.names);
+    for (size_t i = 0; status == UMB_OK && i < store->cache_count; i++) {
+        write_records(store, &store->caches[i]);
+    }
+    if (status == UMB_OK) {
+        report->swept = umbs__store_sweep(store, store->table);
+    }
+    pthread_mutex_unlock(&store->scan);
+    umbs_store_reap(store);
+    return status;
+}
+
+/* 1 if a cache file's id is still asked for, or the name is none of the cache's. */
+static int cache_file_wanted(const char *name, const struct umbs_table *table)
+{
+    char text[UMB_ID_TEXT_SIZE];
+    uint8_t id[UMB_ID_BYTES];
+    if (strlen(name) != UMB_ID_TEXT_SIZE - 1 + 5 ||
+        strcmp(name + UMB_ID_TEXT_SIZE - 1, ".umbm") != 0) {
+        return 1;
+    }
+    memcpy(text, name, UMB_ID_TEXT_SIZE - 1);
+    text[UMB_ID_TEXT_SIZE - 1] = '\0';
+    return !umb_id_from_text(text, id) || umbs__table_find_id(table, id) != NULL;
+}
+
+static size_t sweep_folder(struct umbs_store *store, const char *path,
+                           const struct umbs_table *cache_of)
+{
+    size_t swept = 0;
+    struct stat status;
+    time_t now = time(NULL);
+    DIR *folder = opendir(path);
+    if (folder == NULL) {
+        return 0;
+    }
+    struct dirent *item;
+    while ((item = readdir(folder)) != NULL) {
+        int stray = strncmp(item->d_name, ".tmp.", 5) == 0 ||
+                    (cache_of != NULL && !cache_file_wanted(item->d_name, cache_of));
+        if (stray && fstatat(dirfd(folder), item->d_name, &status, AT_SYMLINK_NOFOLLOW) == 0 &&
+            S_ISREG(status.st_mode) && now - status.st_mtime > UMBS_STORE_TEMPORARY_AGE_S &&
+            unlinkat(dirfd(folder), item->d_name, 0) == 0) {
+            char quoted[UMBS_LOG_QUOTE_SIZE];
+            umbs_log_event(store->log, UMB_LOG_INFO, "file_swept", "file=%s",
+                           umbs_log_quote(item->d_name, quoted));
+            swept++;
+        }
+    }
+    closedir(folder);
+    return swept;
+}
+
+size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *table)
+{
+    size_t swept = 0;
+    for (size_t i = 0; i < store->folder_count; i++) {
+        swept += sweep_folder(store, store->folders[i].path, NULL);
+    }
+    for (size_t i = 0; i < store->cache_count; i++) {
+        char *own = umbs__cache_own_folder(&store->caches[i]);
+        swept += own != NULL ? sweep_folder(store, own, table) : 0;
+        free(own);
+    }
+    return swept;
+}
