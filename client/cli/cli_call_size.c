@@ -11,13 +11,13 @@
 static size_t record_bytes(const struct umbc_query_options *options)
 {
     const size_t scalar = options->format == UMBC_POINTS_F32 ? sizeof(float) : sizeof(double);
-    switch (options->question) {
-    case UMBC_QUESTION_POINTS: /* lines of text may have normals, seen too late */
+    switch (options->volume_query) {
+    case UMBC_ASK_POINTS: /* lines of text may have normals, seen too late */
         return 3 * scalar +
                (options->with_normals || options->format == UMBC_POINTS_TEXT ? 3 * sizeof(float)
                                                                              : 0) +
                (options->footprints != NULL ? sizeof(float) : 0);
-    case UMBC_QUESTION_COLUMNS:
+    case UMBC_ASK_COLUMNS:
         return 3 * scalar;
     default:
         return 6 * scalar;
@@ -25,17 +25,17 @@ static size_t record_bytes(const struct umbc_query_options *options)
 }
 
 /* What the server takes of the records, and their name. */
-static uint64_t taken(enum umbc_question question, const struct umb_client_limits *limits,
+static uint64_t taken(enum umbc_ask_kind volume_query, const struct umb_client_limits *limits,
                       const char **name)
 {
-    switch (question) {
-    case UMBC_QUESTION_POINTS:
+    switch (volume_query) {
+    case UMBC_ASK_POINTS:
         *name = "points";
         return limits->max_points > 0 ? limits->max_points : UINT64_MAX;
-    case UMBC_QUESTION_SEGMENTS:
+    case UMBC_ASK_SEGMENTS:
         *name = "segments";
         return limits->max_segments;
-    case UMBC_QUESTION_COLUMNS:
+    case UMBC_ASK_COLUMNS:
         *name = "columns";
         return limits->max_columns;
     default:
@@ -49,7 +49,7 @@ enum umb_status umbc_call_size(const struct umbc_query_options *options,
                                struct umb_error *error)
 {
     const char *name;
-    const uint64_t takes = taken(options->question, limits, &name);
+    const uint64_t takes = taken(options->volume_query, limits, &name);
     const uint64_t bytes = limits->max_message_bytes;
     const size_t record = record_bytes(options);
     if (takes == 0) {

@@ -122,7 +122,7 @@ int umbc_cancel(int argc, char **argv);
 int umbc_fetch(int argc, char **argv);
 int umbc_rm(int argc, char **argv);
 int umbc_verify(int argc, char **argv);
-int umbc_stream(int argc, char **argv);
+int umbc_paging(int argc, char **argv);
 int umbc_derive(int argc, char **argv);
 int umbc_frames(int argc, char **argv);
 int umbc_pack(int argc, char **argv);

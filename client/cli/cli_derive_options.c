@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/vec.h"
-#include "cli_stream_view.h"
+#include "cli_paging_view.h"
 
 enum derive_option {
     OPTION_TECHNIQUE,

@@ -13,8 +13,8 @@
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_session.h"
-#include "cli_stream_options.h"
-#include "cli_stream_view.h"
+#include "cli_paging_options.h"
+#include "cli_paging_view.h"
 
 enum frames_option {
     OPTION_PATH,

@@ -141,16 +141,16 @@ static void print_file_sizes(const struct umb_asset_info *info)
     (void)printf("file           %s (%" PRIu64 " bytes), %s\n", file, info->file_bytes,
                  info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
     (void)printf("memory         %s: grids %s, nodes %s, bricks %s\n", memory, grid, node, brick);
-    if (info->front_bytes != 0) {
-        umbc_format_bytes(info->front_bytes, file);
+    if (info->occluder_depth_bytes != 0) {
+        umbc_format_bytes(info->occluder_depth_bytes, file);
         (void)printf("front          %s of first occluders in closed solids\n", file);
     }
     if (info->transmittance_bytes != 0) {
         umbc_format_bytes(info->transmittance_bytes, file);
         (void)printf("transmittance  %s of translucent casters\n", file);
     }
-    if (info->near_bytes != 0) {
-        umbc_format_bytes(info->near_bytes, file);
+    if (info->receiver_mask_bytes != 0) {
+        umbc_format_bytes(info->receiver_mask_bytes, file);
         (void)printf("near           %s of where surfaces are: baked under the static rule\n",
                      file);
     }
@@ -224,9 +224,9 @@ static void json_sizes(struct umbc_json *json, const struct umb_asset_info *info
     umbc_json_integer(json, "grid_bytes", info->grid_bytes);
     umbc_json_integer(json, "node_bytes", info->node_bytes);
     umbc_json_integer(json, "brick_bytes", info->brick_bytes);
-    umbc_json_integer(json, "front_bytes", info->front_bytes);
+    umbc_json_integer(json, "front_bytes", info->occluder_depth_bytes);
     umbc_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
-    umbc_json_integer(json, "near_bytes", info->near_bytes);
+    umbc_json_integer(json, "near_bytes", info->receiver_mask_bytes);
     umbc_json_begin(json, "level_nodes", '[');
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umbc_json_integer(json, NULL, info->level_nodes[level]);

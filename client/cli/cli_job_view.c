@@ -58,7 +58,7 @@ void umbc_format_time(int64_t unix_ms, char text[24])
 /* What the call-back of a watch keeps. */
 struct view {
     bool drawn, wanted;
-    double told_s; /* when the daemon last said something */
+    double heard_s; /* when the daemon last said something */
     struct umb_job_status status;
     char *plan;
 };
@@ -111,7 +111,7 @@ static int on_status(void *user, const struct umb_job_status *status)
     }
     view->status = *status;
     view->status.plan = view->status.notices = NULL;
-    view->told_s = umbc_clock_s();
+    view->heard_s = umbc_clock_s();
     draw(view, NULL);
     return 1;
 }
@@ -131,20 +131,20 @@ static bool may_pass(enum umb_status status)
 enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool quiet,
                                struct umb_job_status *status, char **plan, struct umb_error *error)
 {
-    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .told_s = umbc_clock_s()};
+    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .heard_s = umbc_clock_s()};
     long pause_ms = PAUSE_MS;
     enum umb_status result = UMB_OK;
     do {
-        const double told_s = view.told_s;
+        const double heard_s = view.heard_s;
         result = umb_client_watch(client, job, on_status, &view, error);
         if ((result == UMB_OK && is_over(view.status.state)) || !may_pass(result)) {
             break;
         }
-        pause_ms = view.told_s > told_s ? PAUSE_MS : pause_ms * 2;
+        pause_ms = view.heard_s > heard_s ? PAUSE_MS : pause_ms * 2;
         pause_ms = pause_ms < PAUSE_MAX_MS ? pause_ms : PAUSE_MAX_MS;
         draw(&view, "the daemon does not answer, trying again");
         (void)nanosleep(&(struct timespec){pause_ms / 1000, pause_ms % 1000 * 1000000}, NULL);
-    } while (umbc_clock_s() - view.told_s < UMBC_WATCH_PATIENCE_S);
+    } while (umbc_clock_s() - view.heard_s < UMBC_WATCH_PATIENCE_S);
     if (view.drawn) {
         (void)fputs("\r\033[K", stderr);
     }

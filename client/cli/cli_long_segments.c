@@ -6,30 +6,30 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FEW 64 /* a daemon counts segments of fewer stretches as of so many */
+#define FEW 64 /* a daemon counts segments of fewer intervals as of so many */
 /* Stretches that such segments may have together, unless one has more. */
-#define LONG_STRETCHES ((size_t)1 << 18)
+#define LONG_INTERVALS ((size_t)1 << 18)
 
-/* 1 if one more segment fits: each has room for the most stretches of any, of which half at least
+/* 1 if one more segment fits: each has room for the most intervals of any, of which half at least
  * is used, and a daemon counts it as so many points. */
 static bool has_room(const struct umbc_volume_asset *asset, size_t count, size_t most, size_t used)
 {
     const size_t room = count * most;
-    return count == 1 || (room <= LONG_STRETCHES && room / 2 <= used &&
+    return count == 1 || (room <= LONG_INTERVALS && room / 2 <= used &&
                           (asset->client == NULL || room <= asset->limits.max_points));
 }
 
-/* Counts the long segments from i on that are asked together, and the stretches of the longest. */
+/* Counts the long segments from i on that are asked together, and the intervals of the longest. */
 static void choose(struct umbc_long_segments *longs, const struct umbc_volume_asset *asset,
                    size_t i)
 {
     size_t used = 0, most = FEW;
     longs->count = 0;
     for (; i < longs->segments->count; i++) {
-        const size_t stretches = (size_t)longs->answers->segments[i].stretch_count;
-        const size_t longest = stretches > most ? stretches : most;
-        if (stretches > UMBC_STRETCHES_KEPT) {
-            used += stretches > FEW ? stretches : FEW;
+        const size_t intervals = (size_t)longs->answers->segments[i].interval_count;
+        const size_t longest = intervals > most ? intervals : most;
+        if (intervals > UMBC_INTERVALS_KEPT) {
+            used += intervals > FEW ? intervals : FEW;
             if (!has_room(asset, longs->count + 1, longest, used)) {
                 break;
             }
@@ -37,18 +37,18 @@ static void choose(struct umbc_long_segments *longs, const struct umbc_volume_as
             longs->count++;
         }
     }
-    longs->again.stretch_max = most;
+    longs->again.interval_max = most;
 }
 
-/* What was asked with room for all stretches must have no more now, whatever a server says. */
+/* What was asked with room for all intervals must have no more now, whatever a server says. */
 static enum umb_status check(const struct umbc_long_segments *longs, struct umb_error *error)
 {
     for (size_t i = 0; i < longs->count; i++) {
-        const uint64_t stretches = longs->again.segments[i].stretch_count;
-        if (stretches > longs->again.stretch_max) {
+        const uint64_t intervals = longs->again.segments[i].interval_count;
+        if (intervals > longs->again.interval_max) {
             return umb_fail(error, UMB_E_PROTOCOL,
                             "the daemon told %zu stretches at most, and then %" PRIu64,
-                            longs->again.stretch_max, stretches);
+                            longs->again.interval_max, intervals);
         }
     }
     return UMB_OK;
@@ -62,15 +62,15 @@ static enum umb_status ask(struct umbc_long_segments *longs, struct umbc_volume_
     const size_t record = 6 * (segments->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
     umbc_longs_finish(longs);
     choose(longs, asset, i);
-    const size_t room = longs->count * longs->again.stretch_max;
+    const size_t room = longs->count * longs->again.interval_max;
     longs->ends = malloc(longs->count * record);
     longs->again.segments = calloc(longs->count, sizeof *longs->again.segments);
-    longs->again.stretches = calloc(room, sizeof *longs->again.stretches);
-    if (longs->ends == NULL || longs->again.segments == NULL || longs->again.stretches == NULL) {
+    longs->again.intervals = calloc(room, sizeof *longs->again.intervals);
+    if (longs->ends == NULL || longs->again.segments == NULL || longs->again.intervals == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu stretches", room);
     }
     for (size_t found = 0; found < longs->count; i++) {
-        if (longs->answers->segments[i].stretch_count > UMBC_STRETCHES_KEPT) {
+        if (longs->answers->segments[i].interval_count > UMBC_INTERVALS_KEPT) {
             memcpy(longs->ends + found++ * record, (const uint8_t *)segments->ends + i * record,
                    record);
         }
@@ -86,7 +86,7 @@ void umbc_longs_finish(struct umbc_long_segments *longs)
 {
     free(longs->ends);
     free(longs->again.segments);
-    free(longs->again.stretches);
+    free(longs->again.intervals);
     longs->ends = NULL;
     memset(&longs->again, 0, sizeof longs->again);
     longs->count = longs->next = 0;
@@ -94,7 +94,7 @@ void umbc_longs_finish(struct umbc_long_segments *longs)
 
 enum umb_status umbc_longs_next(struct umbc_long_segments *longs, struct umbc_volume_asset *asset,
                                 size_t i, const struct umb_segment_answer **answer,
-                                const struct umb_stretch **stretches, struct umb_error *error)
+                                const struct umb_interval **intervals, struct umb_error *error)
 {
     if (longs->next == longs->count) {
         const enum umb_status status = ask(longs, asset, i, error);
@@ -103,7 +103,7 @@ enum umb_status umbc_longs_next(struct umbc_long_segments *longs, struct umbc_vo
         }
     }
     *answer = &longs->again.segments[longs->next];
-    *stretches = longs->again.stretches + longs->next * longs->again.stretch_max;
+    *intervals = longs->again.intervals + longs->next * longs->again.interval_max;
     longs->next++;
     return UMB_OK;
 }

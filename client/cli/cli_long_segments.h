@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CLI_CLI_LONG_SEGMENTS_H
 #define UMBRAGE_CLI_CLI_LONG_SEGMENTS_H
 /*
- * Segments of more lit stretches than were kept of each: they are asked again with room for all, as
+ * Segments of more lit intervals than were kept of each: they are asked again with room for all, as
  * many together as is worth while.
  *
  *     {.segments = batch, .answers = what is said of it};  next, for each long one in order;
@@ -10,7 +10,7 @@
  */
 #include "cli_volume_asset.h"
 
-#define UMBC_STRETCHES_KEPT 16 /* of each segment at first */
+#define UMBC_INTERVALS_KEPT 16 /* of each segment at first */
 
 struct umbc_long_segments {
     const struct umb_segments *segments;       /* the batch, borrowed ... */
@@ -22,17 +22,17 @@ struct umbc_long_segments {
 };
 
 /*
- * Gives segment i whole, which has more stretches than are kept and comes after those asked for
+ * Gives segment i whole, which has more intervals than are kept and comes after those asked for
  * before.
  *
- * Out:   answer, stretches: borrowed until the next call.
- * Fails: as umbc_volume_segments; E_NO_MEMORY; E_PROTOCOL (a daemon tells more stretches than it
+ * Out:   answer, intervals: borrowed until the next call.
+ * Fails: as umbc_volume_segments; E_NO_MEMORY; E_PROTOCOL (a daemon tells more intervals than it
  *        said there were).
  */
 UMB_CHECKED enum umb_status umbc_longs_next(struct umbc_long_segments *longs,
                                             struct umbc_volume_asset *asset, size_t i,
                                             const struct umb_segment_answer **answer,
-                                            const struct umb_stretch **stretches,
+                                            const struct umb_interval **intervals,
                                             struct umb_error *error);
 void umbc_longs_finish(struct umbc_long_segments *longs);
 

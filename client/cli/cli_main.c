@@ -73,7 +73,7 @@ static const struct command COMMANDS[] = {
     {"fetch", umbc_fetch, "download an asset of yours"},
     {"rm", umbc_rm, "give an asset of yours up"},
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene"},
-    {"stream", umbc_stream, "fetch the part of an asset that is needed, coarse first"},
+    {"stream", umbc_paging, "fetch the part of an asset that is needed, coarse first"},
     {"derive", umbc_derive, "shadow maps for a GPU, from an asset alone"},
     {"frames", umbc_frames, "ask a daemon for one frame's shadows after the other"},
     {"pack", umbc_pack, "turn a file into the packed form (.umb)"},

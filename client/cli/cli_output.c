@@ -11,12 +11,12 @@
 #include <unistd.h>
 
 /* The temporary that a signal takes with it; NULL if there is none. A command has one output. */
-static char *volatile doomed;
+static char *volatile temporary_name;
 
 /* Removes the temporary, then lets the signal do what it always does. */
 static void on_signal(int number)
 {
-    char *path = doomed;
+    char *path = temporary_name;
     if (path != NULL) {
         (void)unlink(path);
     }
@@ -51,7 +51,7 @@ static int make_temporary(char *name)
     (void)pthread_sigmask(SIG_BLOCK, &set, &before);
     int file = mkstemp(name);
     int code = errno;
-    doomed = file >= 0 ? name : NULL;
+    temporary_name = file >= 0 ? name : NULL;
     (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
     errno = code;
     return file;
@@ -59,7 +59,7 @@ static int make_temporary(char *name)
 
 static void forget_temporary(struct umbc_output *output)
 {
-    doomed = NULL;
+    temporary_name = NULL;
     free(output->temporary);
     output->temporary = NULL;
 }

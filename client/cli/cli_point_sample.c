@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STRETCH 4096 /* points */
+#define RANGE 4096 /* points */
 
 /* Goes to a place in the file where a point begins: the first one not before `offset`. */
 static bool seek_point(struct umbc_points *source, uint64_t offset)
@@ -28,31 +28,31 @@ static bool seek_point(struct umbc_points *source, uint64_t offset)
     return true;
 }
 
-/* Adds a stretch's points to the sample. */
-static void append(struct umbc_batch *sample, const struct umbc_batch *stretch)
+/* Adds a range's points to the sample. */
+static void append(struct umbc_batch *sample, const struct umbc_batch *range)
 {
     const size_t room = sample->capacity - sample->count;
-    const size_t count = stretch->count < room ? stretch->count : room;
+    const size_t count = range->count < room ? range->count : room;
     const size_t at = 3 * sample->count;
     if (sample->wide != NULL) {
-        memcpy(sample->wide + at, stretch->wide, 3 * count * sizeof *sample->wide);
+        memcpy(sample->wide + at, range->wide, 3 * count * sizeof *sample->wide);
     } else {
-        memcpy(sample->narrow + at, stretch->narrow, 3 * count * sizeof *sample->narrow);
+        memcpy(sample->narrow + at, range->narrow, 3 * count * sizeof *sample->narrow);
     }
-    if (stretch->has_normals) {
-        memcpy(sample->normals + at, stretch->normals, 3 * count * sizeof *sample->normals);
+    if (range->has_normals) {
+        memcpy(sample->normals + at, range->normals, 3 * count * sizeof *sample->normals);
         sample->has_normals = true;
     }
     sample->count += count;
 }
 
-/* Reads one stretch; what cannot be read is left out. */
-static void read_stretch(struct umbc_points *source, uint64_t offset, struct umbc_batch *stretch,
-                         struct umbc_batch *sample)
+/* Reads one range; what cannot be read is left out. */
+static void read_range(struct umbc_points *source, uint64_t offset, struct umbc_batch *range,
+                       struct umbc_batch *sample)
 {
     struct umb_error ignored;
-    if (seek_point(source, offset) && umbc_points_read(source, stretch, &ignored) == UMB_OK) {
-        append(sample, stretch);
+    if (seek_point(source, offset) && umbc_points_read(source, range, &ignored) == UMB_OK) {
+        append(sample, range);
     }
 }
 
@@ -61,7 +61,7 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
                                    struct umb_error *error)
 {
     struct umb_error ignored;
-    struct umbc_batch stretch = {0};
+    struct umbc_batch range = {0};
     enum umb_status status = umbc_batch_init(batch, most, format, error);
     struct umbc_points *source = malloc(sizeof *source);
     if (status == UMB_OK && source == NULL) {
@@ -74,17 +74,17 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
         umbc_points_close(source);
     }
     /* A file that may have no more points than that is read as a whole. */
-    const uint64_t count = size > most * 12 && most > STRETCH ? most / STRETCH : size > 0;
+    const uint64_t count = size > most * 12 && most > RANGE ? most / RANGE : size > 0;
     if (status == UMB_OK && count > 0) {
-        status = umbc_batch_init(&stretch, count > 1 ? STRETCH : batch->capacity, format, error);
+        status = umbc_batch_init(&range, count > 1 ? RANGE : batch->capacity, format, error);
     }
     for (uint64_t i = 0; status == UMB_OK && i < count; i++) {
         if (umbc_points_open(path, format, with_normals, source, &ignored) == UMB_OK) {
-            read_stretch(source, size / count * i, &stretch, batch);
+            read_range(source, size / count * i, &range, batch);
             umbc_points_close(source);
         }
     }
-    umbc_batch_finish(&stretch);
+    umbc_batch_finish(&range);
     free(source);
     return status;
 }

@@ -7,7 +7,7 @@
 #define UMBC_SAMPLE_POINTS 262144 /* touch more than caches hold */
 
 /*
- * Reads stretches of consecutive points from all over a file, or all of a small one.
+ * Reads ranges of consecutive points from all over a file, or all of a small one.
  *
  * In:    path, format, with_normals: as umbc_points_open takes them. most: points that are wanted.
  * Out:   batch: made here; umbc_batch_finish it, also after a failure. Its count is 0 for stdin,

@@ -453,7 +453,7 @@ int umbc_query(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (options.question != UMBC_QUESTION_POINTS) {
+    if (options.volume_query != UMBC_ASK_POINTS) {
         return umbc_query_volume(&options);
     }
     struct job *job = calloc(1, sizeof *job);

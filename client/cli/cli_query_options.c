@@ -311,7 +311,7 @@ static int check_lights(const struct umbc_query_options *options)
     if (!options->all_lights && options->light_count == 1) {
         return -1;
     }
-    if (options->question != UMBC_QUESTION_POINTS) {
+    if (options->volume_query != UMBC_ASK_POINTS) {
         return umbc_usage_error("query: segments, columns and boxes take one --light");
     }
     if (!umbc_is_file(options->target)) {
@@ -326,28 +326,28 @@ static int check_lights(const struct umbc_query_options *options)
 }
 
 /* Segments, columns and boxes have no filter, no bias, and answers of more than one number. */
-static int check_question(const struct umbc_parsed *parsed,
-                          const struct umbc_query_options *options)
+static int check_volume_query(const struct umbc_parsed *parsed,
+                              const struct umbc_query_options *options)
 {
     static const enum query_option refused[] = {
         OPTION_NORMALS, OPTION_TAPS,      OPTION_FOOTPRINT, OPTION_FOOTPRINTS, OPTION_EYE,
         OPTION_PIXEL,   OPTION_FILTER,    OPTION_BIAS,      OPTION_ENCODING,   OPTION_LEVEL,
         OPTION_BUDGET,  OPTION_MAX_ERROR, OPTION_EXPLAIN};
     static const char *const names[] = {"points", "segments", "columns", "boxes"};
-    if (options->question == UMBC_QUESTION_POINTS) {
+    if (options->volume_query == UMBC_ASK_POINTS) {
         return -1;
     }
     for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
         if (parsed->values[refused[i]] != NULL) {
             return umbc_usage_error("query: --%s does not go with --%s", OPTIONS[refused[i]].name,
-                                    names[options->question]);
+                                    names[options->volume_query]);
         }
     }
     return -1;
 }
 
 /* Exactly one of --points, --segments, --columns and --boxes. */
-static int take_question(const struct umbc_parsed *parsed, struct umbc_query_options *options)
+static int take_volume_query(const struct umbc_parsed *parsed, struct umbc_query_options *options)
 {
     for (int i = OPTION_POINTS; i <= OPTION_BOXES; i++) {
         const char *file = parsed->values[i];
@@ -356,7 +356,7 @@ static int take_question(const struct umbc_parsed *parsed, struct umbc_query_opt
         }
         if (file != NULL) {
             options->points = file;
-            options->question = (enum umbc_question)(i - OPTION_POINTS);
+            options->volume_query = (enum umbc_ask_kind)(i - OPTION_POINTS);
         }
     }
     if (options->points == NULL) {
@@ -402,7 +402,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     options->json = parsed.values[OPTION_JSON] != NULL;
     options->quiet = parsed.values[OPTION_QUIET] != NULL;
     options->settings.opaque_only = parsed.values[OPTION_OPAQUE_ONLY] != NULL;
-    code = take_question(&parsed, options);
+    code = take_volume_query(&parsed, options);
     if (code < 0) {
         code = take_formats(&parsed, options);
     }
@@ -432,7 +432,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
         code = take_lights(lights != NULL ? lights : "0", options);
     }
     if (code < 0) {
-        code = check_question(&parsed, options);
+        code = check_volume_query(&parsed, options);
     }
     if (code < 0) {
         code = check_lights(options);

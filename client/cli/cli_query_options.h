@@ -15,11 +15,11 @@ enum umbc_encoding {
 };
 
 /* What the input's records are. */
-enum umbc_question {
-    UMBC_QUESTION_POINTS,
-    UMBC_QUESTION_SEGMENTS, /* two ends */
-    UMBC_QUESTION_COLUMNS,  /* a point of the column */
-    UMBC_QUESTION_BOXES,    /* two corners */
+enum umbc_ask_kind {
+    UMBC_ASK_POINTS,
+    UMBC_ASK_SEGMENTS, /* two ends */
+    UMBC_ASK_COLUMNS,  /* a point of the column */
+    UMBC_ASK_BOXES,    /* two corners */
 };
 
 #define UMBC_QUERY_LIGHTS_MAX 256
@@ -27,7 +27,7 @@ enum umbc_question {
 struct umbc_query_options {
     const char *target;                      /* FILE or ASSET */
     const char *session[UMBC_SESSION_COUNT]; /* where the daemon is, see cli_session.h */
-    enum umbc_question question;
+    enum umbc_ask_kind volume_query;
     const char *points; /* file or "-": the records */
     enum umbc_points_format format;
     bool with_normals;

@@ -48,12 +48,12 @@ static struct umb_segments pairs_of(const struct job *job)
 }
 
 static void put_segment(struct job *job, const struct umb_segment_answer *answer,
-                        const struct umb_stretch *stretches)
+                        const struct umb_interval *intervals)
 {
     if (!job->options->json) {
         (void)fprintf(job->output.file, "%.9g", answer->lit);
-        for (uint64_t k = 0; k < answer->stretch_count; k++) {
-            (void)fprintf(job->output.file, " %.9g %.9g", stretches[k].begin, stretches[k].end);
+        for (uint64_t k = 0; k < answer->interval_count; k++) {
+            (void)fprintf(job->output.file, " %.9g %.9g", intervals[k].begin, intervals[k].end);
         }
         (void)fputc('\n', job->output.file);
         return;
@@ -62,10 +62,10 @@ static void put_segment(struct job *job, const struct umb_segment_answer *answer
     umbc_json_number(&job->json, "lit", answer->lit);
     umbc_json_number(&job->json, "lit_m", answer->lit_m);
     umbc_json_begin(&job->json, "stretches", '[');
-    for (uint64_t k = 0; k < answer->stretch_count; k++) {
+    for (uint64_t k = 0; k < answer->interval_count; k++) {
         umbc_json_begin(&job->json, NULL, '[');
-        umbc_json_number(&job->json, NULL, stretches[k].begin);
-        umbc_json_number(&job->json, NULL, stretches[k].end);
+        umbc_json_number(&job->json, NULL, intervals[k].begin);
+        umbc_json_number(&job->json, NULL, intervals[k].end);
         umbc_json_end(&job->json, ']');
     }
     umbc_json_end(&job->json, ']');
@@ -80,12 +80,12 @@ static enum umb_status ask_segments(struct job *job, struct umb_error *error)
     struct umbc_long_segments longs = {.segments = &segments, .answers = &job->segments};
     for (size_t i = 0; status == UMB_OK && i < segments.count; i++) {
         const struct umb_segment_answer *answer = &job->segments.segments[i];
-        const struct umb_stretch *stretches = job->segments.stretches + i * UMBC_STRETCHES_KEPT;
-        if (answer->stretch_count > UMBC_STRETCHES_KEPT) {
-            status = umbc_longs_next(&longs, &job->asset, i, &answer, &stretches, error);
+        const struct umb_interval *intervals = job->segments.intervals + i * UMBC_INTERVALS_KEPT;
+        if (answer->interval_count > UMBC_INTERVALS_KEPT) {
+            status = umbc_longs_next(&longs, &job->asset, i, &answer, &intervals, error);
         }
         if (status == UMB_OK) {
-            put_segment(job, answer, stretches);
+            put_segment(job, answer, intervals);
         }
     }
     umbc_longs_finish(&longs);
@@ -150,11 +150,11 @@ static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
 static enum umb_status ask_batch(struct job *job, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    switch (job->options->question) {
-    case UMBC_QUESTION_SEGMENTS:
+    switch (job->options->volume_query) {
+    case UMBC_ASK_SEGMENTS:
         status = ask_segments(job, error);
         break;
-    case UMBC_QUESTION_COLUMNS:
+    case UMBC_ASK_COLUMNS:
         status = ask_columns(job, error);
         break;
     default:
@@ -177,15 +177,15 @@ static enum umb_status open_answers(struct job *job, struct umb_error *error)
 {
     const size_t count = job->asset.batch_size;
     bool good = true;
-    switch (job->options->question) {
-    case UMBC_QUESTION_SEGMENTS:
+    switch (job->options->volume_query) {
+    case UMBC_ASK_SEGMENTS:
         job->segments.segments = calloc(count, sizeof *job->segments.segments);
-        job->segments.stretches =
-            calloc(count, UMBC_STRETCHES_KEPT * sizeof *job->segments.stretches);
-        job->segments.stretch_max = UMBC_STRETCHES_KEPT;
-        good = job->segments.segments != NULL && job->segments.stretches != NULL;
+        job->segments.intervals =
+            calloc(count, UMBC_INTERVALS_KEPT * sizeof *job->segments.intervals);
+        job->segments.interval_max = UMBC_INTERVALS_KEPT;
+        good = job->segments.segments != NULL && job->segments.intervals != NULL;
         break;
-    case UMBC_QUESTION_COLUMNS:
+    case UMBC_ASK_COLUMNS:
         job->columns.columns = calloc(count, sizeof *job->columns.columns);
         good = job->columns.columns != NULL;
         break;
@@ -224,9 +224,9 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
     if (job->options->json) {
         job->json.file = job->output.file;
         umbc_json_begin(&job->json, NULL, '{');
-        umbc_json_begin(&job->json, NAMES[job->options->question], '[');
+        umbc_json_begin(&job->json, NAMES[job->options->volume_query], '[');
     }
-    umbc_records_begin(&job->progress, NAMES[job->options->question], job->options->quiet,
+    umbc_records_begin(&job->progress, NAMES[job->options->volume_query], job->options->quiet,
                        &job->source);
     do {
         status = umbc_points_read(&job->source, &job->batch, error);
@@ -252,7 +252,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
     if (!job->options->quiet) {
         (void)fprintf(stderr,
                       "%" PRIu64 " %s in %.3f s, %" PRIu64 " nodes and %" PRIu64 " bricks read\n",
-                      job->count, NAMES[job->options->question], seconds, job->stats.nodes,
+                      job->count, NAMES[job->options->volume_query], seconds, job->stats.nodes,
                       job->stats.bricks);
         if (job->asset.ignores_translucent && !job->options->settings.opaque_only) {
             (void)fprintf(stderr, "note: answers are of opaque casters; the light also has "
@@ -269,7 +269,7 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     if (status == UMB_OK) {
         status = umbc_points_open(options->points, options->format, false, &job->source, error);
     }
-    job->source.pairs = options->question != UMBC_QUESTION_COLUMNS;
+    job->source.pairs = options->volume_query != UMBC_ASK_COLUMNS;
     if (status == UMB_OK) {
         status = open_answers(job, error);
     }
@@ -286,7 +286,7 @@ static void close_job(struct job *job)
     umbc_points_close(&job->source);
     umbc_batch_finish(&job->batch);
     free(job->segments.segments);
-    free(job->segments.stretches);
+    free(job->segments.intervals);
     free(job->columns.columns);
     free(job->boxes.boxes);
     umbc_volume_close(&job->asset);

@@ -7,7 +7,7 @@
 #include <string.h>
 #include "cli_call_size.h"
 #include "cli_session.h"
-#include "umbrage/questions.h"
+#include "umbrage/volume_queries.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */
 #define SLICE ((size_t)256)
@@ -54,10 +54,10 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
         return status;
     }
     asset->ignores_translucent = umb_volume_ignores_translucent(&asset->volume);
-    switch (options->question) {
-    case UMBC_QUESTION_BOXES:
+    switch (options->volume_query) {
+    case UMBC_ASK_BOXES:
         return prepare_boxes(asset, error);
-    case UMBC_QUESTION_COLUMNS:
+    case UMBC_ASK_COLUMNS:
         return umb_columns_check(&asset->volume, error);
     default:
         return UMB_OK;
@@ -88,15 +88,16 @@ void umbc_volume_close(struct umbc_volume_asset *asset)
     umb_asset_close(asset->file);
 }
 
-static struct umb_question question_of(const struct umbc_volume_asset *asset)
+static struct umb_volume_query volume_query_of(const struct umbc_volume_asset *asset)
 {
-    return (struct umb_question){.asset = asset->options->target,
-                                 .light = asset->options->settings.light};
+    return (struct umb_volume_query){.asset = asset->options->target,
+                                     .light = asset->options->settings.light};
 }
 
 /* Notes who answered. All of it must be one version. */
 static enum umb_status take_reply(struct umbc_volume_asset *asset,
-                                  const struct umb_question_reply *reply, struct umb_error *error)
+                                  const struct umb_volume_query_reply *reply,
+                                  struct umb_error *error)
 {
     if (asset->has_id && memcmp(asset->id, reply->asset_id, UMB_ID_BYTES) != 0) {
         /* Asking again helps, so that the exit code must say 75. */
@@ -131,10 +132,10 @@ enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
         }
         return status;
     }
-    const struct umb_question question = question_of(asset);
-    struct umb_question_reply reply;
+    const struct umb_volume_query volume_query = volume_query_of(asset);
+    struct umb_volume_query_reply reply;
     enum umb_status status =
-        umb_client_segments(asset->client, &question, segments, answers, &reply, error);
+        umb_client_segments(asset->client, &volume_query, segments, answers, &reply, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -152,10 +153,10 @@ enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
         }
         return status;
     }
-    const struct umb_question question = question_of(asset);
-    struct umb_question_reply reply;
+    const struct umb_volume_query volume_query = volume_query_of(asset);
+    struct umb_volume_query_reply reply;
     enum umb_status status =
-        umb_client_columns(asset->client, &question, points, answers, &reply, error);
+        umb_client_columns(asset->client, &volume_query, points, answers, &reply, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -214,9 +215,9 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
     if (asset->client == NULL) {
         return count_boxes(asset, corners, progress, answers, error);
     }
-    const struct umb_question question = question_of(asset);
-    struct umb_question_reply reply;
+    const struct umb_volume_query volume_query = volume_query_of(asset);
+    struct umb_volume_query_reply reply;
     enum umb_status status =
-        umb_client_boxes(asset->client, &question, corners, answers, &reply, error);
+        umb_client_boxes(asset->client, &volume_query, corners, answers, &reply, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }

@@ -94,11 +94,11 @@ static void on_reply(void *user, enum umb_status status, const uint8_t *message,
 static size_t cut(const struct umb_range *ranges, size_t count, struct gathering *g,
                   struct gather_call *out)
 {
-    size_t calls = 0, bytes = 0, stretches = 0, place = 0;
+    size_t calls = 0, bytes = 0, taken = 0, place = 0;
     for (size_t i = 0; i < count; i++) {
         for (uint64_t at = 0; at < ranges[i].length;) {
-            if (calls == 0 || bytes == REQUEST_BYTES || stretches == UMBW_STRETCHES_MAX) {
-                bytes = stretches = 0;
+            if (calls == 0 || bytes == REQUEST_BYTES || taken == UMBW_RANGES_MAX) {
+                bytes = taken = 0;
                 calls++;
                 if (out) {
                     out[calls - 1] =
@@ -110,11 +110,11 @@ static size_t cut(const struct umb_range *ranges, size_t count, struct gathering
             length = length < REQUEST_BYTES - bytes ? length : REQUEST_BYTES - bytes;
             if (out) {
                 struct gather_call *call = &out[calls - 1];
-                call->request.stretches[call->request.count++] =
-                    (struct umbw_stretch){ranges[i].offset + at, length};
+                call->request.ranges[call->request.count++] =
+                    (struct umbw_range){ranges[i].offset + at, length};
                 call->wanted += (size_t)length;
             }
-            stretches++;
+            taken++;
             bytes += (size_t)length;
             place += (size_t)length;
             at += length;

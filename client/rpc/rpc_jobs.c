@@ -49,7 +49,7 @@ static enum umb_status check_job(const char *job, struct umb_error *error)
 /* --- Watch --- */
 
 struct watch {
-    umb_job_told_fn told;
+    umb_job_status_fn on_status;
     void *user;
     struct umb_error *error; /* of a message that is none; its status is UMB_OK otherwise */
     int stopped;
@@ -66,17 +66,17 @@ static bool take_status(void *user, const uint8_t *message, size_t size)
     status_from_wire(&wire, &status);
     status.plan = wire.plan;
     status.notices = wire.notices;
-    watch->stopped = !watch->told(watch->user, &status);
+    watch->stopped = !watch->on_status(watch->user, &status);
     umbw_job_status_finish(&wire);
     return !watch->stopped;
 }
 
-enum umb_status umb_client_watch(struct umb_client *client, const char *job, umb_job_told_fn told,
-                                 void *user, struct umb_error *error)
+enum umb_status umb_client_watch(struct umb_client *client, const char *job,
+                                 umb_job_status_fn on_status, void *user, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct umb_error detail = {.status = UMB_OK};
-    struct watch watch = {told, user, &detail, 0};
+    struct watch watch = {on_status, user, &detail, 0};
     enum umb_status status = check_job(job, error);
     if (status == UMB_OK) {
         status = umbw_encode_job_request(job, &body, error);
@@ -185,7 +185,7 @@ void umb_client_jobs_free(struct umb_job_status *jobs)
 /* --- Fetch --- */
 
 struct fetch {
-    umb_job_got_fn got;
+    umb_job_bytes_fn on_bytes;
     void *user;
     uint64_t at, size;
     struct umb_error *error;
@@ -209,7 +209,7 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
         fetch->at += reply.data_size;
         fetch->size = reply.size;
         fetch->status =
-            fetch->got(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
+            fetch->on_bytes(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
         if (fetch->status != UMB_OK) {
             (void)umb_fail(fetch->error, fetch->status, "the fetch was ended here: %s",
                            umb_status_text(fetch->status));
@@ -219,13 +219,13 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
 }
 
 enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[UMB_ID_BYTES],
-                                 uint64_t offset, umb_job_got_fn got, void *user,
+                                 uint64_t offset, umb_job_bytes_fn on_bytes, void *user,
                                  struct umb_error *error)
 {
     struct umbw_fetch_request request = {.offset = offset};
     struct umbw_buffer body = {NULL, 0, 0};
     struct umb_error detail = {.status = UMB_OK};
-    struct fetch fetch = {.got = got, .user = user, .at = offset, .error = &detail};
+    struct fetch fetch = {.on_bytes = on_bytes, .user = user, .at = offset, .error = &detail};
     umb_id_to_text(asset, request.asset);
     enum umb_status status = umbw_encode_fetch_request(&request, &body, error);
     if (status != UMB_OK) {

@@ -44,7 +44,7 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         wire.points.count = point_count(request);
     }
     if (request->pack && request->base) {
-        wire.base_mark = umb_frame_mark(request->base, value_bytes_of(request));
+        wire.base_mark = umb_picture_mark(request->base, value_bytes_of(request));
     }
     size_t length = request->asset == NULL ? 0 : strlen(request->asset);
     if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
@@ -81,8 +81,8 @@ static enum umb_status unpack(const struct umbw_query_reply *wire, const struct 
                         changes ? "changes of answers that are not here" : "was not asked for");
     }
     enum umb_status status =
-        umb_frame_unpack(wire->visibility, wire->visibility_bytes, changes ? place->base : NULL,
-                         place->values, place->value_bytes, error);
+        umb_picture_unpack(wire->visibility, wire->visibility_bytes, changes ? place->base : NULL,
+                           place->values, place->value_bytes, error);
     if (status == UMB_E_CORRUPT) {
         return umb_fail(error, UMB_E_PROTOCOL, "visibility: %zu packed bytes are not %zu answers'",
                         wire->visibility_bytes, place->value_bytes);

@@ -17,7 +17,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/curve.h"
-#include "umbrage/frame.h"
+#include "umbrage/picture.h"
 #include "umbrage/query.h"
 
 #define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
@@ -92,7 +92,7 @@ struct umbw_limits {
     /* Of jobs; 0 = none are taken. */
     uint64_t max_bundle_bytes;
     uint32_t max_bundle_files, max_owner_jobs;
-    /* Of questions (questions.h); 0 = none are taken. */
+    /* Of volume queries (volume_queries.h); 0 = none are taken. */
     uint64_t max_segments, max_columns, max_boxes, max_box_steps;
 };
 

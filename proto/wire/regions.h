@@ -8,17 +8,17 @@
 #define UMBW_PATH_REGIONS_STREAM "/umbrage.v1.Regions/Stream"
 #define UMBW_PATH_REGIONS_FOLLOW "/umbrage.v1.Regions/Follow"
 #define UMBW_PATH_REGIONS_DERIVE "/umbrage.v1.Regions/DeriveMap"
-#define UMBW_STRETCHES_MAX       128       /* of one request */
+#define UMBW_RANGES_MAX          128       /* of one request */
 #define UMBW_REGION_BYTES_MAX    (1 << 20) /* of one reply */
 
-struct umbw_stretch {
+struct umbw_range {
     uint64_t offset, length;
 };
 
 struct umbw_region_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    size_t count;                                      /* 1 to UMBW_STRETCHES_MAX */
-    struct umbw_stretch stretches[UMBW_STRETCHES_MAX]; /* together at most UMBW_REGION_BYTES_MAX */
+    size_t count;                              /* 1 to UMBW_RANGES_MAX */
+    struct umbw_range ranges[UMBW_RANGES_MAX]; /* together at most UMBW_REGION_BYTES_MAX */
 };
 
 struct umbw_region_reply {

@@ -8,17 +8,17 @@
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
 
-static enum umb_status check_stretches(const Umbrage__V1__RegionRequest *message,
-                                       struct umbw_region_request *request, struct umb_error *error)
+static enum umb_status check_ranges(const Umbrage__V1__RegionRequest *message,
+                                    struct umbw_region_request *request, struct umb_error *error)
 {
     uint64_t total = 0;
     if (message->n_offsets != message->n_lengths) {
         return umb_fail(error, UMB_E_ARGUMENT, "offsets, lengths: %zu and %zu, must be as many",
                         message->n_offsets, message->n_lengths);
     }
-    if (message->n_offsets == 0 || message->n_offsets > UMBW_STRETCHES_MAX) {
+    if (message->n_offsets == 0 || message->n_offsets > UMBW_RANGES_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "offsets: %zu, must be 1 to %d", message->n_offsets,
-                        UMBW_STRETCHES_MAX);
+                        UMBW_RANGES_MAX);
     }
     for (size_t i = 0; i < message->n_offsets; i++) {
         const uint64_t offset = message->offsets[i], length = message->lengths[i];
@@ -31,7 +31,7 @@ static enum umb_status check_stretches(const Umbrage__V1__RegionRequest *message
                             i, (unsigned long long)length, (unsigned long long)offset,
                             UMBW_REGION_BYTES_MAX);
         }
-        request->stretches[i] = (struct umbw_stretch){offset, length};
+        request->ranges[i] = (struct umbw_range){offset, length};
     }
     request->count = message->n_offsets;
     return UMB_OK;
@@ -59,7 +59,7 @@ enum umb_status umbw_decode_region_request(const uint8_t *message, size_t size,
                                      scratch.size, &unpacked, error);
     }
     if (status == UMB_OK) {
-        status = check_stretches((const Umbrage__V1__RegionRequest *)unpacked, request, error);
+        status = check_ranges((const Umbrage__V1__RegionRequest *)unpacked, request, error);
         umbw_message_free(unpacked);
     }
     return status;
@@ -69,10 +69,10 @@ enum umb_status umbw_encode_region_request(const struct umbw_region_request *req
                                            struct umbw_buffer *buffer, struct umb_error *error)
 {
     Umbrage__V1__RegionRequest message = UMBRAGE__V1__REGION_REQUEST__INIT;
-    uint64_t offsets[UMBW_STRETCHES_MAX], lengths[UMBW_STRETCHES_MAX];
+    uint64_t offsets[UMBW_RANGES_MAX], lengths[UMBW_RANGES_MAX];
     for (size_t i = 0; i < request->count; i++) {
-        offsets[i] = request->stretches[i].offset;
-        lengths[i] = request->stretches[i].length;
+        offsets[i] = request->ranges[i].offset;
+        lengths[i] = request->ranges[i].length;
     }
     message.asset = (char *)(uintptr_t)request->asset; /* read only by the encoder */
     message.n_offsets = message.n_lengths = request->count;

@@ -12,7 +12,7 @@
 #include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 
 /* What all frusta share. */
 struct series {
@@ -20,7 +20,7 @@ struct series {
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory;
     struct umb_pool pool;
-    struct umb_front *fronts; /* [frustum_count]; NULL: not wanted */
+    struct umb__occluder_depth *occluder_depths; /* [frustum_count]; NULL: not wanted */
     struct umbb_progress progress;
     uint64_t texels_total;
     uint64_t tiles_total;
@@ -44,8 +44,9 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
     const struct umbb_depth_options options = {
         .tile_log2 = series->memory->tile_log2,
         .threads = series->options->threads,
-        .prove = series->fronts != NULL || series->job->near_cells != NULL ? UMBB_PROVE_NEVER
-                                                                           : UMBB_PROVE_AUTO,
+        .prove = series->occluder_depths != NULL || series->job->receiver_mask_cells != NULL
+                     ? UMBB_PROVE_NEVER
+                     : UMBB_PROVE_AUTO,
         .max_bytes = series->memory->shared_max_bytes,
         .plain = series->options->depth == UMBB_DEPTH_PLAIN};
     if (series->options->depth == UMBB_DEPTH_EMBREE) {
@@ -79,21 +80,22 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
                                 uint32_t number, uint32_t *root, struct umb_error *error)
 {
     const struct umb_frustum_info *frustum = &series->job->analysis->frusta[number];
-    struct umbb_tile_keeping *keeping = series->job->keeping;
+    struct umbb_tile_folder *tile_folder = series->job->tile_folder;
     struct umbb_depth depth;
     enum umb_status status = open_depth(series, casters, &depth, error);
     if (status != UMB_OK) {
         return status;
     }
-    struct umbb_tile_keeper keeper = {0};
-    if (keeping != NULL) {
+    struct umbb_cached_tiles cached_tiles = {0};
+    if (tile_folder != NULL) {
         const struct umbb_tile_shape shape = {
             .log2_size = frustum->log2_size,
             .tile_log2 = series->memory->tile_log2,
-            .front = series->fronts != NULL ? &series->fronts[number] : NULL,
+            .occluder_depth =
+                series->occluder_depths != NULL ? &series->occluder_depths[number] : NULL,
         };
-        umbb_tile_keeping_frustum(keeping, number, &shape, &depth);
-        keeper = umbb_tile_keeping_keeper(keeping);
+        umbb_tile_folder_frustum(tile_folder, number, &shape, &depth);
+        cached_tiles = umbb_tile_folder_cached_tiles(tile_folder);
     }
     struct umbb_bake_options options = {
         .log2_size = frustum->log2_size,
@@ -102,8 +104,8 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
         .closed_rule = frustum->closed,
         .octree_max_bytes = series->memory->octree_max_bytes,
         .shared_max_bytes = series->memory->shared_max_bytes,
-        .keeper = keeping != NULL ? &keeper : NULL,
-        .front = series->fronts != NULL ? &series->fronts[number] : NULL,
+        .cached_tiles = tile_folder != NULL ? &cached_tiles : NULL,
+        .occluder_depth = series->occluder_depths != NULL ? &series->occluder_depths[number] : NULL,
         .cancelled = umbb_interrupted,
         .progress = series_progress,
         .progress_user = series,
@@ -113,9 +115,10 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     }
     struct umbb_bake_figures figures = {0};
     struct umbb_static rule = {0};
-    if (series->job->near_cells != NULL) {
-        status = umbb_static_init(&rule, casters, frustum,
-                                  series->job->near_cells + number * UMB__NEAR_WORDS, error);
+    if (series->job->receiver_mask_cells != NULL) {
+        status = umbb_static_init(
+            &rule, casters, frustum,
+            series->job->receiver_mask_cells + number * UMB__RECEIVER_MASK_WORDS, error);
         options.rule = &rule;
     }
     if (status == UMB_OK) {
@@ -174,7 +177,7 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
         .open_on_word = series->options->closed == UMBB_CLOSED_ON &&
                         analysis->closed_part_count < analysis->part_count,
     };
-    if (light->kind == UMB_LIGHT_DIRECTIONAL && series->job->near_cells != NULL) {
+    if (light->kind == UMB_LIGHT_DIRECTIONAL && series->job->receiver_mask_cells != NULL) {
         umbb_analysis_to_voxels(analysis, number);
         return bake_static(series, &casters, number, root, error);
     }
@@ -198,28 +201,30 @@ static enum umb_status bake_frustum(struct series *series, uint32_t number, uint
     return status;
 }
 
-static enum umb_status open_fronts(struct series *series, struct umb_error *error)
+static enum umb_status open_occluder_depths(struct series *series, struct umb_error *error)
 {
     const struct umbb_analysis *analysis = series->job->analysis;
-    series->fronts = calloc(analysis->frustum_count, sizeof *series->fronts);
-    if (series->fronts == NULL) {
+    series->occluder_depths = calloc(analysis->frustum_count, sizeof *series->occluder_depths);
+    if (series->occluder_depths == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u fronts refused",
                         analysis->frustum_count);
     }
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < analysis->frustum_count && status == UMB_OK; i++) {
-        status = umb_front_init(&series->fronts[i], NULL, analysis->frusta[i].log2_size,
-                                series->job->front_max_bytes / analysis->frustum_count, error);
+        status = umb__occluder_depth_init(
+            &series->occluder_depths[i], NULL, analysis->frusta[i].log2_size,
+            series->job->occluder_depth_max_bytes / analysis->frustum_count, error);
     }
     return status;
 }
 
-static void close_fronts(struct series *series)
+static void close_occluder_depths(struct series *series)
 {
-    for (uint32_t i = 0; series->fronts != NULL && i < series->job->analysis->frustum_count; i++) {
-        umb_front_finish(&series->fronts[i]);
+    for (uint32_t i = 0;
+         series->occluder_depths != NULL && i < series->job->analysis->frustum_count; i++) {
+        umb__occluder_depth_finish(&series->occluder_depths[i]);
     }
-    free(series->fronts);
+    free(series->occluder_depths);
 }
 
 /* 1 if nothing of a frustum is wanted. */
@@ -250,8 +255,8 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
         roots != NULL && levels != NULL
             ? UMB_OK
             : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u roots refused", count);
-    if (status == UMB_OK && job->front != NULL) {
-        status = open_fronts(&series, error);
+    if (status == UMB_OK && job->occluder_depth != NULL) {
+        status = open_occluder_depths(&series, error);
     }
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         if (is_unwanted(&series, i)) {
@@ -267,11 +272,12 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
         status = umb_pool_take(&series.pool, roots, levels, count, octree, error);
     }
-    if (status == UMB_OK && job->front != NULL && options->task != UMBB_TASK_TILE) {
+    if (status == UMB_OK && job->occluder_depth != NULL && options->task != UMBB_TASK_TILE) {
         status =
-            umb_front_join(series.fronts, count, &job->front->words, &job->front->count, error);
+            umb__occluder_depth_join(series.occluder_depths, count, &job->occluder_depth->words,
+                                     &job->occluder_depth->count, error);
     }
-    close_fronts(&series);
+    close_occluder_depths(&series);
     umb_pool_finish(&series.pool);
     free(roots);
     free(levels);

@@ -8,11 +8,11 @@
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
 #include "bake/memory_plan.h"
-#include "bake/tiles/tile_keeping.h"
+#include "bake/tiles/tile_folder.h"
 
 /* The first occluders of all frusta, as an asset's content holds them. */
-struct umbb_front_words {
-    uint32_t *words; /* free with umb_front_words_free(NULL, words); NULL: not kept */
+struct umbb_occluder_depth_words {
+    uint32_t *words; /* free with umb__occluder_depth_words_free(NULL, words); NULL: not kept */
     uint64_t count;
 };
 
@@ -22,10 +22,12 @@ struct umbb_frusta_job {
     const struct umbs_scene_view *view;
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory; /* as divided for these options */
-    struct umbb_tile_keeping *keeping;     /* NULL: no tile is kept or found */
-    struct umbb_front_words *front;        /* gets the front; NULL: not wanted */
-    size_t front_max_bytes;                /* for it: umbb_head_front_bytes */
-    uint64_t *near_cells; /* [frustum_count][UMB__NEAR_WORDS] gets the cells that hold receivers,
+    struct umbb_tile_folder *tile_folder;  /* NULL: no tile is kept or found */
+    struct umbb_occluder_depth_words
+        *occluder_depth;             /* gets the occluder depth map; NULL: not wanted */
+    size_t occluder_depth_max_bytes; /* for it: umbb_head_occluder_depth_bytes */
+    uint64_t *
+        receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] gets the cells that hold receivers,
                            * and the static rule holds; NULL: off */
 };
 
@@ -37,8 +39,8 @@ uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log
  *
  * Out:   octree: canonical, a root for each frustum; the caller finishes it. With task tile it
  *        stays empty: the results are with `keeping`. figures: sums.
- * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the keeper says
- *        (tile_keeping.h).
+ * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the tile cache says
+ *        (tile_folder.h).
  */
 UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
                                              struct umb_octree *octree,

@@ -64,11 +64,11 @@ struct umbb_options {
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
-    int front;               /* effect `front`, where the closed rule holds */
-    int front_refused;       /* `front` was said to be off */
-    int static_rule;         /* effect `static`: nothing moves */
-    int opaque_cut_outs;     /* effect `cut-out` switched off */
-    int opaque_translucents; /* effect `transmittance` switched off */
+    int occluder_depth;         /* effect `front`, where the closed rule holds */
+    int occluder_depth_refused; /* `front` was said to be off */
+    int static_rule;            /* effect `static`: nothing moves */
+    int opaque_cut_outs;        /* effect `cut-out` switched off */
+    int opaque_translucents;    /* effect `transmittance` switched off */
     enum umbb_penumbra_mode penumbra;
     unsigned threads; /* 1.. */
     uint64_t memory_bytes;

@@ -27,7 +27,7 @@
 #include "bake/write/publish.h"
 #include "common/file.h"
 #include "scene/scene_file.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 
 /* 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
@@ -41,13 +41,15 @@ struct run {
     struct umbb_analysis analysis;
     char *plan, *settings;
     struct umb_octree octree;
-    struct umbb_front_words front;
-    struct umb_trans_bytes transmittance;
-    uint64_t *near_cells; /* [frusta][UMB__NEAR_WORDS] of the static rule, or NULL */
+    struct umbb_occluder_depth_words occluder_depth;
+    struct umb__transmittance_bytes transmittance;
+    uint64_t
+        *receiver_mask_cells; /* [frusta][UMB__RECEIVER_MASK_WORDS] of the static rule, or NULL */
     struct umbb_publish publish;
     struct umbb_report report;
-    struct umbb_tile_keeping keeping; /* where tiles are kept; folder of its cache NULL: nowhere */
-    uint64_t check_max_bytes;         /* for the asset while it is checked */
+    struct umbb_tile_folder
+        tile_folder;          /* where tiles are kept; folder of its cache NULL: nowhere */
+    uint64_t check_max_bytes; /* for the asset while it is checked */
     double start_s;
 };
 
@@ -230,25 +232,25 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
 }
 
 /* Opens the folder of tiles that the options name, if any. */
-static enum umb_status open_keeping(struct run *run, struct umb_error *error)
+static enum umb_status open_tile_folder(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
     enum umb_status status = UMB_OK;
     if (o->task == UMBB_TASK_TILE) {
-        status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_TILE, o->output,
-                                        o->cache_size_given ? o->cache_bytes : UINT64_MAX, error);
+        status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_TILE, o->output,
+                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX, error);
     } else if (o->task == UMBB_TASK_MERGE) {
-        status =
-            umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_MERGE, o->from, UINT64_MAX, error);
+        status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_MERGE, o->from,
+                                       UINT64_MAX, error);
     } else if (o->cache != NULL && o->static_rule) {
         print_notices(o->quiet ? NULL
                                : "--cache: the static rule needs the whole map: every tile is "
                                  "baked");
     } else if (o->cache != NULL) {
-        status = umbb_tile_keeping_open(&run->keeping, UMBB_KEEPING_CACHE, o->cache, o->cache_bytes,
-                                        error);
+        status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_CACHE, o->cache,
+                                       o->cache_bytes, error);
     }
-    run->keeping.quiet = o->quiet;
+    run->tile_folder.quiet = o->quiet;
     return status;
 }
 
@@ -292,10 +294,12 @@ static enum umb_status open_static(struct run *run, struct umb_error *error)
     if (!run->options->static_rule) {
         return UMB_OK;
     }
-    run->near_cells = calloc(count * UMB__NEAR_WORDS, sizeof *run->near_cells);
-    return run->near_cells != NULL ? UMB_OK
-                                   : umb_fail(error, UMB_E_NO_MEMORY,
-                                              "static rule: memory of %u lights refused", count);
+    run->receiver_mask_cells =
+        calloc(count * UMB__RECEIVER_MASK_WORDS, sizeof *run->receiver_mask_cells);
+    return run->receiver_mask_cells != NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory of %u lights refused",
+                          count);
 }
 
 /* What the asset is to say so far. */
@@ -309,19 +313,20 @@ static struct umb_content content_of(const struct run *run)
         .bounds = run->analysis.bounds,
         .plan = run->plan,
         .settings = run->settings,
-        .front = run->front.words,
-        .front_words = run->front.count,
+        .occluder_depth = run->occluder_depth.words,
+        .occluder_depth_words = run->occluder_depth.count,
         .transmittance = run->transmittance.data,
         .transmittance_bytes = run->transmittance.count,
-        .near_cells = run->near_cells,
+        .receiver_mask_cells = run->receiver_mask_cells,
     };
 }
 
-static enum umb_status divide_head(const struct run *run, size_t *front_bytes,
+static enum umb_status divide_head(const struct run *run, size_t *occluder_depth_bytes,
                                    struct umb_error *error)
 {
     const struct umb_content content = content_of(run);
-    return umbb_head_front_bytes(&content, run->analysis.translucent_count > 0, front_bytes, error);
+    return umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
+                                          occluder_depth_bytes, error);
 }
 
 static enum umb_status bake(struct run *run, struct umb_error *error)
@@ -329,7 +334,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     const struct umbb_options *o = run->options;
     const struct umbb_memory_input input = memory_input(run);
     struct umbb_memory_plan memory;
-    size_t front_bytes = 0;
+    size_t occluder_depth_bytes = 0;
     enum umb_status status = umbb_memory_divide(&input, &memory, error);
     if (status == UMB_OK) {
         status = check_tiles(run, &memory, error);
@@ -338,10 +343,10 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         status = open_static(run, error);
     }
     if (status == UMB_OK) {
-        status = divide_head(run, &front_bytes, error);
+        status = divide_head(run, &occluder_depth_bytes, error);
     }
     if (status == UMB_OK) {
-        status = open_keeping(run, error);
+        status = open_tile_folder(run, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -358,20 +363,21 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
         .view = &run->scene->view,
         .options = o,
         .memory = &memory,
-        .keeping = run->keeping.cache.folder != NULL ? &run->keeping : NULL,
-        .front = run->options->front && run->analysis.closed_rule ? &run->front : NULL,
-        .front_max_bytes = front_bytes,
-        .near_cells = run->near_cells,
+        .tile_folder = run->tile_folder.cache.folder != NULL ? &run->tile_folder : NULL,
+        .occluder_depth =
+            run->options->occluder_depth && run->analysis.closed_rule ? &run->occluder_depth : NULL,
+        .occluder_depth_max_bytes = occluder_depth_bytes,
+        .receiver_mask_cells = run->receiver_mask_cells,
     };
     status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
     if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
         status = bake_transmittance(run, &memory, error);
     }
     run->report.seconds_bake = umbb_clock_s() - start;
-    if (status == UMB_E_CANCELLED && job.keeping != NULL && o->task != UMBB_TASK_MERGE) {
+    if (status == UMB_E_CANCELLED && job.tile_folder != NULL && o->task != UMBB_TASK_MERGE) {
         return umb_fail(error, status,
                         "interrupted: no asset was written; tiles that were done stay in '%.200s'",
-                        run->keeping.cache.folder);
+                        run->tile_folder.cache.folder);
     }
     return status;
 }
@@ -493,7 +499,7 @@ static void print_report(struct run *run)
     run->report.options = run->options;
     run->report.analysis = &run->analysis;
     run->report.publish = &run->publish;
-    run->report.damaged_tiles = run->keeping.cache.damaged;
+    run->report.damaged_tiles = run->tile_folder.cache.damaged;
     run->report.seconds_total = umbb_clock_s() - run->start_s;
     if (run->options->task == UMBB_TASK_TILE) {
         umbb_report_print_tiles(stdout, &run->report);
@@ -546,10 +552,10 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     }
     umbb_publish_abandon(&run.publish);
     umb_octree_finish(&run.octree);
-    umb_front_words_free(NULL, run.front.words);
-    free(run.near_cells);
-    umb_trans_bytes_finish(&run.transmittance);
-    umbb_tile_keeping_close(&run.keeping);
+    umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
+    free(run.receiver_mask_cells);
+    umb__transmittance_bytes_finish(&run.transmittance);
+    umbb_tile_folder_close(&run.tile_folder);
     free(run.plan);
     free(run.settings);
     umbb_analysis_finish(&run.analysis);

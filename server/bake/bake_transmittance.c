@@ -8,7 +8,7 @@
 #include "bake/analysis/cut_planes.h"
 #include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
-#include "bake/depth/light_left.h"
+#include "bake/depth/transmittance_make.h"
 #include "bake/interrupt.h"
 
 /* More than this would only hide that a map has too many fragments to be of use. */
@@ -37,10 +37,10 @@ static struct umb_frustum_info coarse_frustum(const struct umb_frustum_info *fru
 }
 
 static enum umb_status make_map(struct maps *maps, const struct umbb_casters *casters,
-                                uint32_t level, struct umb_trans_bytes *bytes,
+                                uint32_t level, struct umb__transmittance_bytes *bytes,
                                 struct umb_error *error)
 {
-    const struct umbb_light_left_job job = {
+    const struct umbb_transmittance_input job = {
         .casters = casters,
         .level = level,
         .threads = maps->options->threads,
@@ -48,13 +48,14 @@ static enum umb_status make_map(struct maps *maps, const struct umbb_casters *ca
         .working_bytes = maps->working_bytes,
         .cancelled = umbb_interrupted,
     };
-    return umbb_light_left_make(&job, bytes, &maps->too_large, error);
+    return umbb_transmittance_make(&job, bytes, &maps->too_large, error);
 }
 
 /* The map of parallel light: the triangles are brought before it in a copy. */
 static enum umb_status make_parallel(struct maps *maps, const struct umb_frustum_info *coarse,
                                      struct umbb_casters *casters, uint32_t level,
-                                     struct umb_trans_bytes *bytes, struct umb_error *error)
+                                     struct umb__transmittance_bytes *bytes,
+                                     struct umb_error *error)
 {
     const struct umbb_analysis *analysis = maps->analysis;
     const size_t size = analysis->translucent_count * sizeof *analysis->translucent;
@@ -73,7 +74,8 @@ static enum umb_status make_parallel(struct maps *maps, const struct umb_frustum
 /* The map of a spot or point light's face. */
 static enum umb_status make_projected(struct maps *maps, const struct umb_frustum_info *coarse,
                                       struct umbb_casters *casters, uint32_t level,
-                                      struct umb_trans_bytes *bytes, struct umb_error *error)
+                                      struct umb__transmittance_bytes *bytes,
+                                      struct umb_error *error)
 {
     const struct umbb_analysis *analysis = maps->analysis;
     const struct umb_light_info *light = &analysis->choice.lights[coarse->light];
@@ -99,7 +101,7 @@ static enum umb_status make_projected(struct maps *maps, const struct umb_frustu
 
 /* Appends the map of a frustum. Out: levels: its own, or 0. */
 static enum umb_status make_frustum(struct maps *maps, uint32_t number,
-                                    struct umb_trans_bytes *bytes, uint8_t *levels,
+                                    struct umb__transmittance_bytes *bytes, uint8_t *levels,
                                     struct umb_error *error)
 {
     struct umbb_analysis *analysis = maps->analysis;
@@ -124,7 +126,7 @@ static enum umb_status make_frustum(struct maps *maps, uint32_t number,
 }
 
 /* The entry with maps of 2^level_max texels a side at most. */
-static enum umb_status make_entry(struct maps *maps, struct umb_trans_bytes *bytes,
+static enum umb_status make_entry(struct maps *maps, struct umb__transmittance_bytes *bytes,
                                   struct umb_error *error)
 {
     const uint32_t count = maps->analysis->frustum_count;
@@ -134,12 +136,12 @@ static enum umb_status make_entry(struct maps *maps, struct umb_trans_bytes *byt
     }
     maps->too_large = 0;
     enum umb_status status =
-        umb_trans_append(bytes, levels, count, UMBB_TRANSMITTANCE_BYTES_MAX, error);
+        umb__transmittance_append(bytes, levels, count, UMBB_TRANSMITTANCE_BYTES_MAX, error);
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         status = make_frustum(maps, i, bytes, levels, error);
     }
     if (status == UMB_OK && bytes->count == count) { /* no frustum has a map */
-        umb_trans_bytes_finish(bytes);
+        umb__transmittance_bytes_finish(bytes);
     } else if (status == UMB_OK) {
         memcpy(bytes->data, levels, count);
     }
@@ -149,7 +151,7 @@ static enum umb_status make_entry(struct maps *maps, struct umb_trans_bytes *byt
 
 enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
                                         const struct umbb_options *options, size_t working_bytes,
-                                        struct umb_trans_bytes *bytes, uint32_t *level,
+                                        struct umb__transmittance_bytes *bytes, uint32_t *level,
                                         struct umb_error *error)
 {
     struct maps maps = {.analysis = analysis,
@@ -168,8 +170,9 @@ enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
     maps.level_max =
         maps.level_max < options->resolution_log2 ? maps.level_max : options->resolution_log2;
     enum umb_status status = make_entry(&maps, bytes, error);
-    while (status == UMB_E_LIMIT && maps.too_large && maps.level_max > UMB__TRANS_LEVEL_MIN) {
-        umb_trans_bytes_finish(bytes);
+    while (status == UMB_E_LIMIT && maps.too_large &&
+           maps.level_max > UMB__TRANSMITTANCE_LEVEL_MIN) {
+        umb__transmittance_bytes_finish(bytes);
         maps.level_max--;
         status = make_entry(&maps, bytes, error);
     }

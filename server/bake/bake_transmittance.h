@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
 #define UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
 /*
- * The maps of translucent casters of all frusta (depth/light_left.h), as an asset's head holds
+ * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head holds
  * them.
  *
  * Every reader of an asset has its head, so that the maps are kept small: at most 2048 texels a
@@ -30,7 +30,7 @@
 UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
                                                     const struct umbb_options *options,
                                                     size_t working_bytes,
-                                                    struct umb_trans_bytes *bytes, uint32_t *level,
-                                                    struct umb_error *error);
+                                                    struct umb__transmittance_bytes *bytes,
+                                                    uint32_t *level, struct umb_error *error);
 
 #endif

@@ -36,8 +36,8 @@ static const struct {
 static void decide(struct umbb_options *options, const char *name, int on)
 {
     if (strcmp(name, "front") == 0) {
-        options->front = on;
-        options->front_refused = !on;
+        options->occluder_depth = on;
+        options->occluder_depth_refused = !on;
     } else if (strcmp(name, "cut-out") == 0) {
         options->opaque_cut_outs = !on;
     } else if (strcmp(name, "transmittance") == 0) {
@@ -101,13 +101,13 @@ enum umb_status umbb_closed_set(struct umbb_options *options, const char *option
 enum umb_status umbb_effects_settle(struct umbb_options *options, struct umb_error *error)
 {
     const int for_penumbra = options->penumbra == UMBB_PENUMBRA_ON;
-    if (for_penumbra && options->front_refused && options->closed != UMBB_CLOSED_OFF) {
+    if (for_penumbra && options->occluder_depth_refused && options->closed != UMBB_CLOSED_OFF) {
         return umb_fail(
             error, UMB_E_ARGUMENT,
             "--effect: 'front=off' leaves out what 'penumbra=on' needs of closed solids");
     }
-    options->front |= for_penumbra && !options->front_refused;
-    if (options->static_rule && (options->front || for_penumbra)) {
+    options->occluder_depth |= for_penumbra && !options->occluder_depth_refused;
+    if (options->static_rule && (options->occluder_depth || for_penumbra)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "--effect: '%s' beside static: what it needs lies off the surfaces",
                         for_penumbra ? "penumbra=on" : "front=on");

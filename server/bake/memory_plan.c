@@ -4,7 +4,7 @@
 
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
 #define CORNER_BYTES  75U                  /* of a triangle while baking */
@@ -15,9 +15,10 @@
 /* Of a triangle under the static rule: what was seen of it, its place in a list, its kind. */
 #define RULED_BYTES (1 + 4 + 1)
 #define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
-#define NEAR_BYTES  ((uint64_t)UMB__NEAR_WORDS * 8) /* of a frustum under the static rule */
-#define GRID_CELL   80U                             /* of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN  ((uint64_t)1 << 20)             /* the least worth starting with */
+#define RECEIVER_MASK_BYTES                                                                        \
+    ((uint64_t)UMB__RECEIVER_MASK_WORDS * 8) /* of a frustum under the static rule */
+#define GRID_CELL  80U                       /* of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN ((uint64_t)1 << 20)       /* the least worth starting with */
 
 /* Everything but the octree and what does not depend on the tile. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
@@ -43,7 +44,7 @@ static uint64_t base_bytes(const struct umbb_memory_input *input)
     triangle = triangle > UMBB_TRIANGLE_BYTES ? triangle : UMBB_TRIANGLE_BYTES;
     return PROGRAM_BYTES + input->scene_bytes + triangle * input->triangles +
            input->threads * LAYER_BYTES + (input->projected ? PROJECTED_MIN : 0) +
-           input->ruled_frusta * NEAR_BYTES;
+           input->ruled_frusta * RECEIVER_MASK_BYTES;
 }
 
 /* What triangles take at other moments and not while baking. */

@@ -17,18 +17,18 @@ double umbb_clock_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static int told = -1; /* descriptor of a supervisor */
+static int report_fd = -1; /* descriptor of a supervisor */
 
 void umbb_progress_tell_to(int fd)
 {
-    told = fd;
+    report_fd = fd;
 }
 
 /* A line leaves in one write, so that a pipe does not cut it. */
 static void tell(const char *text, size_t length)
 {
-    if (told >= 0 && write(told, text, length) < 0) {
-        told = -1; /* SIGPIPE is ignored */
+    if (report_fd >= 0 && write(report_fd, text, length) < 0) {
+        report_fd = -1; /* SIGPIPE is ignored */
     }
 }
 
@@ -51,17 +51,17 @@ void umbb_progress_plan(const char *plan)
 
 void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found)
 {
-    static uint64_t told_done, told_total;
-    static double told_s;
-    const double now = told >= 0 ? umbb_clock_s() : 0;
-    const int is_new = done != told_done || total != told_total;
-    if (told < 0 || !is_new || (0 < done && done < total && now - told_s < INTERVAL_S)) {
+    static uint64_t reported_done, reported_total;
+    static double reported_s;
+    const double now = report_fd >= 0 ? umbb_clock_s() : 0;
+    const int is_new = done != reported_done || total != reported_total;
+    if (report_fd < 0 || !is_new || (0 < done && done < total && now - reported_s < INTERVAL_S)) {
         return;
     }
     char line[96];
-    told_done = done;
-    told_total = total;
-    told_s = now;
+    reported_done = done;
+    reported_total = total;
+    reported_s = now;
     tell(line,
          (size_t)snprintf(line, sizeof line, "tiles %llu %llu %llu\n", (unsigned long long)done,
                           (unsigned long long)total, (unsigned long long)found));
@@ -101,9 +101,9 @@ void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done
 /* Tells a supervisor, if it is time. */
 static void tell_progress(struct umbb_progress *progress, uint64_t done, double now)
 {
-    if (told >= 0 && now - progress->told_s >= INTERVAL_S) {
+    if (report_fd >= 0 && now - progress->reported_s >= INTERVAL_S) {
         char line[96];
-        progress->told_s = now;
+        progress->reported_s = now;
         tell(line, (size_t)snprintf(line, sizeof line, "progress %llu %llu %.31s\n",
                                     (unsigned long long)done, (unsigned long long)progress->total,
                                     progress->unit + 1)); /* without the M of a million */
@@ -113,7 +113,7 @@ static void tell_progress(struct umbb_progress *progress, uint64_t done, double 
 void umbb_progress_update(void *user, uint64_t done)
 {
     struct umbb_progress *progress = user;
-    if (progress->to == NULL && told < 0) {
+    if (progress->to == NULL && report_fd < 0) {
         return;
     }
     const double now = umbb_clock_s();

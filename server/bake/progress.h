@@ -9,10 +9,10 @@
 #include <stdio.h>
 
 struct umbb_progress {
-    FILE *to;       /* NULL = silent */
-    double start_s; /* monotonic */
-    double shown_s; /* when last drawn; 0 = never */
-    double told_s;  /* when last told (umbb_progress_tell_to); 0 = never */
+    FILE *to;          /* NULL = silent */
+    double start_s;    /* monotonic */
+    double shown_s;    /* when last drawn; 0 = never */
+    double reported_s; /* when last told (umbb_progress_tell_to); 0 = never */
     uint64_t total;
     const char *unit; /* of a million: "Mtexel" */
 };

@@ -161,7 +161,7 @@ static void finish_batch(struct umbd_batch *batch)
     if (batch->work_free != NULL) {
         batch->work_free(batch->work_user);
     }
-    umbd_frame_finish(&batch->frame);
+    umbd_picture_work_finish(&batch->picture_work);
     free(batch->message);
     free(batch->reply);
 }
@@ -235,7 +235,7 @@ static enum umb_status check_pixels(const struct umbd_batch *batch, size_t first
 static enum umb_status check_points(const struct umbd_batch *batch, size_t first, size_t count,
                                     struct umb_error *error)
 {
-    if (batch->frame.has_picture) {
+    if (batch->picture_work.has_picture) {
         return check_pixels(batch, first, count, error); /* any depth will do */
     }
     struct umb_points part = sub_points(&batch->points, first, count);
@@ -258,9 +258,9 @@ struct slice {
 static void run_slice(void *user)
 {
     const struct slice *slice = user;
-    if (slice->batch->frame.has_picture) {
-        umbd_frame_run(slice->batch, &slice->part->query, slice->first, slice->count,
-                       slice->answers);
+    if (slice->batch->picture_work.has_picture) {
+        umbd_picture_work_run(slice->batch, &slice->part->query, slice->first, slice->count,
+                              slice->answers);
         return;
     }
     umb_query_run(&slice->part->query, &slice->batch->points, slice->first, slice->count,
@@ -281,8 +281,9 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
         struct umb_answers answers = {.values = batch->values + i * batch->part_bytes};
         struct slice slice = {batch, &batch->parts[i], first, count, &answers};
         struct umbs_entry *entry = batch->parts[i].entry;
-        status = batch->peeks ? umbs_entry_peek(entry, run_slice, &slice, &result->error)
-                              : umbs_entry_read(entry, run_slice, &slice, &result->error);
+        status = batch->is_optimistic
+                     ? umbs_entry_read_optimistic(entry, run_slice, &slice, &result->error)
+                     : umbs_entry_read(entry, run_slice, &slice, &result->error);
         umb_query_stats_add(&result->stats, &answers.stats);
     }
     result->cpu_ns = batch->want_stats ? cost_clock_ns(count) - from : 0;

@@ -7,8 +7,8 @@
  * it; a call that was failed keeps no request bytes.
  */
 #include "daemon/call_rights.h"
-#include "daemon/errand.h"
-#include "wire/questions.h"
+#include "daemon/job_request.h"
+#include "wire/volume_queries.h"
 #include "wire/regions.h"
 
 #include <stdlib.h>
@@ -70,7 +70,7 @@ void umbd_call_destroy(struct umbd_call *call)
     struct umbd_conn *conn = call->conn;
     struct umbd_daemon *daemon = conn->loop->daemon;
     umbd_call_count(call, call->responded && call->reply_ended ? call->code : UMBW_GRPC_CANCELLED);
-    umbd_errand_drop(call);
+    umbd_job_request_drop(call);
     if (call->batch != NULL) {
         /* The workers may still read it: its bytes stay counted until the loop gets it back. */
         call->batch->charged = call->charged;
@@ -98,7 +98,7 @@ void umbd_call_destroy(struct umbd_call *call)
     umbw_buffer_finish(&call->out);
     umbd_stream_drop(call);
     umbd_call_drop_message(call);
-    umbd_kept_frame_drop(&call->kept_frame);
+    umbd_kept_picture_drop(&call->kept_picture);
     umbd_service_health_end(call);
     free(call);
 }
@@ -266,7 +266,7 @@ static enum umbd_method method_of(const char *path)
 
 int umbd_call_is_busy(const struct umbd_call *call)
 {
-    return call->batch != NULL || (call->errand != NULL && call->errand->away);
+    return call->batch != NULL || (call->job_request != NULL && call->job_request->away);
 }
 
 int umbd_method_asks_points(enum umbd_method method)
@@ -474,7 +474,7 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
 }
 
 /* 1 if body bytes are thrown away. */
-static int is_deaf(const struct umbd_call *call)
+static int ignores_input(const struct umbd_call *call)
 {
     return call->discarding || call->reset_early || call->reply_ended ||
            call->refusal != UMBD_REFUSE_NOTHING;
@@ -482,7 +482,7 @@ static int is_deaf(const struct umbd_call *call)
 
 size_t umbd_call_room(struct umbd_call *call, size_t most, uint8_t **place)
 {
-    return is_deaf(call) ? 0 : umbw_reader_room(&call->reader, most, place);
+    return ignores_input(call) ? 0 : umbw_reader_room(&call->reader, most, place);
 }
 
 void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
@@ -490,7 +490,7 @@ void umbd_call_data(struct umbd_call *call, const uint8_t *bytes, size_t count)
     struct umb_error error;
     error.message[0] = '\0';
     call->body_bytes += count;
-    if (is_deaf(call)) {
+    if (ignores_input(call)) {
         return;
     }
     if (umbw_reader_at_boundary(&call->reader)) {

@@ -6,7 +6,7 @@
  *
  *     headers -> (body bytes)* -> end of request -> service -> reply or failure -> stream closed
  *
- * In a stream of requests (call_stream.c) each message goes to its service as it comes, one at a
+ * In a stream of requests (call_queue.c) each message goes to its service as it comes, one at a
  * time, and the end of the request ends the reply.
  *
  * A failure before the end of the request is answered at once (Trailers-Only) and the rest of the
@@ -92,31 +92,31 @@ struct umbd_call {
     int last_call;       /* a drain: end after what has been received */
 
     /* work */
-    struct umbd_batch *batch;          /* with the pool */
-    struct umbd_errand *errand;        /* to the job service, errand.h */
-    size_t batch_bytes;                /* its message and answers */
-    int is_paid;                       /* the request comes back from its detour, query_budget.h */
-    struct umbd_kept_frame kept_frame; /* answers of a stream's last packed reply */
-    char *watch_service;               /* Watch: what is watched, owned */
-    int watch_last;                    /* last serving status sent, -1 = none */
-    uint64_t watch_ms;                 /* uv_now of the last look */
+    struct umbd_batch *batch;             /* with the pool */
+    struct umbd_job_request *job_request; /* to the job service, job_request.h */
+    size_t batch_bytes;                   /* its message and answers */
+    int is_paid; /* the request comes back from its detour, query_budget.h */
+    struct umbd_kept_picture kept_picture; /* answers of a stream's last packed reply */
+    char *watch_service;                   /* Watch: what is watched, owned */
+    int watch_last;                        /* last serving status sent, -1 = none */
+    uint64_t watch_ms;                     /* uv_now of the last look */
 
     /* reply */
     int counted;   /* in the metrics */
     int reset;     /* by us; it goes with the next flush */
     int responded; /* HEADERS queued */
     uint64_t responded_ms, progress_ms;
-    int reply_ended;        /* all of the body is known; trailers follow it */
-    int plain;              /* not gRPC: no trailers */
-    int offer_encodings;    /* say which encodings are taken */
-    int code;               /* gRPC code of the trailers */
-    char text[512];         /* escaped message of the trailers */
-    unsigned pushback_ms;   /* tell the client when to come again; 0 = do not */
-    struct umbw_buffer out; /* body that is made and not all sent */
-    size_t sent;            /* of out */
-    uint64_t owed_turn;     /* proof.h: the turn in which it last owed one, */
-    unsigned owed;          /* for which versions (bits), */
-    size_t owed_bytes;      /* and how many bytes at the end of out wait for it */
+    int reply_ended;           /* all of the body is known; trailers follow it */
+    int plain;                 /* not gRPC: no trailers */
+    int offer_encodings;       /* say which encodings are taken */
+    int code;                  /* gRPC code of the trailers */
+    char text[512];            /* escaped message of the trailers */
+    unsigned pushback_ms;      /* tell the client when to come again; 0 = do not */
+    struct umbw_buffer out;    /* body that is made and not all sent */
+    size_t sent;               /* of out */
+    uint64_t optimistic_turn;  /* optimistic_reads.h: the turn in which it last owed one, */
+    unsigned optimistic_reads; /* for which versions (bits), */
+    size_t unvalidated_bytes;  /* and how many bytes at the end of out wait for it */
 #ifdef UMBRAGE_TEST_SERVICE
     struct umbd_echo echo;
 #endif
@@ -187,8 +187,8 @@ size_t umbd_call_unsent(const struct umbd_call *call);
 /* 1 if the call's deadline has passed. */
 int umbd_call_expired(const struct umbd_call *call);
 
-/* Gives up the replies that are owed a proof (proof.h), and fails. */
-void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error);
+/* Gives up the replies that are owed a proof (optimistic_reads.h), and fails. */
+void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_error *error);
 
 /* Copies `count` body bytes that are to be sent now. */
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
@@ -196,7 +196,7 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 /* Timers of one call. Returns 0 if the connection must be closed. */
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 
-/* 1 if a batch or an errand of the call is under way: it serves no further message. */
+/* 1 if a batch or a job request of the call is under way: it serves no further message. */
 int umbd_call_is_busy(const struct umbd_call *call);
 
 /* 1 if the call needs no rights: health, and calls that are refused. Such a call has a short
@@ -224,7 +224,7 @@ uint8_t *umbd_call_take_message(struct umbd_call *call);
  */
 uint8_t *umbd_call_take_message_of(struct umbd_call *call, struct umb_points *points);
 
-/* Streams of requests (call_stream.c). _message: takes the next one, bytes as in umbw_message_fn;
+/* Streams of requests (call_queue.c). _message: takes the next one, bytes as in umbw_message_fn;
  * _pump: goes on with what waits; _later: has that done at the next turn of the loop; _window: says
  * how much of a DATA frame flow control may give back at once; _charge: counts what is held now;
  * _drop: frees what waits; _last_call: ends the stream when what was received is answered. */
@@ -267,7 +267,7 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_segments(struct umbd_call *call);
 void umbd_service_columns(struct umbd_call *call);
 void umbd_service_boxes(struct umbd_call *call);
-void umbd_service_questions_done(struct umbd_call *call, struct umbd_batch *batch);
+void umbd_service_volume_queries_done(struct umbd_call *call, struct umbd_batch *batch);
 void umbd_service_describe(struct umbd_call *call);
 void umbd_service_list(struct umbd_call *call);
 void umbd_service_health_check(struct umbd_call *call);

@@ -58,7 +58,7 @@ static void reset_stream(struct umbd_call *call)
 {
     if (nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
                                   NGHTTP2_INTERNAL_ERROR) != 0) {
-        umbd_conn_doom(call->conn, NGHTTP2_INTERNAL_ERROR);
+        umbd_conn_terminate(call->conn, NGHTTP2_INTERNAL_ERROR);
     }
 }
 
@@ -199,10 +199,10 @@ void umbd_call_shed(struct umbd_call *call, const struct umb_error *error)
     umbd_call_fail_status(call, UMB_E_BUSY, error);
 }
 
-void umbd_call_take_back(struct umbd_call *call, const struct umb_error *error)
+void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_error *error)
 {
-    call->out.size -= call->owed_bytes;
-    call->owed_bytes = 0;
+    call->out.size -= call->unvalidated_bytes;
+    call->unvalidated_bytes = 0;
     call->reply_ended = 0; /* whatever was to be its end has not been sent */
     umbd_call_fail_status(call, error->status, error);
 }
@@ -259,8 +259,8 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
 void umbd_call_commit(struct umbd_call *call, size_t bytes)
 {
     call->out.size += bytes;
-    if (call->owed_turn == call->conn->loop->proof.turn) {
-        call->owed_bytes += bytes;
+    if (call->optimistic_turn == call->conn->loop->optimistic.turn) {
+        call->unvalidated_bytes += bytes;
     }
     if (!umbd_method_gives_many(call->method)) {
         drop_request(call);

@@ -86,8 +86,8 @@ int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
     const struct umbd_token *token = umbd_call_token(call);
     return (token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0) ||
            umbs_reader_has(call->conn->loop->reader, asset, daemon->store_count) ||
-           umbj_board_owns(umbj_service_board(daemon->jobs), asset,
-                           token != NULL ? token->name : "");
+           umbj_snapshot_owns(umbj_service_snapshot(daemon->jobs), asset,
+                              token != NULL ? token->name : "");
 }
 
 enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,

@@ -15,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define DOOMED_MS       5000   /* for a GOAWAY to leave and the peer to go */
+#define TERMINATED_MS   5000   /* for a GOAWAY to leave and the peer to go */
 #define KEEPALIVE_S     60     /* until the kernel asks whether a silent peer is still there */
 #define SLOWEST_BYTES   16     /* a millisecond: what a peer must take while a reply waits */
 #define HOLD_MS         600000 /* in which it must take all that is held for it */
@@ -120,11 +120,11 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
 }
 
 /* Queues a GOAWAY and lets the session end; the tick closes what does not go. */
-void umbd_conn_doom(struct umbd_conn *conn, uint32_t code)
+void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code)
 {
-    if (!conn->doomed) {
-        conn->doomed = 1;
-        conn->doomed_ms = uv_now(&conn->loop->uv);
+    if (!conn->terminated) {
+        conn->terminated = 1;
+        conn->terminated_ms = uv_now(&conn->loop->uv);
         nghttp2_session_terminate_session(conn->session, code);
     }
 }
@@ -137,7 +137,7 @@ void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *w
                        "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
                        (unsigned long long)conn->serial, why);
     }
-    umbd_conn_doom(conn, NGHTTP2_ENHANCE_YOUR_CALM);
+    umbd_conn_terminate(conn, NGHTTP2_ENHANCE_YOUR_CALM);
 }
 
 static void cut_by_timer(struct umbd_conn *conn, const char *which)
@@ -363,7 +363,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
         cut_by_timer(conn, "stall");
         return;
     }
-    if (conn->doomed && now_ms - conn->doomed_ms > DOOMED_MS) {
+    if (conn->terminated && now_ms - conn->terminated_ms > TERMINATED_MS) {
         umbd_conn_close(conn, "did not go after GOAWAY");
         return;
     }

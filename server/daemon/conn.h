@@ -67,8 +67,8 @@ struct umbd_conn {
     enum umbd_drain retired;          /* the last step taken */
     int settings_seen;                /* the handshake is over */
     int write_pending;
-    int doomed; /* GOAWAY is on its way; no new work */
-    uint64_t doomed_ms;
+    int terminated; /* GOAWAY is on its way; no new work */
+    uint64_t terminated_ms;
     int closing;
     uint64_t turn_ns, turn_at_ms; /* spent on small work in the wake-up of that uv_now */
     int pump_due;                 /* streams wait for their turn */
@@ -138,7 +138,7 @@ void umbd_conn_flush(struct umbd_conn *conn);
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
 /* Says GOAWAY and lets the session end; what does not go is closed by the tick. */
-void umbd_conn_doom(struct umbd_conn *conn, uint32_t code);
+void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
 
 /*
  * The two steps in which a connection is asked to go without losing a call (drain.c): a GOAWAY that

@@ -58,7 +58,7 @@ static int is_control(const nghttp2_frame_hd *frame)
 static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *frame, void *user)
 {
     struct umbd_conn *conn = user;
-    if (!conn->doomed && is_control(frame) &&
+    if (!conn->terminated && is_control(frame) &&
         !umbd_bucket_take(&conn->control, umbd_loop_coarse_ns(conn->loop))) {
         umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many control frames");
     }
@@ -71,7 +71,8 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
         return NGHTTP2_ERR_CALLBACK_FAILURE; /* before a byte of it is decoded */
     }
     /* Answers that a peer causes and does not take would pile up in the library without end. */
-    if (!conn->doomed && nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
+    if (!conn->terminated &&
+        nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
         umbd_conn_abuse(conn, UMBD_ABUSE_QUEUE, "too many frames wait to be taken");
     }
     return 0;
@@ -119,7 +120,7 @@ static int on_header(nghttp2_session *session, const nghttp2_frame *frame, const
     nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id,
                               NGHTTP2_ENHANCE_YOUR_CALM);
     umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
-    if (++conn->header_strikes >= UMBD_HEADER_STRIKES && !conn->doomed) {
+    if (++conn->header_strikes >= UMBD_HEADER_STRIKES && !conn->terminated) {
         umbd_conn_abuse(conn, UMBD_ABUSE_HEADERS, "header lists over the limit");
     }
     return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
@@ -131,7 +132,7 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
     struct umbd_conn *conn = user;
     struct umbd_call *call = find_call(session, stream_id);
     (void)flags;
-    if (call == NULL || conn->doomed) {
+    if (call == NULL || conn->terminated) {
         nghttp2_session_consume_connection(session, size);
         return 0;
     }
@@ -178,7 +179,7 @@ static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
     char quoted[UMBS_LOG_QUOTE_SIZE];
     size_t size =
         frame->opaque_data_len < sizeof reason ? frame->opaque_data_len : sizeof reason - 1;
-    if (frame->error_code == NGHTTP2_NO_ERROR || conn->doomed) {
+    if (frame->error_code == NGHTTP2_NO_ERROR || conn->terminated) {
         return;
     }
     if (size > 0) {
@@ -205,7 +206,7 @@ static int on_frame_sent(nghttp2_session *session, const nghttp2_frame *frame, v
         umbd_bucket_credit(&conn->control, UMBD_CONTROL_CREDIT);
     } else if (frame->hd.type == NGHTTP2_RST_STREAM &&
                frame->rst_stream.error_code != NGHTTP2_NO_ERROR &&
-               frame->rst_stream.error_code != NGHTTP2_CANCEL && !conn->doomed &&
+               frame->rst_stream.error_code != NGHTTP2_CANCEL && !conn->terminated &&
                !umbd_bucket_take(&conn->resets, uv_hrtime())) {
         umbd_conn_abuse(conn, UMBD_ABUSE_RESET_SENT, "too many streams that had to be reset");
     }

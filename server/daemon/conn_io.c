@@ -107,7 +107,7 @@ static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *siz
 void umbd_conn_flush(struct umbd_conn *conn)
 {
     uint64_t until = conn->sent_bytes + FLUSH_BYTES;
-    umbd_proof_settle(conn->loop); /* before frames are made of what was answered */
+    umbd_optimistic_reads_revalidate(conn->loop); /* before frames are made of what was answered */
     while (!conn->closing && !conn->write_pending) {
         const uint8_t *bytes = NULL;
         size_t size = 0;
@@ -246,7 +246,7 @@ static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buf
     conn->loop->clock_ns = 0;
     int code = conn->tls != NULL ? feed_tls(conn, bytes, (size_t)count)
                                  : feed_filter(conn, bytes, (size_t)count);
-    for (; code == 0 && !conn->doomed && before != conn->filter.odd; before++) {
+    for (; code == 0 && !conn->terminated && before != conn->filter.odd; before++) {
         if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
             umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
         }

@@ -231,7 +231,7 @@ static int evict(struct umbd_conn *conn)
         return 0;
     }
     umbd_count(&conn->loop->daemon->metrics.connections_evicted, 1);
-    umbd_conn_doom(conn, NGHTTP2_NO_ERROR);
+    umbd_conn_terminate(conn, NGHTTP2_NO_ERROR);
     umbd_conn_flush(conn);
     umbd_conn_close(conn, "closed to make room for other connections");
     return 1;

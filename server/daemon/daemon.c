@@ -274,7 +274,7 @@ void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges)
     gauges->buffered_bytes = atomic_load(&daemon->buffered);
     if (daemon->jobs != NULL) {
         gauges->jobs = umbj_service_counters(daemon->jobs);
-        gauges->tiles = umbj_board_tiles(umbj_service_board(daemon->jobs));
+        gauges->tiles = umbj_snapshot_tiles(umbj_service_snapshot(daemon->jobs));
     } else {
         gauges->jobs = NULL;
     }

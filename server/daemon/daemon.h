@@ -67,7 +67,7 @@ UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
                                              const struct umbd_options *options,
                                              struct umb_error *error);
 
-/* Ends the job service, whose last errands the loops then get: between umbd_loops_run and
+/* Ends the job service, whose last job requests the loops then get: between umbd_loops_run and
  * umbd_loops_finish. */
 void umbd_daemon_end_jobs(struct umbd_daemon *daemon);
 

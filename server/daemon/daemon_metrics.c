@@ -191,11 +191,11 @@ static void write_asset_errors(FILE *out, struct umbd_metrics *metrics)
 static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
 {
     single(out, "umbrage_queries_total", "counter", "Points answered.", get(&metrics->points));
-    head(out, "umbrage_questions_total", "counter", "Segments, columns and boxes answered.");
-    for (size_t q = 0; q < UMBW_QUESTION_COUNT; q++) {
+    head(out, "umbrage_volume_queries_total", "counter", "Segments, columns and boxes answered.");
+    for (size_t q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
         static const char *const names[] = {"segments", "columns", "boxes"};
-        fprintf(out, "umbrage_questions_total{question=\"%s\"} %llu\n", names[q],
-                get(&metrics->questions[q]));
+        fprintf(out, "umbrage_volume_queries_total{question=\"%s\"} %llu\n", names[q],
+                get(&metrics->volume_queries[q]));
     }
     single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",
            get(&metrics->batches_started));

@@ -12,7 +12,7 @@
 #include "store/store.h"
 #include "jobs/service.h"
 #include "umbrage/status.h"
-#include "wire/questions.h"
+#include "wire/volume_queries.h"
 
 enum umbd_method {
     UMBD_METHOD_QUERY = 0,
@@ -72,8 +72,8 @@ struct umbd_metrics {
     struct umbd_histogram handling[UMBD_METHOD_COUNT];
     struct umbd_histogram queued; /* from a batch's submission to a worker's first slice of it */
     atomic_uint_fast64_t points;  /* answered */
-    atomic_uint_fast64_t questions[UMBW_QUESTION_COUNT]; /* records answered */
-    atomic_uint_fast64_t batches_started;                /* whose first point was looked up */
+    atomic_uint_fast64_t volume_queries[UMBW_VOLUME_QUERY_COUNT]; /* records answered */
+    atomic_uint_fast64_t batches_started; /* whose first point was looked up */
     atomic_uint_fast64_t shed;
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
     atomic_uint_fast64_t tls_failures;

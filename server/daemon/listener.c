@@ -27,7 +27,7 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
     struct umbd_listener *listener = acceptor->user;
     struct umbd_loop *to = umbd_loops_idlest(listener->loop->daemon);
-    listener->told = 0;
+    listener->logged = 0;
     if (to != listener->loop) {
         umbd_loop_hand(to, fd, listener->transport);
     } else {
@@ -40,8 +40,8 @@ static void on_refused(struct umbd_acceptor *acceptor, int code)
     struct umbd_listener *listener = acceptor->user;
     struct umbd_loop *loop = listener->loop;
     umbd_count(&loop->daemon->metrics.connections_refused, 1);
-    if (!listener->told && umbd_loop_may_log(loop)) {
-        listener->told = 1;
+    if (!listener->logged && umbd_loop_may_log(loop)) {
+        listener->logged = 1;
         umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
                        uv_strerror(code));
     }

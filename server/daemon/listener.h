@@ -11,7 +11,7 @@ struct umbd_listener {
     struct umbd_loop *loop;
     struct umbd_acceptor acceptor;
     enum umbn_transport transport;
-    int told; /* the log says that it cannot accept, and it has not since */
+    int logged; /* the log says that it cannot accept, and it has not since */
     char path[UMBN_UNIX_PATH_SIZE]; /* unlinked at close */
     char
         text[UMBD_ADDRESS_TEXT_SIZE]; /* what was chosen: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */

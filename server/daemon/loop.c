@@ -15,7 +15,7 @@
 
 #include "daemon/admin.h"
 #include "daemon/call.h"
-#include "daemon/errand.h"
+#include "daemon/job_request.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/loop_reserve.h"
@@ -89,7 +89,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
         } else if (call->method == UMBD_METHOD_REGIONS_DERIVE) {
             umbd_service_derive_done(call, batch);
         } else if (umbd_method_asks_space(call->method)) {
-            umbd_service_questions_done(call, batch);
+            umbd_service_volume_queries_done(call, batch);
         } else if (batch->work != NULL) {
             umbd_service_regions_done(call, batch);
         } else {
@@ -185,7 +185,7 @@ static void collect_done(struct umbd_loop *loop)
         deliver(loop, batch);
         batch = next;
     }
-    umbd_errands_collect(loop);
+    umbd_job_requests_collect(loop);
     struct umbd_conn *conn = loop->first_dirty;
     loop->first_dirty = NULL;
     while (conn != NULL) {
@@ -213,7 +213,7 @@ static void on_tick(uv_timer_t *timer)
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *conn = loop->first_conn;
     atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
-    umbd_proof_settle(loop); /* of connections that broke off */
+    umbd_optimistic_reads_revalidate(loop); /* of connections that broke off */
     umbs_reader_refresh(loop->reader);
     loop->tls_looks = 0;
     while (conn != NULL) {
@@ -300,7 +300,7 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     memset(loop, 0, sizeof *loop);
     loop->daemon = daemon;
     loop->index = index;
-    loop->proof.turn = 1;
+    loop->optimistic.turn = 1;
     enum umb_status status = umbs_reader_open(daemon->store, &loop->reader, error);
     if (status != UMB_OK) {
         return status;
@@ -369,7 +369,7 @@ void umbd_loop_stop(struct umbd_loop *loop)
 void umbd_loop_finish(struct umbd_loop *loop)
 {
     collect_done(loop);
-    umbd_proof_settle(loop);
+    umbd_optimistic_reads_revalidate(loop);
     free(loop->spare);
     uv_walk(&loop->uv, close_handle, NULL);
     uv_run(&loop->uv, UV_RUN_DEFAULT);

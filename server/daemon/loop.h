@@ -13,7 +13,7 @@
 #include <uv.h>
 #include "daemon/daemon.h"
 #include "daemon/h2_guard.h"
-#include "daemon/proof.h"
+#include "daemon/optimistic_reads.h"
 
 #define UMBD_TICK_MS      100          /* resolution of all timers */
 #define UMBD_READ_BYTES   (256 * 1024) /* the loop's read buffer */
@@ -76,14 +76,14 @@ struct umbd_loop {
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
     uint64_t clock_ns;             /* umbd_now_ns as last read in this event, 0 = not yet */
     struct umbd_conn *first_dirty; /* connections to be flushed */
-    struct umbd_proof proof;       /* of what small batches read in this event */
-    struct umbd_batch *spare;      /* of the last small one, for the next */
+    struct umbd_optimistic_reads optimistic; /* of what small batches read in this event */
+    struct umbd_batch *spare;                /* of the last small one, for the next */
     unsigned tls_looks;            /* Number of certificates verified again in this tick */
     struct umbd_bucket log_budget; /* warnings about peers, so that an attack cannot fill a disk */
 
     pthread_mutex_t done_mutex;
-    struct umbd_batch *done_first, *done_last;      /* under done_mutex */
-    struct umbd_errand *errand_first, *errand_last; /* the same */
+    struct umbd_batch *done_first, *done_last;                     /* under done_mutex */
+    struct umbd_job_request *job_request_first, *job_request_last; /* the same */
 };
 
 UMB_CHECKED enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemon,

@@ -221,8 +221,8 @@ static void give_back(struct umbd_pool *pool, struct umbd_batch *batch)
     if (batch->status == UMB_OK) {
         umbd_count(&pool->metrics->points, batch->points.count * batch->part_count);
     }
-    if (batch->status == UMB_OK && batch->frame.pack) {
-        umbd_frame_pack(batch);
+    if (batch->status == UMB_OK && batch->picture_work.pack) {
+        umbd_picture_work_pack(batch);
     }
     if (batch->status == UMB_OK && batch->work_end != NULL) {
         batch->status = batch->work_end(batch, &batch->error);

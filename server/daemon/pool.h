@@ -23,7 +23,7 @@
 #include <stdint.h>
 #include "store/store.h"
 #include "daemon/daemon_metrics.h"
-#include "daemon/frame.h"
+#include "daemon/picture_work.h"
 #include "umbrage/curve.h"
 #include "umbrage/query.h"
 
@@ -35,7 +35,7 @@ struct umbd_part {
     double expected_ns;   /* a point, by the calibration of a budget; else 0 */
     struct umb_query query;
     struct umb_query_settings asked; /* what the query was made of, */
-    uint64_t turn; /* and the turn (proof.h) in which entry was known to live; 0 = never */
+    uint64_t turn; /* and the turn (optimistic_reads.h) in which entry was known to live; 0 = never */
 };
 
 struct umbd_batch;
@@ -61,8 +61,8 @@ struct umbd_batch {
     size_t head_room;
     int want_stats, with_targets;
     int is_borrowed;         /* the one part's entry is not the batch's own */
-    int peeks;               /* what it reads is proven later (proof.h) */
-    struct umbd_frame frame; /* a picture instead of points, and how answers are packed */
+    int is_optimistic;               /* what it reads is proven later (optimistic_reads.h) */
+    struct umbd_picture_work picture_work; /* a picture instead of points, and how answers are packed */
     uint64_t deadline_ns;    /* CLOCK_MONOTONIC, 0 = none */
     uint64_t lane;           /* serial of the connection */
     uint64_t slice_turns;    /* that a slice takes, about; 0 counts as 1 */

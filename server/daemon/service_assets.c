@@ -2,7 +2,7 @@
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
 #include "daemon/calibrations.h"
 #include "daemon/call_rights.h"
-#include "daemon/question_work.h"
+#include "daemon/volume_query_work.h"
 #include "jobs/bundle.h"
 
 #include <stdlib.h>
@@ -164,9 +164,9 @@ void umbd_service_limits(struct umbd_call *call)
         .queue = options->queue,
         .version = UMB_VERSION,
         .takes_gzip = 1,
-        .max_segments = options->max_points / umbw_question_points(UMBW_SEGMENTS, 0),
-        .max_columns = options->max_points / umbw_question_points(UMBW_COLUMNS, 0),
-        .max_boxes = options->max_points / umbw_question_points(UMBW_BOXES, 0),
+        .max_segments = options->max_points / umbw_volume_query_points(UMBW_SEGMENTS, 0),
+        .max_columns = options->max_points / umbw_volume_query_points(UMBW_COLUMNS, 0),
+        .max_boxes = options->max_points / umbw_volume_query_points(UMBW_BOXES, 0),
         .max_box_steps = UMBD_BOX_STEPS_MAX,
     };
     if (options->jobs != NULL) {

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/errand.h"
+#include "daemon/job_request.h"
 
 #define WATCH_MS     200 /* between two messages about progress */
 #define LIST_DEFAULT 100
@@ -31,46 +31,46 @@ static void reply_status(struct umbd_call *call, const struct umbw_job_status *j
 
 /* --- Cancel --- */
 
-static void cancel(struct umbd_errand *errand, struct umbj_service *service)
+static void cancel(struct umbd_job_request *job_request, struct umbj_service *service)
 {
     char id[UMBJ_ID_SIZE];
-    memcpy(id, errand->job.id, sizeof id);
-    errand->status =
-        umbj_service_cancel(service, id, umbd_errand_owner(errand), &errand->job, &errand->error);
+    memcpy(id, job_request->job.id, sizeof id);
+    job_request->status = umbj_service_cancel(service, id, umbd_job_request_owner(job_request),
+                                              &job_request->job, &job_request->error);
 }
 
-static void cancelled(struct umbd_errand *errand, struct umbd_call *call)
+static void cancelled(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     struct umbw_job_status status;
-    umbd_status_of_job(&errand->job, &status);
+    umbd_status_of_job(&job_request->job, &status);
     reply_status(call, &status);
 }
 
 void umbd_service_bakes_cancel(struct umbd_call *call)
 {
     struct umb_error error = {0};
-    struct umbd_errand *errand = umbd_errand_create(call);
-    if (errand == NULL) {
+    struct umbd_job_request *job_request = umbd_job_request_create(call);
+    if (job_request == NULL) {
         return;
     }
     enum umb_status status =
-        umbw_decode_job_request(call->message, call->message_size, errand->job.id, &error);
+        umbw_decode_job_request(call->message, call->message_size, job_request->job.id, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_errand_send(call, NULL, cancel, cancelled);
+    umbd_job_request_send(call, NULL, cancel, cancelled);
 }
 
 /* --- Watch --- */
 
-static void show(struct umbd_errand *errand, struct umbj_service *service)
+static void show(struct umbd_job_request *job_request, struct umbj_service *service)
 {
-    errand->status =
-        umbj_service_show(service, errand->job.id, umbd_errand_owner(errand), &errand->error);
+    job_request->status = umbj_service_show(
+        service, job_request->job.id, umbd_job_request_owner(job_request), &job_request->error);
 }
 
-/* A copy of a standing's status, encoded under the board's lock. */
+/* A copy of a standing's status, encoded under the snapshot's lock. */
 struct look {
     struct umbw_buffer reply;
     struct umb_error error;
@@ -109,75 +109,78 @@ static void take_look(void *user, const struct umbj_standing *standing)
 
 void umbd_service_bakes_update(struct umbd_call *call)
 {
-    struct umbd_errand *errand = call->errand;
+    struct umbd_job_request *job_request = call->job_request;
     struct umbj_service *jobs = call->conn->loop->daemon->jobs;
     const uint64_t now_ms = uv_now(&call->conn->loop->uv);
-    if (errand == NULL || !errand->watching || call->reply_ended || jobs == NULL ||
-        now_ms - errand->told_ms < WATCH_MS || umbd_call_unsent(call) > 0) {
+    if (job_request == NULL || !job_request->watching || call->reply_ended || jobs == NULL ||
+        now_ms - job_request->status_ms < WATCH_MS || umbd_call_unsent(call) > 0) {
         return;
     }
-    struct umbj_board *board = umbj_service_board(jobs);
-    if (umbj_board_version(board, errand->job.id) == errand->version ||
-        !umbd_errand_is_allowed(call)) {
+    struct umbj_snapshot *snapshot = umbj_service_snapshot(jobs);
+    if (umbj_snapshot_version(snapshot, job_request->job.id) == job_request->version ||
+        !umbd_job_request_is_allowed(call)) {
         return;
     }
     struct look look = {.status = UMB_OK};
-    errand->told_ms = now_ms;
-    if (!umbj_board_look(board, errand->job.id, umbd_errand_owner(errand), take_look, &look)) {
+    job_request->status_ms = now_ms;
+    if (!umbj_snapshot_look(snapshot, job_request->job.id, umbd_job_request_owner(job_request),
+                            take_look, &look)) {
         look.status =
-            umb_fail(&look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", errand->job.id);
+            umb_fail(&look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", job_request->job.id);
     }
-    errand->version = look.version;
+    job_request->version = look.version;
     finish(call, look.status, &look.reply, &look.error);
     if (look.status == UMB_OK && look.over) {
         umbd_call_finish(call);
     }
 }
 
-static void watch(struct umbd_errand *errand, struct umbd_call *call)
+static void watch(struct umbd_job_request *job_request, struct umbd_call *call)
 {
-    errand->watching = 1;
+    job_request->watching = 1;
     umbd_service_bakes_update(call);
 }
 
 void umbd_service_bakes_watch(struct umbd_call *call)
 {
     struct umb_error error = {0};
-    struct umbd_errand *errand = umbd_errand_create(call);
-    if (errand == NULL) {
+    struct umbd_job_request *job_request = umbd_job_request_create(call);
+    if (job_request == NULL) {
         return;
     }
     enum umb_status status =
-        umbw_decode_job_request(call->message, call->message_size, errand->job.id, &error);
+        umbw_decode_job_request(call->message, call->message_size, job_request->job.id, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    if (umbj_board_version(umbj_service_board(call->conn->loop->daemon->jobs), errand->job.id)) {
-        watch(errand, call); /* the usual case; the table need not be asked */
+    if (umbj_snapshot_version(umbj_service_snapshot(call->conn->loop->daemon->jobs),
+                              job_request->job.id)) {
+        watch(job_request, call); /* the usual case; the table need not be asked */
     } else {
-        umbd_errand_send(call, NULL, show, watch);
+        umbd_job_request_send(call, NULL, show, watch);
     }
 }
 
 /* --- List --- */
 
-static void list(struct umbd_errand *errand)
+static void list(struct umbd_job_request *job_request)
 {
-    errand->status = umbj_service_list(errand->service, errand->owner, errand->limit, &errand->jobs,
-                                       &errand->job_count, &errand->error);
+    job_request->status =
+        umbj_service_list(job_request->service, job_request->owner, job_request->limit,
+                          &job_request->jobs, &job_request->job_count, &job_request->error);
 }
 
-static void listed(struct umbd_errand *errand, struct umbd_call *call)
+static void listed(struct umbd_job_request *job_request, struct umbd_call *call)
 {
-    struct umbw_job_list reply = {.count = errand->job_count};
+    struct umbw_job_list reply = {.count = job_request->job_count};
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
     enum umb_status status = UMB_E_NO_MEMORY;
     reply.jobs = calloc(reply.count + 1, sizeof *reply.jobs);
     if (reply.jobs != NULL) {
         for (size_t i = 0; i < reply.count; i++) {
-            umbd_status_of_job(&errand->jobs[i], &reply.jobs[i]);
+            umbd_status_of_job(&job_request->jobs[i], &reply.jobs[i]);
         }
         status = umbw_encode_job_list(&reply, &head, &error);
         free(reply.jobs);
@@ -188,33 +191,33 @@ static void listed(struct umbd_errand *errand, struct umbd_call *call)
 void umbd_service_bakes_list(struct umbd_call *call)
 {
     struct umb_error error = {0};
-    struct umbd_errand *errand = umbd_errand_create(call);
-    if (errand == NULL) {
+    struct umbd_job_request *job_request = umbd_job_request_create(call);
+    if (job_request == NULL) {
         return;
     }
-    enum umb_status status =
-        umbw_decode_list_jobs_request(call->message, call->message_size, &errand->limit, &error);
+    enum umb_status status = umbw_decode_list_jobs_request(call->message, call->message_size,
+                                                           &job_request->limit, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    errand->limit = errand->limit > 0 ? errand->limit : LIST_DEFAULT;
-    umbd_errand_send_reading(call, list, listed);
+    job_request->limit = job_request->limit > 0 ? job_request->limit : LIST_DEFAULT;
+    umbd_job_request_send_reading(call, list, listed);
 }
 
 /* --- Delete --- */
 
-static void delete (struct umbd_errand *errand, struct umbj_service *service)
+static void delete (struct umbd_job_request *job_request, struct umbj_service *service)
 {
-    errand->status =
-        umbj_service_delete(service, errand->asset, umbd_errand_owner(errand), &errand->error);
+    job_request->status = umbj_service_delete(
+        service, job_request->asset, umbd_job_request_owner(job_request), &job_request->error);
 }
 
-static void deleted(struct umbd_errand *errand, struct umbd_call *call)
+static void deleted(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     struct umbw_buffer reply = {0};
     struct umb_error error = {0};
-    (void)errand;
+    (void)job_request;
     finish(call, umbw_encode_delete_reply(&reply, &error), &reply, &error);
 }
 
@@ -222,13 +225,13 @@ void umbd_service_bakes_delete(struct umbd_call *call)
 {
     char text[UMBW_ASSET_NAME_MAX + 1];
     struct umb_error error = {0};
-    struct umbd_errand *errand = umbd_errand_create(call);
-    if (errand == NULL) {
+    struct umbd_job_request *job_request = umbd_job_request_create(call);
+    if (job_request == NULL) {
         return;
     }
     enum umb_status status =
         umbw_decode_delete_request(call->message, call->message_size, text, &error);
-    if (status == UMB_OK && !umb_id_from_text(text, errand->asset)) {
+    if (status == UMB_OK && !umb_id_from_text(text, job_request->asset)) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           "asset: '%.80s' is not an id of 64 hexadecimal digits", text);
     }
@@ -236,5 +239,5 @@ void umbd_service_bakes_delete(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    umbd_errand_send(call, NULL, delete, deleted);
+    umbd_job_request_send(call, NULL, delete, deleted);
 }

@@ -125,15 +125,15 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
     }
     uint64_t from = umbd_conn_began(call->conn);
     batch->values = at + room;
-    batch->peeks = request->target_count == 0;
+    batch->is_optimistic = request->target_count == 0;
     umbd_batch_run(batch, &call->conn->loop->daemon->metrics);
     umbd_conn_spent(call->conn, from);
     if (batch->status != UMB_OK) {
         umbd_call_fail_status(call, batch->status, &batch->error);
         return;
     }
-    if (batch->peeks) {
-        umbd_proof_owe(call, batch, request->asset);
+    if (batch->is_optimistic) {
+        umbd_optimistic_reads_add(call, batch, request->asset);
     }
     reply.stats = batch->stats;
     reply.nanoseconds = batch->cpu_ns;
@@ -147,7 +147,7 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
 /* What a batch's answers take: packing holds them, the ones before, and the packed ones. */
 static size_t answer_bytes(const struct umbd_batch *batch)
 {
-    return (batch->frame.pack ? 5 : 1) * batch->value_bytes;
+    return (batch->picture_work.pack ? 5 : 1) * batch->value_bytes;
 }
 
 /* Hands the batch to the workers; it is the caller's again if that fails. */
@@ -156,10 +156,10 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
 {
     struct umbw_query_reply reply = {
         .visibility_bytes =
-            batch->frame.pack ? umb_frame_room(batch->value_bytes) : batch->value_bytes,
+            batch->picture_work.pack ? umb_picture_room(batch->value_bytes) : batch->value_bytes,
         .asset_id_count = with_targets ? batch->part_count : 0,
         .has_stats = batch->want_stats,
-        .packing = batch->frame.pack ? UMBW_PACKING_CHANGES : UMBW_PACKING_PLAIN,
+        .packing = batch->picture_work.pack ? UMBW_PACKING_CHANGES : UMBW_PACKING_PLAIN,
     };
     enum umb_status status = umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error);
     if (status == UMB_OK) {
@@ -202,11 +202,11 @@ static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *
                                      struct umb_error *error)
 {
     struct umbd_loop *loop = call->conn->loop;
-    struct umbs_entry *entry = umbd_proof_find(loop, request->asset);
+    struct umbs_entry *entry = umbd_optimistic_reads_find(loop, request->asset);
     enum umb_status status;
     if (entry != NULL && umbd_call_sees(call, umbs_entry_item(entry)->id)) {
         batch->is_borrowed = 1;
-        if (umbd_batch_repeat(batch, entry, loop->proof.turn)) {
+        if (umbd_batch_repeat(batch, entry, loop->optimistic.turn)) {
             return UMB_OK;
         }
         status = umbd_batch_add(batch, entry, request->settings.light, error);
@@ -214,7 +214,7 @@ static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *
         status = add_part(call, batch, request->asset, request->settings.light, error);
     }
     if (status == UMB_OK) {
-        batch->parts[0].turn = loop->proof.turn;
+        batch->parts[0].turn = loop->optimistic.turn;
     }
     return status;
 }
@@ -244,9 +244,9 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     }
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
-    batch->frame.has_picture = request->has_picture;
-    batch->frame.picture = request->picture;
-    batch->frame.pack = request->pack;
+    batch->picture_work.has_picture = request->has_picture;
+    batch->picture_work.picture = request->picture;
+    batch->picture_work.pack = request->pack;
     batch->dial = request->dial;
     batch->calibration = request->dial.budget_ns > 0 ? &calibration : NULL;
     if (count == 0) {
@@ -265,12 +265,12 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
 /* What the stream keeps goes along if the client has it, too; else nobody needs it any more. */
 static void take_base(struct umbd_call *call, struct umbd_batch *batch, uint64_t mark)
 {
-    if (mark != 0 && mark == call->kept_frame.mark &&
-        call->kept_frame.bytes == batch->value_bytes) {
-        batch->frame.kept = call->kept_frame;
-        call->kept_frame = (struct umbd_kept_frame){0};
+    if (mark != 0 && mark == call->kept_picture.mark &&
+        call->kept_picture.bytes == batch->value_bytes) {
+        batch->picture_work.kept = call->kept_picture;
+        call->kept_picture = (struct umbd_kept_picture){0};
     }
-    umbd_kept_frame_drop(&call->kept_frame);
+    umbd_kept_picture_drop(&call->kept_picture);
 }
 
 void umbd_service_query(struct umbd_call *call)
@@ -281,8 +281,8 @@ void umbd_service_query(struct umbd_call *call)
     struct umbd_batch *batch = NULL;
     struct umb_error error UMB__UNSET;
     error.message[0] = '\0';
-    if (!umbd_proof_has_room(loop)) {
-        umbd_proof_settle(loop);
+    if (!umbd_optimistic_reads_has_room(loop)) {
+        umbd_optimistic_reads_revalidate(loop);
         if (call->reply_ended) {
             return; /* an answer before this one had to be taken back */
         }
@@ -353,10 +353,10 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
         return;
     }
     struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
-    uint8_t **answers = batch->frame.pack ? &batch->frame.block : &batch->reply;
-    if (batch->frame.pack) {
-        reply.visibility_bytes = batch->frame.packed_bytes;
-        reply.packing = batch->frame.changes ? UMBW_PACKING_CHANGES : UMBW_PACKING_ZSTD;
+    uint8_t **answers = batch->picture_work.pack ? &batch->picture_work.block : &batch->reply;
+    if (batch->picture_work.pack) {
+        reply.visibility_bytes = batch->picture_work.packed_bytes;
+        reply.packing = batch->picture_work.changes ? UMBW_PACKING_CHANGES : UMBW_PACKING_ZSTD;
     }
     size_t size = umbw_write_query_reply_head(&reply, head);
     size_t first = batch->head_room - size;
@@ -366,10 +366,10 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
     if (!umbd_method_takes_many(call->method)) {
         (void)umbd_call_charge(call, batch->value_bytes); /* less than before: cannot fail */
     }
-    if (batch->frame.pack && umbd_method_takes_many(call->method)) {
-        umbd_kept_frame_drop(&call->kept_frame);
-        call->kept_frame = batch->frame.kept;
-        batch->frame.kept = (struct umbd_kept_frame){0};
+    if (batch->picture_work.pack && umbd_method_takes_many(call->method)) {
+        umbd_kept_picture_drop(&call->kept_picture);
+        call->kept_picture = batch->picture_work.kept;
+        batch->picture_work.kept = (struct umbd_kept_picture){0};
     }
     umbd_call_reply_block(call, block, first, batch->head_room + reply.visibility_bytes);
 }

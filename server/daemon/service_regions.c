@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Regions.Stream and Follow: stretches of the packed file, as they stand in it. The file is read by
+ * Regions.Stream and Follow: ranges of the packed file, as they stand in it. The file is read by
  * the workers, which may block on the disk; a request is a batch without points, so that queue,
  * fairness, deadlines and cancelling are those of queries.
  */
@@ -26,14 +26,14 @@ struct reading {
     uint8_t *data;
 };
 
-/* Reads one stretch; shorter only at the end of the file. */
-static enum umb_status read_stretch(int fd, const struct umbw_stretch *stretch, uint8_t *data,
-                                    size_t *got, struct umb_error *error)
+/* Reads one range; shorter only at the end of the file. */
+static enum umb_status read_range(int fd, const struct umbw_range *range, uint8_t *data,
+                                  size_t *got, struct umb_error *error)
 {
     *got = 0;
-    while (*got < stretch->length) {
+    while (*got < range->length) {
         const ssize_t count =
-            pread(fd, data + *got, (size_t)stretch->length - *got, (off_t)(stretch->offset + *got));
+            pread(fd, data + *got, (size_t)range->length - *got, (off_t)(range->offset + *got));
         if (count < 0 && errno == EINTR) {
             continue;
         }
@@ -59,8 +59,7 @@ static enum umb_status read_all(const struct umbd_batch *batch, size_t first, si
     enum umb_status status = umbs_entry_open_packed(r->entry, &fd, &r->reply.file_bytes, error);
     for (size_t i = 0; i < r->request.count && status == UMB_OK; i++) {
         size_t got = 0;
-        status =
-            read_stretch(fd, &r->request.stretches[i], r->data + r->reply.data_size, &got, error);
+        status = read_range(fd, &r->request.ranges[i], r->data + r->reply.data_size, &got, error);
         r->reply.data_size += got;
     }
     if (fd >= 0) {
@@ -98,7 +97,7 @@ static enum umb_status make_reading(struct umbd_call *call, struct reading **out
         return status;
     }
     for (size_t i = 0; i < r->request.count; i++) {
-        *bytes += (size_t)r->request.stretches[i].length;
+        *bytes += (size_t)r->request.ranges[i].length;
     }
     memcpy(r->reply.asset_id, umbs_entry_item(r->entry)->id, UMB_ID_BYTES);
     r->data = malloc(*bytes);

@@ -418,7 +418,7 @@ enum umb_status umbj__service_open(const struct umbj_service_options *options,
         status = umbj_file_threads_create(FILE_THREADS, service, &service->file_threads, error);
     }
     if (status == UMB_OK) {
-        status = umbj_board_create(&service->board, error);
+        status = umbj_snapshot_create(&service->snapshot, error);
     }
     if (status == UMB_OK) {
         status = open_folder(service, error);
@@ -511,7 +511,7 @@ void umbj_service_destroy(struct umbj_service *service)
         umbj__log_error(service, "job_release", &error); /* then they are lost ones */
     }
     umbj_table_close(service->table);
-    umbj_board_destroy(service->board);
+    umbj_snapshot_destroy(service->snapshot);
     free(service->loading);
     leave_uploads(service);
     umbj_file_threads_destroy(service->file_threads);
@@ -524,9 +524,9 @@ void umbj_service_destroy(struct umbj_service *service)
     free(service);
 }
 
-struct umbj_board *umbj_service_board(struct umbj_service *service)
+struct umbj_snapshot *umbj_service_snapshot(struct umbj_service *service)
 {
-    return service->board;
+    return service->snapshot;
 }
 
 struct umbj_counters *umbj_service_counters(struct umbj_service *service)

@@ -27,7 +27,7 @@
  */
 #include <stdatomic.h>
 #include "common/log.h"
-#include "jobs/board.h"
+#include "jobs/status_snapshot.h"
 #include "jobs/bundle.h"
 #include "jobs/job_table.h"
 #include "jobs/upload.h"
@@ -120,7 +120,7 @@ void umbj_service_files_done(struct umbj_service *service, struct umbj_request *
 void umbj_service_post(struct umbj_service *service, struct umbj_request *request);
 
 /* Any thread. */
-struct umbj_board *umbj_service_board(struct umbj_service *service);
+struct umbj_snapshot *umbj_service_snapshot(struct umbj_service *service);
 struct umbj_counters *umbj_service_counters(struct umbj_service *service);
 const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service);
 
@@ -152,7 +152,7 @@ UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, co
                                                 struct umbj_upload *upload, struct umbj_job *job,
                                                 struct umb_error *error);
 
-/* Puts a job on the board if it is not there. Fails: E_NOT_FOUND. owner: NULL = anybody's. */
+/* Puts a job in the snapshot if it is not there. Fails: E_NOT_FOUND. owner: NULL = anybody's. */
 UMB_CHECKED enum umb_status umbj_service_show(struct umbj_service *service, const char *id,
                                               const char *owner, struct umb_error *error);
 

@@ -34,7 +34,7 @@ struct umbj_service {
     struct umbj_place place; /* Folder and table, with their locks */
     int lost;                /* 1 after another daemon took over: this one starts no job */
     struct umbj_table *table;
-    struct umbj_board *board;
+    struct umbj_snapshot *snapshot;
     struct umbj_executor *executor;
     struct umbj_file_threads *file_threads;
     struct umbj_file_threads *reader; /* one thread, which alone uses read_table */
@@ -78,7 +78,7 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job);
 /* Takes a report; takes its staged file over. */
 void umbj__take_report(struct umbj_service *service, struct umbj_report *report);
 
-/* Notes a failed try: table, board, log, bundle. *job is then as the table has it. */
+/* Notes a failed try: table, snapshot, log, bundle. *job is then as the table has it. */
 UMB_CHECKED enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *job,
                                            enum umbj_failure failure, const char *cause,
                                            struct umb_error *error);
@@ -92,7 +92,7 @@ void umbj__collect_assets(struct umbj_service *service);
 /* Removes a key's bundle if no unfinished job needs it. */
 void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
 
-/* A job's state changed: board, counters, one line in the log. */
+/* A job's state changed: snapshot, counters, one line in the log. */
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
 
 /* Copies the table's counts of refusals. */

@@ -162,8 +162,8 @@ enum umb_status umbj_service_show(struct umbj_service *service, const char *id, 
 {
     struct umbj_job job;
     enum umb_status status = umbj_table_get(service->table, id, owner, &job, error);
-    if (status == UMB_OK && umbj_board_version(service->board, id) == 0) {
-        umbj_board_set(service->board, &job, 0);
+    if (status == UMB_OK && umbj_snapshot_version(service->snapshot, id) == 0) {
+        umbj_snapshot_set(service->snapshot, &job, 0);
     }
     return status;
 }
@@ -245,7 +245,7 @@ enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t 
         umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_disowned", "asset=%s owner=%s",
                        id, owner != NULL ? umbs_log_quote(owner, quoted) : "all");
         if (owner != NULL) {
-            umbj_board_disown(service->board, asset, owner);
+            umbj_snapshot_disown(service->snapshot, asset, owner);
         }
         umbj__collect_assets(service);
     }

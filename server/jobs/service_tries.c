@@ -72,7 +72,7 @@ static void trim(struct umbj_service *service, const char *owner)
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading)
 {
     char owner[UMBS_LOG_QUOTE_SIZE], cause[UMBS_LOG_QUOTE_SIZE], asset[UMB_ID_TEXT_SIZE] = "-";
-    umbj_board_set(service->board, job, loading);
+    umbj_snapshot_set(service->snapshot, job, loading);
     if (umbj_is_over(job->state)) {
         trim(service, job->owner);
     }
@@ -180,7 +180,7 @@ void umbj__collect_assets(struct umbj_service *service)
             umbj__log_error(service, "asset_forget", &error);
             break;
         }
-        umbj_board_disown(service->board, asset, NULL);
+        umbj_snapshot_disown(service->snapshot, asset, NULL);
         umb_id_to_text(asset, id);
         umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_removed", "asset=%s", id);
         removed = 1;
@@ -287,7 +287,7 @@ static void tell_served(struct umbj_service *service, const struct umbj_job *job
     if (umbj_table_asset(service->table, job->asset, job->owner, &known, &owned, &error) ==
             UMB_OK &&
         owned) {
-        umbj_board_own(service->board, job->asset, job->owner);
+        umbj_snapshot_own(service->snapshot, job->asset, job->owner);
     }
     umbj__changed(service, job, 0);
 }
@@ -306,7 +306,7 @@ static void wait_until_served(struct umbj_service *service, const struct umbj_jo
     }
     service->loading[service->loading_count++] =
         (struct umbj_loading){.job = *job, .since_ms = umbj__steady_ms(service)};
-    umbj_board_set(service->board, job, 1);
+    umbj_snapshot_set(service->snapshot, job, 1);
 }
 
 void umbj__look_at_loading(struct umbj_service *service)
@@ -454,7 +454,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
     } else if (counts) {
         const int64_t lease = service->options.limits.lease_ms;
         const int64_t steady = umbj__steady_ms(service);
-        const struct umbj_tiles more = umbj_board_report(service->board, report, steady);
+        const struct umbj_tiles more = umbj_snapshot_report(service->snapshot, report, steady);
         if (report->kind == UMBJ_REPORT_TILES && more.done > 0) {
             umbs_log_event(service->options.log, UMB_LOG_DEBUG, "job_tiles",
                            "job=%s epoch=%lld done=%llu found=%llu of=%llu", report->job,
@@ -513,7 +513,7 @@ enum umb_status umbj__find_program(struct umbj_service *service, struct umb_erro
 
 static enum umb_status take_owned(void *user, const uint8_t *asset, const char *owner)
 {
-    umbj_board_own(user, asset, owner);
+    umbj_snapshot_own(user, asset, owner);
     return UMB_OK;
 }
 
@@ -604,7 +604,7 @@ enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *er
     enum umb_status status =
         umbj_table_recover(service->table, umbj__unix_ms(service), &lost, error);
     if (status == UMB_OK) {
-        status = umbj_table_owned(service->table, take_owned, service->board, error);
+        status = umbj_table_owned(service->table, take_owned, service->snapshot, error);
     }
     if (status != UMB_OK) {
         return status;

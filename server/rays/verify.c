@@ -67,7 +67,7 @@ static int is_stopped(struct crew *crew)
 static void run_block(struct umbr_verify_block *block, uint64_t count)
 {
     uint64_t missing;
-    switch (block->job->options->question) {
+    switch (block->job->options->kind) {
     case UMBR_VERIFY_SEGMENTS:
         umbr_verify_segments(block, count);
         break;
@@ -101,10 +101,10 @@ static void *work(void *user)
         const uint64_t count = left < BLOCK_POINTS ? left : BLOCK_POINTS;
         struct umbr_verify_block block = {
             .job = job,
-            .frame = &job->frames[number % job->light.frustum_count],
+            .light_frame = &job->frames[number % job->light.frustum_count],
             .random = job->options->seed,
         };
-        block.exact = umbr_verify_needs_exact(block.frame, job->rays) ? crew->exact : NULL;
+        block.exact = umbr_verify_needs_exact(block.light_frame, job->rays) ? crew->exact : NULL;
         /* Two steps of the generator keep neighbouring seeds and blocks apart. */
         block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
         block.random = umbr_next_random(&block);
@@ -191,13 +191,13 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     if (status != UMB_OK) {
         return status;
     }
-    if (job->options->question != UMBR_VERIFY_POINTS) {
+    if (job->options->kind != UMBR_VERIFY_POINTS) {
         status = umb_volume_prepare(job->asset, light, &job->volume, error);
     }
-    if (status == UMB_OK && job->options->question == UMBR_VERIFY_BOXES) {
+    if (status == UMB_OK && job->options->kind == UMBR_VERIFY_BOXES) {
         status = umb_volume_check_parallel(&job->volume, error);
     }
-    if (status == UMB_OK && job->options->question == UMBR_VERIFY_COLUMNS) {
+    if (status == UMB_OK && job->options->kind == UMBR_VERIFY_COLUMNS) {
         status = umb_columns_check(&job->volume, error);
     }
     if (status != UMB_OK) {
@@ -208,7 +208,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     }
     struct umb_asset_info info;
     umb_asset_get_info(job->asset, &info);
-    job->is_static = info.near_bytes > 0;
+    job->is_static = info.receiver_mask_bytes > 0;
     place_light(job, &info);
     job->frames = umb__alloc_zeroed(NULL, job->light.frustum_count, sizeof *job->frames);
     if (job->frames == NULL) {
@@ -216,7 +216,8 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
                         job->light.frustum_count);
     }
     for (uint32_t i = 0; status == UMB_OK && i < job->light.frustum_count; i++) {
-        status = umbr_frame_init(&job->frames[i], job->asset, job->light.first_frustum + i, error);
+        status =
+            umbr_light_frame_init(&job->frames[i], job->asset, job->light.first_frustum + i, error);
     }
     return status;
 }

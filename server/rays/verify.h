@@ -35,11 +35,11 @@
 #include "umbrage/query.h"
 
 /* What is asked of the asset (umbrage/volume.h), and how an answer is held against rays. */
-enum umbr_verify_question {
+enum umbr_verify_kind {
     /* Points, as above. */
     UMBR_VERIFY_POINTS = 0,
     /* Segments of all lengths, half of them through a boundary: at four parameters of each, two of
-     * them next to the end of a stretch, the stretches say lit or shadowed, and that is judged as a
+     * them next to the end of an interval, the intervals say lit or shadowed, and that is judged as a
      * point's answer is. */
     UMBR_VERIFY_SEGMENTS,
     /* Columns: the first occluder against the nearest hit of the light ray through the texel's
@@ -54,7 +54,7 @@ enum umbr_verify_question {
 
 struct umbr_verify_options {
     uint64_t points; /* or segments, columns, boxes; 0 = 1 million */
-    enum umbr_verify_question question;
+    enum umbr_verify_kind kind;
     uint64_t seed;
     const uint8_t *closed;  /* uint8[triangle count], NULL = no closed parts */
     unsigned threads;       /* 0 = all */

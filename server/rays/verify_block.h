@@ -10,21 +10,21 @@
  */
 #include <stddef.h>
 #include "rays/verify.h"
-#include "rays/verify_frame.h"
+#include "rays/verify_light_frame.h"
 #include "umbrage/volume.h"
 
 #define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
 
-/* Data of all blocks; immutable while they run. Places are local (verify_frame.h). */
+/* Data of all blocks; immutable while they run. Places are local (verify_light_frame.h). */
 struct umbr_verify_job {
     const struct umb_asset *asset;
     const struct umbr_rays *rays;
     const struct umbr_verify_options *options;
-    struct umb_light_info light; /* position: local */
-    struct umbr_frame *frames;   /* [light.frustum_count] */
-    double origin[3];            /* of the asset, world */
-    struct umb_box bounds;       /* of the casters, world */
-    double free_m;               /* Distance from a lamp within which nothing casts */
+    struct umb_light_info light;     /* position: local */
+    struct umbr_light_frame *frames; /* [light.frustum_count] */
+    double origin[3];                /* of the asset, world */
+    struct umb_box bounds;           /* of the casters, world */
+    double free_m;                   /* Distance from a lamp within which nothing casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
     int is_static;            /* baked under the static rule */
@@ -32,7 +32,7 @@ struct umbr_verify_job {
 
 struct umbr_verify_block {
     const struct umbr_verify_job *job;
-    const struct umbr_frame *frame;
+    const struct umbr_light_frame *light_frame;
     const struct umbr_exact *exact; /* rays in doubles, or NULL: floats resolve the voxels */
     enum umb_status status;         /* E_NO_MEMORY if rays in doubles were wanted and refused */
     uint64_t random;
@@ -62,7 +62,8 @@ static inline double umbr_next_unit(struct umbr_verify_block *block)
 }
 
 /* 1 if floats cannot tell a frame's voxels apart: then all its rays are in doubles. */
-int umbr_verify_needs_exact(const struct umbr_frame *frame, const struct umbr_rays *rays);
+int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
+                            const struct umbr_rays *rays);
 
 /* Looks up places; answers[i]: 1 lit, 0 shadowed. */
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
@@ -124,7 +125,7 @@ void umbr_verify_judge_outside(struct umbr_verify_block *block, const double loc
  */
 void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws);
 
-/* Draws and judges `count` segments, columns or boxes (verify_questions.c). */
+/* Draws and judges `count` segments, columns or boxes (verify_volume_queries.c). */
 void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count);

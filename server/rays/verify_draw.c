@@ -33,10 +33,10 @@ _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES
 /* 1 if a point is answered by the block's frustum and no other face of its light. */
 static int is_own(const struct umbr_verify_block *block, const double local[3])
 {
-    const double w = umbr_frame_w(block->frame, local);
+    const double w = umbr_light_frame_w(block->light_frame, local);
     for (uint32_t i = 0; i < block->job->light.frustum_count; i++) {
-        const struct umbr_frame *other = &block->job->frames[i];
-        if (other != block->frame && umbr_frame_w(other, local) >= w) {
+        const struct umbr_light_frame *other = &block->job->frames[i];
+        if (other != block->light_frame && umbr_light_frame_w(other, local) >= w) {
             return 0;
         }
     }
@@ -45,7 +45,7 @@ static int is_own(const struct umbr_verify_block *block, const double local[3])
 
 int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample)
 {
-    const double size = block->frame->size;
+    const double size = block->light_frame->size;
     double centre[3];
     for (int i = 0; i < 3; i++) {
         if (!(sample->voxel[i] >= 0 && sample->voxel[i] < size)) {
@@ -53,8 +53,9 @@ int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample 
         }
         centre[i] = floor(sample->voxel[i]) + 0.5;
     }
-    return umbr_frame_local(block->frame, sample->voxel, sample->local) &&
-           umbr_frame_local(block->frame, centre, sample->centre) && is_own(block, sample->local);
+    return umbr_light_frame_local(block->light_frame, sample->voxel, sample->local) &&
+           umbr_light_frame_local(block->light_frame, centre, sample->centre) &&
+           is_own(block, sample->local);
 }
 
 /* Draws and compares points until so many count, or so many were drawn. In: draw: fills in a sample
@@ -77,16 +78,16 @@ static void compare_drawn(struct umbr_verify_block *block,
 /* 1 if a frustum of the light answers for a place. */
 static int is_covered(const struct umbr_verify_job *job, const double local[3])
 {
-    const struct umbr_frame *found = NULL;
+    const struct umbr_light_frame *found = NULL;
     double voxel[3], most = 0;
     for (uint32_t i = 0; i < job->light.frustum_count; i++) {
-        const double w = umbr_frame_w(&job->frames[i], local);
+        const double w = umbr_light_frame_w(&job->frames[i], local);
         if (w > most) {
             most = w;
             found = &job->frames[i];
         }
     }
-    return found != NULL && umbr_frame_voxel(found, local, voxel) && voxel[0] >= 0 &&
+    return found != NULL && umbr_light_frame_voxel(found, local, voxel) && voxel[0] >= 0 &&
            voxel[0] < found->size && voxel[1] >= 0 && voxel[1] < found->size;
 }
 
@@ -115,7 +116,7 @@ void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws)
 static void draw_anywhere(struct umbr_verify_block *block, double voxel[3])
 {
     for (int k = 0; k < 3; k++) {
-        voxel[k] = umbr_next_unit(block) * block->frame->size;
+        voxel[k] = umbr_next_unit(block) * block->light_frame->size;
     }
 }
 
@@ -133,17 +134,19 @@ void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
 int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
                        struct umbr_exact_ray *ray, double *z_first)
 {
-    const struct umbr_frame *frame = block->frame;
-    const double first = frame->parallel ? 0 : fmax(frame->w_first, block->job->free_m);
-    const double voxel[2][3] = {{x, y, 0.5 * frame->size}, {x, y, frame->size}};
+    const struct umbr_light_frame *light_frame = block->light_frame;
+    const double first = light_frame->parallel ? 0 : fmax(light_frame->w_first, block->job->free_m);
+    const double voxel[2][3] = {{x, y, 0.5 * light_frame->size}, {x, y, light_frame->size}};
     double at[2][3];
-    if (!umbr_frame_local(frame, voxel[0], at[0]) || !umbr_frame_local(frame, voxel[1], at[1])) {
+    if (!umbr_light_frame_local(light_frame, voxel[0], at[0]) ||
+        !umbr_light_frame_local(light_frame, voxel[1], at[1])) {
         return 0;
     }
-    *z_first = frame->parallel
-                   ? 0
-                   : frame->size * (first - frame->w_first) / (frame->w_last - frame->w_first);
-    const double halves = 2 - 2 * *z_first / frame->size; /* of the way, from the last voxel back */
+    *z_first = light_frame->parallel ? 0
+                                     : light_frame->size * (first - light_frame->w_first) /
+                                           (light_frame->w_last - light_frame->w_first);
+    const double halves =
+        2 - 2 * *z_first / light_frame->size; /* of the way, from the last voxel back */
     ray->origin = block->job->origin;
     for (int k = 0; k < 3; k++) {
         ray->direction[k] = halves * (at[1][k] - at[0][k]);
@@ -156,7 +159,7 @@ int umbr_verify_column(const struct umbr_verify_block *block, double x, double y
 /* The first surface that light meets in a random column; 0 if there is none. */
 static int find_surface(struct umbr_verify_block *block, double boundary[3])
 {
-    const double size = block->frame->size;
+    const double size = block->light_frame->size;
     struct umbr_exact_ray ray;
     struct umbr_exact_hit hit;
     double z_first;
@@ -186,7 +189,7 @@ static void ask_row(const struct umbr_verify_block *block, const struct row *row
     for (size_t i = 0; i < count; i++) {
         double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]};
         voxel[row->axis] = at[i] + 0.5;
-        if (!umbr_frame_local(block->frame, voxel, local[i])) {
+        if (!umbr_light_frame_local(block->light_frame, voxel, local[i])) {
             memset(local[i], 0,
                    sizeof local[i]); /* voxels behind a lamp have no place; any answer is right */
         }
@@ -201,7 +204,7 @@ static int is_buried(const struct umbr_verify_block *block, const struct row *ro
     for (int i = 0; i < 2 && buried; i++) {
         double voxel[3] = {row->voxel[0], row->voxel[1], row->voxel[2]}, local[3];
         voxel[row->axis] = change + (i == 0 ? -0.5 : 0.5);
-        if (umbr_frame_local(block->frame, voxel, local)) {
+        if (umbr_light_frame_local(block->light_frame, voxel, local)) {
             (void)umbr_verify_trace(block, local, &buried);
         }
     }
@@ -213,7 +216,7 @@ static int is_buried(const struct umbr_verify_block *block, const struct row *ro
 static int find_change(struct umbr_verify_block *block, int axis, double boundary[3])
 {
     struct row row = {.axis = axis};
-    const double size = block->frame->size;
+    const double size = block->light_frame->size;
     double at[STATIONS];
     uint8_t lit[STATIONS];
     size_t changes = 0, pick = 0;
@@ -294,7 +297,7 @@ static int lift(const struct umbr_verify_block *block, const double normal[3], d
     const double facing = umb__dot(normal, block->job->light.direction);
     double length = 0;
     for (int i = 0; i < 3; i++) {
-        length += 0.5 * fabs(umb__dot(normal, block->frame->step[i]));
+        length += 0.5 * fabs(umb__dot(normal, block->light_frame->step[i]));
     }
     for (int k = 0; k < 3; k++) {
         local[k] += (facing < 0 ? 1 : -1) * BIAS_SLACK * length * normal[k];
@@ -310,7 +313,7 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
     double from[3], world[3], local[3];
     draw_anywhere(block, sample->voxel);
     struct umbr_hit hit;
-    if (!umbr_frame_local(block->frame, sample->voxel, from)) {
+    if (!umbr_light_frame_local(block->light_frame, sample->voxel, from)) {
         return 0;
     }
     for (int k = 0; k < 3; k++) {
@@ -321,7 +324,8 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
         local[k] = from[k] + hit.distance * light[k];
     }
     return hit.distance >= 0 && lift(block, hit.normal, local) &&
-           umbr_frame_voxel(block->frame, local, sample->voxel) && umbr_verify_place(block, sample);
+           umbr_light_frame_voxel(block->light_frame, local, sample->voxel) &&
+           umbr_verify_place(block, sample);
 }
 
 void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)

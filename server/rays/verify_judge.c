@@ -25,10 +25,11 @@ enum {
     VOTES_NEEDED = 5,
 };
 
-int umbr_verify_needs_exact(const struct umbr_frame *frame, const struct umbr_rays *rays)
+int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
+                            const struct umbr_rays *rays)
 {
-    return frame->least_edge < umbr_rays_error_m(rays) ||
-           (!frame->parallel && frame->w_first < frame->w_last * FLOATS_REACH);
+    return light_frame->least_edge < umbr_rays_error_m(rays) ||
+           (!light_frame->parallel && light_frame->w_first < light_frame->w_last * FLOATS_REACH);
 }
 
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
@@ -88,7 +89,7 @@ static int traced_lit(const struct umbr_verify_block *block, const double local[
 /* 1 if closed solids have undefined voxels in this block's frustum. */
 static int has_undefined(const struct umbr_verify_block *block)
 {
-    return block->job->options->closed != NULL && block->frame->closed;
+    return block->job->options->closed != NULL && block->light_frame->closed;
 }
 
 void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray,
@@ -194,7 +195,8 @@ static int changes_around(const struct umbr_verify_block *block, const double vo
         const double at[3] = {voxel[0] + voxels * cos(turn), voxel[1] + voxels * sin(turn),
                               voxel[2]};
         double local[3];
-        if (umbr_frame_local(block->frame, at, local) && traced_lit(block, local) != truth) {
+        if (umbr_light_frame_local(block->light_frame, at, local) &&
+            traced_lit(block, local) != truth) {
             return 1;
         }
     }
@@ -235,7 +237,8 @@ static int in_band(const struct umbr_verify_block *block, const struct umbr_samp
         for (int k = 0; k < 3; k++) {
             voxel[k] = sample->voxel[k] + 0.5 * (step[k] - BAND_STEPS / 2);
         }
-        if (umbr_frame_local(block->frame, voxel, local) && traced_lit(block, local) != truth) {
+        if (umbr_light_frame_local(block->light_frame, voxel, local) &&
+            traced_lit(block, local) != truth) {
             return 1;
         }
     }

@@ -167,7 +167,7 @@ static int is_unchanged(const struct umbs_asset_map *map)
            same_time(&now.st_mtim, &map->stamp.modified);
 }
 
-enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map, void (*read)(void *user),
+enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map, void (*read)(void *user),
                                     void *user, struct umb_error *error)
 {
     if (map->fd < 0) {
@@ -177,7 +177,7 @@ enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map, void (*rea
     return umbs_fault_guarded(map->base, map->reserved, read, user) ? UMB_OK : has_changed(error);
 }
 
-enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map, struct umb_error *error)
+enum umb_status umbs_asset_map_revalidate(const struct umbs_asset_map *map, struct umb_error *error)
 {
     return map->fd < 0 || is_unchanged(map) ? UMB_OK : has_changed(error);
 }
@@ -185,8 +185,8 @@ enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map, struct um
 enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*read)(void *user),
                                     void *user, struct umb_error *error)
 {
-    enum umb_status status = umbs_asset_map_peek(map, read, user, error);
-    return status == UMB_OK ? umbs_asset_map_prove(map, error) : status;
+    enum umb_status status = umbs_asset_map_read_optimistic(map, read, user, error);
+    return status == UMB_OK ? umbs_asset_map_revalidate(map, error) : status;
 }
 
 /* Opens the bytes, guarded; the blocks it allocated are in *blocks. */
@@ -458,7 +458,7 @@ enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct um
 {
     if (map->has_digest) {
         enum umb_status status = check_digest(map, error);
-        return status == UMB_OK ? umbs_asset_map_prove(map, error) : status;
+        return status == UMB_OK ? umbs_asset_map_revalidate(map, error) : status;
     }
     struct block_list blocks = {.lock = PTHREAD_MUTEX_INITIALIZER};
     struct umb_alloc alloc = {.resize = block_resize, .user = &blocks};

@@ -98,11 +98,11 @@ UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map
  * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
  * after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
  */
-UMB_CHECKED enum umb_status umbs_asset_map_peek(const struct umbs_asset_map *map,
-                                                void (*read)(void *user), void *user,
-                                                struct umb_error *error);
-UMB_CHECKED enum umb_status umbs_asset_map_prove(const struct umbs_asset_map *map,
-                                                 struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
+                                                           void (*read)(void *user), void *user,
+                                                           struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_asset_map_revalidate(const struct umbs_asset_map *map,
+                                                      struct umb_error *error);
 
 /* Checks the whole file again: the digest, or without one checksums, structure and identity. Fails:
  * E_CORRUPT and the like, E_IO, E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */

@@ -3,7 +3,7 @@
  * The store: opening, closing, entries and their end.
  *
  * Invariants: a table holds one reference to each of its entries; an entry with no references is in
- * no table, and in the graveyard or being freed by who emptied that; the store itself lives until
+ * no table, and in the free list or being freed by who emptied that; the store itself lives until
  * it is closed and its last entry is gone. Whoever pushes something onto a stack of the dead and
  * may find the store closed meanwhile holds the store while it does, because another thread may
  * free what was pushed at once.
@@ -57,8 +57,8 @@ static void store_let_go(struct umbs_store *store, size_t count)
 void umbs__entry_retire(struct umbs_entry *entry)
 {
     struct umbs_store *store = entry->store;
-    entry->next_retired = atomic_load(&store->graveyard);
-    while (!atomic_compare_exchange_weak(&store->graveyard, &entry->next_retired, entry)) {
+    entry->next_retired = atomic_load(&store->free_list);
+    while (!atomic_compare_exchange_weak(&store->free_list, &entry->next_retired, entry)) {
     }
 }
 
@@ -77,7 +77,7 @@ static void table_free(struct umbs_table *table)
 }
 
 /* Frees entries that nobody can reach any more. Returns how many. */
-static size_t bury(struct umbs_entry *list)
+static size_t free_entries(struct umbs_entry *list)
 {
     size_t count = 0;
     while (list != NULL) {
@@ -99,7 +99,7 @@ void umbs_store_reap(struct umbs_store *store)
         table_free(table);
         table = next;
     }
-    store_let_go(store, bury(atomic_exchange(&store->graveyard, NULL)));
+    store_let_go(store, free_entries(atomic_exchange(&store->free_list, NULL)));
 }
 
 void umbs__reap_soon(struct umbs_store *store)
@@ -281,23 +281,23 @@ static enum umb_status is_damaged(struct umbs_entry *entry, const struct umb_err
                     cause->message);
 }
 
-enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *user), void *user,
-                                struct umb_error *error)
+enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry, void (*read)(void *user),
+                                           void *user, struct umb_error *error)
 {
     struct umb_error cause UMB__UNSET;
     if (entry->map == NULL) {
         read(user);
         return UMB_OK;
     }
-    return umbs_asset_map_peek(entry->map, read, user, &cause) == UMB_OK
+    return umbs_asset_map_read_optimistic(entry->map, read, user, &cause) == UMB_OK
                ? UMB_OK
                : is_damaged(entry, &cause, error);
 }
 
-enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *error)
+enum umb_status umbs_entry_revalidate(struct umbs_entry *entry, struct umb_error *error)
 {
     struct umb_error cause UMB__UNSET;
-    return entry->map == NULL || umbs_asset_map_prove(entry->map, &cause) == UMB_OK
+    return entry->map == NULL || umbs_asset_map_revalidate(entry->map, &cause) == UMB_OK
                ? UMB_OK
                : is_damaged(entry, &cause, error);
 }
@@ -305,8 +305,8 @@ enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *err
 enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user), void *user,
                                 struct umb_error *error)
 {
-    enum umb_status status = umbs_entry_peek(entry, read, user, error);
-    return status == UMB_OK ? umbs_entry_prove(entry, error) : status;
+    enum umb_status status = umbs_entry_read_optimistic(entry, read, user, error);
+    return status == UMB_OK ? umbs_entry_revalidate(entry, error) : status;
 }
 
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)

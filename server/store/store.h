@@ -205,9 +205,11 @@ UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*rea
  * after all of them succeeded. Each of the two fails as umbs_entry_read does.
  * Cost:  peek 10 ns, prove 0.2 us.
  */
-UMB_CHECKED enum umb_status umbs_entry_peek(struct umbs_entry *entry, void (*read)(void *user),
-                                            void *user, struct umb_error *error);
-UMB_CHECKED enum umb_status umbs_entry_prove(struct umbs_entry *entry, struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,
+                                                       void (*read)(void *user), void *user,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbs_entry_revalidate(struct umbs_entry *entry,
+                                                  struct umb_error *error);
 
 /* Borrowed until the release. Its description may be read at any time, its voxels in
  * umbs_entry_read only. */

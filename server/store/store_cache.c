@@ -172,8 +172,8 @@ static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *err
         path != NULL ? umbs__owner_lock_take(path, UMBS_REACH_LOCAL, 0, &cache->lock, error)
                      : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
     free(path);
-    if (status == UMB_E_BUSY && !cache->told_shared) {
-        cache->told_shared = 1;
+    if (status == UMB_E_BUSY && !cache->logged_shared) {
+        cache->logged_shared = 1;
         warn(cache, "cache_shared", error);
     }
     return status == UMB_E_BUSY ? UMB_OK : status;

@@ -31,7 +31,7 @@ struct umbs_cache {
     const struct umbs_log *log;  /* may be NULL */
     char *path;                  /* Path as configured; without links once it is ready */
     int ready;                   /* 1 if the folder is ours alone and the key is read */
-    int told_shared;             /* 1 if the log has another daemon's pid already */
+    int logged_shared;           /* 1 if the log has another daemon's pid already */
     struct umbs_owner_lock lock; /* Lock of the folder; held by the daemon that may write */
     uint8_t key[UMBS_KEY_BYTES];
     struct umbs_records records; /* Records of the last scan, and new ones of this scan */

@@ -111,7 +111,7 @@ struct umbs_store {
     /* What nobody refers to any more and nobody has freed yet: stacks that are only ever taken
      * whole, so that a push is one compare and exchange. */
     _Atomic(struct umbs_table *) old_tables;
-    _Atomic(struct umbs_entry *) graveyard;
+    _Atomic(struct umbs_entry *) free_list;
     atomic_size_t holders; /* entries that exist, and 1 until it is closed: it outlives them */
     atomic_int closed;
 };

@@ -6,7 +6,7 @@
 #include <pthread.h>
 #include <string.h>
 
-#include "rays/verify_frame.h"
+#include "rays/verify_light_frame.h"
 #include "study/parallel_for.h"
 
 enum {
@@ -106,7 +106,7 @@ static int search_ball(const struct check *check, const struct suspect *s, unsig
 }
 
 /* Centre number i of the voxels that answered, world space; 0 if it is behind the light. */
-static int centre(const struct umbr_frame *frame, const struct umb_explanation *e, uint32_t i,
+static int centre(const struct umbr_light_frame *frame, const struct umb_explanation *e, uint32_t i,
                   double place[3])
 {
     const uint32_t side = e->level > 0 ? 1U << e->level : e->taps;
@@ -117,7 +117,7 @@ static int centre(const struct umbr_frame *frame, const struct umb_explanation *
     voxel[0] += i % side + 0.5;
     voxel[1] += i / side % side + 0.5;
     voxel[2] += i / side / side + 0.5;
-    return umbr_frame_world(frame, voxel, place);
+    return umbr_light_frame_world(frame, voxel, place);
 }
 
 /* The voxels that answered: 1 if one of their centres has the other truth; *inside: if one lies in
@@ -128,8 +128,8 @@ static int search_centres(const struct check *check, const struct suspect *s,
     const uint32_t side = e->level > 0 ? 1U << e->level : e->taps;
     const uint32_t count = e->level > 0 ? side * side * side : side * side;
     const uint32_t step = count > CENTRES_MAX ? count / CENTRES_MAX | 1U : 1;
-    struct umbr_frame frame;
-    if (umbr_frame_init(&frame, check->job->asset, e->frustum, NULL) != UMB_OK) {
+    struct umbr_light_frame frame;
+    if (umbr_light_frame_init(&frame, check->job->asset, e->frustum, NULL) != UMB_OK) {
         return 0;
     }
     for (uint32_t i = 0; i < count; i += step) {

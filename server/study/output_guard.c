@@ -21,13 +21,13 @@ enum {
     SIGNAL_COUNT = sizeof guarded_signals / sizeof guarded_signals[0]
 };
 
-static char doomed[PATH_MAX]; /* the temporary's name while `armed` */
-static atomic_int armed;      /* lock-free: allowed in a handler */
+static char temporary_name[PATH_MAX]; /* the temporary's name while `armed` */
+static atomic_int armed;              /* lock-free: allowed in a handler */
 
 static void handle(int number)
 {
     if (atomic_load(&armed)) {
-        (void)unlink(doomed);
+        (void)unlink(temporary_name);
     }
     (void)signal(number, SIG_DFL);
     (void)raise(number); /* arrives when this returns */
@@ -89,8 +89,8 @@ enum umb_status umbt_output_begin(const char *path, struct umbs_file *file, stru
     hold(SIG_BLOCK);
     install();
     const enum umb_status status = umbs_file_begin(path, file, error);
-    if (status == UMB_OK && strlen(file->temporary) < sizeof doomed) {
-        memcpy(doomed, file->temporary, strlen(file->temporary) + 1);
+    if (status == UMB_OK && strlen(file->temporary) < sizeof temporary_name) {
+        memcpy(temporary_name, file->temporary, strlen(file->temporary) + 1);
         atomic_store(&armed, 1);
     }
     hold(SIG_UNBLOCK);

@@ -12,7 +12,7 @@
 #include "common/json_text.h"
 #include "study/output_guard.h"
 #include "study/render_options.h"
-#include "study/study_frame.h"
+#include "study/study_picture.h"
 #include "study/study_vec.h"
 
 struct render {
@@ -23,7 +23,7 @@ struct render {
     struct umbt_truth truth;
     struct umbt_fog fog;
     struct umbt_picture asset, traced, difference;
-    struct umbt_frame_result result;
+    struct umbt_picture_result result;
     double load_s;
 };
 
@@ -150,7 +150,7 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
     if (status != UMB_OK) {
         return status;
     }
-    struct umbt_frame_request request = {
+    struct umbt_picture_request request = {
         .scene = &render->scene,
         .camera = &render->camera,
         .source = from_asset ? &render->source : NULL,
@@ -166,7 +166,7 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
     };
     memcpy(request.to_light, render->truth.to_light, sizeof request.to_light);
     request.lamp = render->truth.lamp;
-    return umbt_frame_render(&request, &render->result, error);
+    return umbt_picture_render(&request, &render->result, error);
 }
 
 static enum umb_status pictures_write(const struct render *render, struct umb_error *error)
@@ -194,7 +194,7 @@ static int undefined_is_known(const struct render *render)
 
 static void compare_text(FILE *to, const struct render *render)
 {
-    const struct umbt_frame_result *result = &render->result;
+    const struct umbt_picture_result *result = &render->result;
     fprintf(to,
             "asset against rays (%s) on %" PRIu64 " samples that face the light:\n"
             "  mean absolute difference %.5f (asset lighter %.5f, darker %.5f)\n"
@@ -220,7 +220,7 @@ static void compare_text(FILE *to, const struct render *render)
 
 static void compare_json(const struct render *render)
 {
-    const struct umbt_frame_result *result = &render->result;
+    const struct umbt_picture_result *result = &render->result;
     printf(",\"truth\":\"%s\",\"mean_difference\":%.9g,\"mean_lighter\":%.9g"
            ",\"mean_darker\":%.9g,\"over_half\":%.9g,\"picture_difference\":%.9g",
            truth_name(render->options.truth), result->mean_difference, result->mean_lighter,
@@ -236,7 +236,7 @@ static void compare_json(const struct render *render)
 static void report_text(FILE *to, const struct render *render)
 {
     const struct umbt_render_options *options = &render->options;
-    const struct umbt_frame_result *result = &render->result;
+    const struct umbt_picture_result *result = &render->result;
     const struct umbt_camera *camera = &render->camera;
     fprintf(to, "%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
             render->scene.count, options->width, options->height, result->samples,
@@ -262,7 +262,7 @@ static void report_text(FILE *to, const struct render *render)
 static void report_json(const struct render *render)
 {
     const struct umbt_render_options *options = &render->options;
-    const struct umbt_frame_result *result = &render->result;
+    const struct umbt_picture_result *result = &render->result;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(render->source.id, id);
     printf("{\"asset\":\"%s\",\"scene\":", id);

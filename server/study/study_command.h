@@ -9,7 +9,7 @@
 int umbt_render_command(int argc, char **argv);
 int umbt_verify_command(int argc, char **argv);
 int umbt_points_command(int argc, char **argv);
-int umbt_trade_command(int argc, char **argv);
+int umbt_study_command(int argc, char **argv);
 int umbt_techniques_command(int argc, char **argv);
 int umbt_aliasing_command(int argc, char **argv);
 int umbt_deep_command(int argc, char **argv);

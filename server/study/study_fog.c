@@ -6,7 +6,7 @@
 #include <string.h>
 #include "study/study_vec.h"
 
-#define STRETCHES 256 /* of a view ray; one with more is halved */
+#define INTERVALS 256 /* of a view ray; one with more is halved */
 
 enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, double density,
                               struct umbt_fog *fog, struct umb_error *error)
@@ -22,10 +22,10 @@ static double lit_between(const struct umbt_fog *fog, const double eye[3], const
                           double from, double to)
 {
     const double depth = fog->density * umb__length(way);
-    struct umb_stretch stretches[STRETCHES];
+    struct umb_interval intervals[INTERVALS];
     struct umb_segment_answer answer;
     struct umb_segment_answers answers = {
-        .segments = &answer, .stretches = stretches, .stretch_max = STRETCHES};
+        .segments = &answer, .intervals = intervals, .interval_max = INTERVALS};
     double ends[6], sum = 0.0;
     for (int k = 0; k < 3; k++) {
         ends[k] = way[k] * from;
@@ -34,14 +34,14 @@ static double lit_between(const struct umbt_fog *fog, const double eye[3], const
     struct umb_segments segments = {.ends = ends, .format = UMB_POINT_F64, .count = 1};
     memcpy(segments.origin, eye, sizeof segments.origin);
     umb_segments_run(&fog->volume, &segments, 0, 1, &answers);
-    if (answer.stretch_count > STRETCHES) {
+    if (answer.interval_count > INTERVALS) {
         /* Halving ends: a voxel long piece crosses few voxels. */
         const double middle = 0.5 * (from + to);
         return lit_between(fog, eye, way, from, middle) + lit_between(fog, eye, way, middle, to);
     }
-    for (uint64_t i = 0; i < answer.stretch_count; i++) {
-        const double begin = from + (to - from) * stretches[i].begin;
-        const double end = from + (to - from) * stretches[i].end;
+    for (uint64_t i = 0; i < answer.interval_count; i++) {
+        const double begin = from + (to - from) * intervals[i].begin;
+        const double end = from + (to - from) * intervals[i].end;
         sum += exp(-depth * begin) - exp(-depth * end);
     }
     return sum;

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_FOG_H
 #define UMBRAGE_SERVER_STUDY_STUDY_FOG_H
 /*
- * Sunlit fog between the eye and what it sees: light shafts. The lit stretches of each view ray
+ * Sunlit fog between the eye and what it sees: light shafts. The lit intervals of each view ray
  * come from a segment query of the asset, so that the integral over them is exact for a fog of
  * constant density: nothing is sampled along the ray.
  */
@@ -25,7 +25,7 @@ UMB_CHECKED enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_
  * In:  eye, end: world space, metres, finite.
  * Out: through: share of the light from `end` that reaches the eye. lit: share of the fog's own
  *      light that is sunlit and reaches it: the integral of density * exp(-density s) over the lit
- *      stretches; lit + through <= 1.
+ *      intervals; lit + through <= 1.
  * Threads: any.
  */
 void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double end[3],

@@ -30,7 +30,7 @@ static const struct command {
     {"render", umbt_render_command},
     {"verify", umbt_verify_command},
     {"points", umbt_points_command},
-    {"study", umbt_trade_command},
+    {"study", umbt_study_command},
     {"techniques", umbt_techniques_command},
     {"aliasing", umbt_aliasing_command},
     {"deep", umbt_deep_command},
@@ -65,7 +65,7 @@ int main(int argc, char **argv)
         char *study_help = (char *)(uintptr_t) "--help";
         fputs(help, stdout);
         putchar('\n');
-        return output_finish(umbt_trade_command(1, &study_help));
+        return output_finish(umbt_study_command(1, &study_help));
     }
     if (strcmp(argv[1], "--version") == 0) {
         puts("umbrage-study " UMB_VERSION);
@@ -76,5 +76,5 @@ int main(int argc, char **argv)
                 argv[1]);
         return umb_status_exit(UMB_E_ARGUMENT);
     }
-    return output_finish(umbt_trade_command(argc - 1, argv + 1));
+    return output_finish(umbt_study_command(argc - 1, argv + 1));
 }

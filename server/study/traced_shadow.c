@@ -3,7 +3,7 @@
 #include "study/traced_shadow.h"
 
 #include <math.h>
-#include "rays/verify_frame.h"
+#include "rays/verify_light_frame.h"
 #include "study/study_vec.h"
 
 #define SURFACE_OFFSET 2e-6 /* of the scene's diagonal */

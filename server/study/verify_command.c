@@ -54,7 +54,7 @@ static const char help[] =
 struct verify {
     const char *file, *scene_path;
     const char *ask; /* one of ASKED, or NULL */
-    enum umbr_verify_question question;
+    enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
     int force, json, quiet, help, bounds;
     struct umb_asset *asset;
@@ -69,7 +69,7 @@ struct verify {
 
 static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
 
-static enum umb_status take_question(struct verify *verify, struct umb_error *error)
+static enum umb_status take_kind(struct verify *verify, struct umb_error *error)
 {
     size_t i = 0;
     while (verify->ask != NULL && i < 4 && strcmp(verify->ask, ASKED[i]) != 0) {
@@ -81,7 +81,7 @@ static enum umb_status take_question(struct verify *verify, struct umb_error *er
                                : "--ask: %.40s goes without --bounds",
                         verify->ask);
     }
-    verify->question = (enum umbr_verify_question)i;
+    verify->kind = (enum umbr_verify_kind)i;
     return UMB_OK;
 }
 
@@ -119,7 +119,7 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
     if (verify->scene_path == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
     }
-    return take_question(verify, error);
+    return take_kind(verify, error);
 }
 
 static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
@@ -186,7 +186,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
             .points = verify->points,
-            .question = verify->question,
+            .kind = verify->kind,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
             .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
@@ -226,11 +226,11 @@ static void report_text(const struct verify *verify)
         const struct umbr_verify_result *result = &verify->results[i];
         if (result->records > 0) {
             printf("light %u: %" PRIu64 " %s asked\n", verify->first_light + i, result->records,
-                   ASKED[verify->question]);
+                   ASKED[verify->kind]);
         }
         printf("light %u: %" PRIu64 " %s compared, ", verify->first_light + i, result->points,
-               verify->question > UMBR_VERIFY_SEGMENTS ? ASKED[verify->question] : ASKED[0]);
-        if (verify->question == UMBR_VERIFY_POINTS && verify->info.near_bytes == 0) {
+               verify->kind > UMBR_VERIFY_SEGMENTS ? ASKED[verify->kind] : ASKED[0]);
+        if (verify->kind == UMBR_VERIFY_POINTS && verify->info.receiver_mask_bytes == 0) {
             printf("%" PRIu64 " near a boundary, ", result->near_boundary);
         }
         printf("%" PRIu64 " inside solids left out\n"

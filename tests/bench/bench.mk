@@ -103,10 +103,10 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 .PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
 
 # Segments, columns and boxes: closed scenes with their front, in process and from a daemon.
-$(BUILD)/bench_questions: $(BUILD)/tests/bench/bench_questions.o $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
-bench-questions: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_questions ## what segments, columns and boxes cost in process and over gRPC
+bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_queries ## what segments, columns and boxes cost in process and over gRPC
 	@folder=$$(mktemp -d) && mkdir $$folder/store && trap 'kill $$daemon; rm -rf "$$folder"' EXIT && \
 	$(BUILD)/scenegen city --size 59 --format ply -o $$folder/city.ply && $(BUILD)/scenegen terrain --size 1024 --format ply -o $$folder/terrain.ply && \
 	for scene in city terrain; do $(BUILD)/umbrage-bake $$folder/$$scene.ply -o $$folder/store/$$scene.umb --closed on --effect front=on \
@@ -114,14 +114,14 @@ bench-questions: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_questions ## what 
 	$(BUILD)/umbraged --store $$folder/store --listen unix:$$folder/socket >$$folder/log 2>&1 & daemon=$$!; \
 	until $(BUILD)/umbrage list --address unix:$$folder/socket >/dev/null 2>&1; do kill -0 $$daemon || exit 1; sleep 0.2; done; \
 	for scene in city terrain; do echo "$$scene, 4096 voxels a side:"; \
-		$(BUILD)/bench_questions $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
-.PHONY: bench-questions
+		$(BUILD)/bench_volume_queries $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
+.PHONY: bench-volume-queries
 
-# The depth map of one view, for tests/bench/streaming_figures.py.
+# The depth map of one view, for tests/bench/paging_figures.py.
 $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 
-streaming-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/streaming.md: bytes and seconds until a view is known (SIZE=quick|full)
-	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/streaming_figures.py --size $(SIZE)
-.PHONY: streaming-figures
+paging-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/streaming.md: bytes and seconds until a view is known (SIZE=quick|full)
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/paging_figures.py --size $(SIZE)
+.PHONY: paging-figures

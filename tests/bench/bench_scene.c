@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "bake/analysis/light_frame.h"
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 #include "bake/build/tile_loop.h"
 #include "bake/depth/depth_raster.h"
 #include "bench_report.h"
@@ -201,12 +201,12 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     };
     memcpy(content.origin, scene->origin, sizeof content.origin);
     const struct umb_sink sink = {bytes_append, bytes};
-    struct umbb_jobs *jobs;
-    bench_must(umbb_jobs_create(umbt_processor_count(), &jobs, &error), &error, "threads");
-    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    struct umbb_slice_pool *jobs;
+    bench_must(umbb_slice_pool_create(umbt_processor_count(), &jobs, &error), &error, "threads");
+    const struct umb_workers workers = umbb_slice_pool_workers(jobs);
     const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
     bench_must(umb_pack_run(&job, id, &error), &error, "pack");
-    umbb_jobs_destroy(jobs);
+    umbb_slice_pool_destroy(jobs);
     umb_octree_finish(&octree);
     bench_say("%s %s: baked in %.2f s, packed to %zu bytes in %.2f s", scene->name,
               closed_rule ? "closed" : "open", baked - start, bytes->size, bench_wall_s() - baked);

@@ -70,7 +70,7 @@ static void walk_everywhere(const struct umb_asset *asset)
     struct umb_volume volume;
     struct umb_frustum_info frustum;
     struct umb_segment_answer segments[8];
-    struct umb_stretch stretches[8 * 4];
+    struct umb_interval intervals[8 * 4];
     struct umb_column_answer columns[16];
     struct umb_box_answer boxes[8];
     struct umb_voxel_box corners[8];
@@ -92,7 +92,7 @@ static void walk_everywhere(const struct umb_asset *asset)
     struct umb_segments lines = {.ends = ends, .format = UMB_POINT_F64, .count = 8};
     struct umb_points points = {.positions = ends, .format = UMB_POINT_F64, .count = 16};
     struct umb_segment_answers lit = {
-        .segments = segments, .stretches = stretches, .stretch_max = 4};
+        .segments = segments, .intervals = intervals, .interval_max = 4};
     struct umb_column_answers depths = {.columns = columns};
     struct umb_box_answers shares = {.boxes = boxes};
     umb_segments_run(&volume, &lines, 0, 8, &lit);

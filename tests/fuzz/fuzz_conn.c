@@ -26,7 +26,7 @@
 #include "fuzz_folder.h"
 #include "make_asset.h"
 #include "wire/bakes.h"
-#include "wire/questions.h"
+#include "wire/volume_queries.h"
 #include "wire/reflection.h"
 #include "wire/regions.h"
 

@@ -14,18 +14,18 @@
 #include "bake/bake_transmittance.h"
 #include "bake/memory_plan.h"
 #include "scene/scene.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 #include "fuzz.h"
 
-#define OPTION_BYTES  2U
-#define COUNTS_AT     40U /* in a scene buffer: number of items, then offset, of each section */
-#define OFFSETS_AT    120U
-#define HEAD_BYTES    200U
-#define SECTIONS      10U
-#define TRIANGLES_MAX 400U
-#define FRUSTA_MAX    24U
-#define FRONT_BYTES   ((size_t)1 << 20)
-#define WORKING_BYTES ((size_t)16 << 20)
+#define OPTION_BYTES         2U
+#define COUNTS_AT            40U /* in a scene buffer: number of items, then offset, of each section */
+#define OFFSETS_AT           120U
+#define HEAD_BYTES           200U
+#define SECTIONS             10U
+#define TRIANGLES_MAX        400U
+#define FRUSTA_MAX           24U
+#define OCCLUDER_DEPTH_BYTES ((size_t)1 << 20)
+#define WORKING_BYTES        ((size_t)16 << 20)
 
 static const char *const lights[][4] = {
     {"--sun", "135,45", NULL},
@@ -90,19 +90,21 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
     struct umbb_memory_plan memory;
     struct umb_octree octree = {0};
     struct umbb_bake_figures figures = {0};
-    struct umbb_front_words front = {0};
-    struct umb_trans_bytes transmittance = {0};
+    struct umbb_occluder_depth_words occluder_depth = {0};
+    struct umb__transmittance_bytes transmittance = {0};
     uint32_t level = 0;
-    uint64_t *near_cells = calloc(analysis->frustum_count * UMB__NEAR_WORDS, sizeof *near_cells);
-    if (near_cells != NULL && divide(analysis, options, view, &memory) == UMB_OK) {
+    uint64_t *receiver_mask_cells =
+        calloc(analysis->frustum_count * UMB__RECEIVER_MASK_WORDS, sizeof *receiver_mask_cells);
+    if (receiver_mask_cells != NULL && divide(analysis, options, view, &memory) == UMB_OK) {
         const struct umbb_frusta_job job = {
             .analysis = analysis,
             .view = view,
             .options = options,
             .memory = &memory,
-            .front = options->front && analysis->closed_rule ? &front : NULL,
-            .front_max_bytes = FRONT_BYTES,
-            .near_cells = options->static_rule ? near_cells : NULL,
+            .occluder_depth =
+                options->occluder_depth && analysis->closed_rule ? &occluder_depth : NULL,
+            .occluder_depth_max_bytes = OCCLUDER_DEPTH_BYTES,
+            .receiver_mask_cells = options->static_rule ? receiver_mask_cells : NULL,
         };
         if (umbb_bake_frusta(&job, &octree, &figures, NULL) == UMB_OK &&
             umbb_transmittance_bake(analysis, options, WORKING_BYTES, &transmittance, &level,
@@ -112,9 +114,9 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
         }
     }
     umb_octree_finish(&octree);
-    umb_front_words_free(NULL, front.words);
-    umb_trans_bytes_finish(&transmittance);
-    free(near_cells);
+    umb__occluder_depth_words_free(NULL, occluder_depth.words);
+    umb__transmittance_bytes_finish(&transmittance);
+    free(receiver_mask_cells);
 }
 
 /* What umbrage-bake refuses after the analysis is refused here: --static with lamps or glass. */

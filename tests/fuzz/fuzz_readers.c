@@ -24,13 +24,13 @@ static const struct umb_query_settings WAYS[] = {
 };
 
 /* What is asked of every reader. */
-struct questions {
+struct volume_queries {
     double positions[POINTS][3];
     float normals[POINTS][3];
     struct umb_points points;
 };
 
-static void make_points(struct questions *q, const struct umb_asset *asset, uint8_t choice)
+static void make_points(struct volume_queries *q, const struct umb_asset *asset, uint8_t choice)
 {
     struct umb_frustum_info frustum;
     uint64_t seed = choice + (uint64_t)1;
@@ -47,7 +47,7 @@ static void make_points(struct questions *q, const struct umb_asset *asset, uint
 }
 
 static struct umb_query ask(const struct umb_asset *asset, const struct umb_query_settings *way,
-                            const struct questions *q, float values[POINTS])
+                            const struct volume_queries *q, float values[POINTS])
 {
     struct umb_query query;
     struct umb_answers answers = {.values = values};
@@ -58,7 +58,7 @@ static struct umb_query ask(const struct umb_asset *asset, const struct umb_quer
 
 /* The explanation looks each texel up for itself. */
 static void expect_told(const struct umb_query *query, const struct umb_query_settings *way,
-                        const struct questions *q, const float values[POINTS])
+                        const struct volume_queries *q, const float values[POINTS])
 {
     for (size_t i = 0; i < TOLD; i++) {
         struct umb_explanation told;
@@ -71,7 +71,7 @@ static void expect_told(const struct umb_query *query, const struct umb_query_se
 }
 
 static void expect_bounds(struct umb_partial *partial, const struct umb_query_settings *way,
-                          const struct questions *q, const float truth[POINTS], int whole)
+                          const struct volume_queries *q, const float truth[POINTS], int whole)
 {
     float values[POINTS], low[POINTS], high[POINTS];
     struct umb_partial_answers answers = {.values = values, .low = low, .high = high};
@@ -120,16 +120,16 @@ static void compare(const struct umb_asset *packed, const struct bytes *file, ui
     struct bytes mapped_file = {0};
     struct umb_asset *mapped = open_mapped(packed, &mapped_file);
     struct umb_partial *all = open_partial(file, 0), *some = open_partial(file, missing);
-    struct questions questions;
-    make_points(&questions, packed, choice);
+    struct volume_queries volume_queries;
+    make_points(&volume_queries, packed, choice);
     for (size_t i = 0; i < sizeof WAYS / sizeof WAYS[0]; i++) {
         float truth[POINTS], values[POINTS];
-        const struct umb_query query = ask(packed, &WAYS[i], &questions, truth);
-        expect_told(&query, &WAYS[i], &questions, truth);
-        (void)ask(mapped, &WAYS[i], &questions, values);
+        const struct umb_query query = ask(packed, &WAYS[i], &volume_queries, truth);
+        expect_told(&query, &WAYS[i], &volume_queries, truth);
+        (void)ask(mapped, &WAYS[i], &volume_queries, values);
         FUZZ_DEMAND(memcmp(values, truth, sizeof values) == 0);
-        expect_bounds(all, &WAYS[i], &questions, truth, 1);
-        expect_bounds(some, &WAYS[i], &questions, truth, 0);
+        expect_bounds(all, &WAYS[i], &volume_queries, truth, 1);
+        expect_bounds(some, &WAYS[i], &volume_queries, truth, 0);
     }
     umb_partial_close(all);
     umb_partial_close(some);

@@ -102,20 +102,20 @@ static void one_reply(struct input *input)
 
 static int told_status(void *user, const struct umb_job_status *status)
 {
-    size_t *told = user;
+    size_t *on_status = user;
     FUZZ_DEMAND(strlen(status->job) < sizeof status->job);
     FUZZ_DEMAND(strlen(status->cause) < sizeof status->cause);
     FUZZ_DEMAND(strlen(status->phase) < sizeof status->phase);
-    *told += (status->plan != NULL ? strlen(status->plan) : 0) +
-             (status->notices != NULL ? strlen(status->notices) : 0);
+    *on_status += (status->plan != NULL ? strlen(status->plan) : 0) +
+                  (status->notices != NULL ? strlen(status->notices) : 0);
     return 1;
 }
 
 static void job_replies(struct input *input)
 {
     struct umb_error error = {.status = UMB_OK};
-    size_t told = 0;
-    struct watch watch = {told_status, &told, &error, 0};
+    size_t on_status = 0;
+    struct watch watch = {told_status, &on_status, &error, 0};
     struct list list = {NULL, 0};
     struct umb_job_status status;
     const size_t size = (size_t)(input->end - input->at);

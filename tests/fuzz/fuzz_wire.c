@@ -6,7 +6,7 @@
 #include "fuzz.h"
 #include "wire/grpc.h"
 #include "wire/messages.h"
-#include "wire/questions.h"
+#include "wire/volume_queries.h"
 #include "wire/regions.h"
 
 static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
@@ -62,15 +62,15 @@ static void decode_all(const uint8_t *message, size_t size)
     if (umbw_decode_derive_request(message, size, &derive, NULL) == UMB_OK) {
         FUZZ_DEMAND(derive.settings.cascades.count <= UMB_CASCADES_MAX);
     }
-    for (int q = 0; q < UMBW_QUESTION_COUNT; q++) {
-        struct umbw_question_request question;
-        struct umbw_question_reply answers;
-        if (umbw_decode_question_request((enum umbw_question)q, message, size, 1000, &question,
-                                         NULL) == UMB_OK) {
-            FUZZ_DEMAND(question.count <= 1000);
+    for (int q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
+        struct umbw_volume_query_request volume_query;
+        struct umbw_volume_query_reply answers;
+        if (umbw_decode_volume_query_request((enum umbw_volume_query)q, message, size, 1000,
+                                             &volume_query, NULL) == UMB_OK) {
+            FUZZ_DEMAND(volume_query.count <= 1000);
         }
-        (void)!umbw_decode_question_reply((enum umbw_question)q, message, size, size % 5, &answers,
-                                          NULL);
+        (void)!umbw_decode_volume_query_reply((enum umbw_volume_query)q, message, size, size % 5,
+                                              &answers, NULL);
     }
     (void)!umbw_decode_describe_request(message, size, text, &want_curves, NULL);
     (void)!umbw_decode_health_request(message, size, text, NULL);

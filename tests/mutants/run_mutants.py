@@ -12,7 +12,7 @@ The table (mutants.toml beside this file) has a block for each mutant:
     file = "client/core/partial/partial.c"
     old = '''return memcmp(hash, '''           # stands exactly once in the file
     new = '''return 1 || memcmp(hash, '''
-    tests = ["unit/core/test_partial_hostile", "system/test_stream.py"]
+    tests = ["unit/core/test_partial_hostile", "system/test_paging.py"]
     short = true                                # also in the short form (optional)
 
 Tests are named below tests/: a unit test as its program, a script with its ending; the cheapest

@@ -7,7 +7,7 @@ ORACLE_DEPTH_OBJ := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed d
 $(BUILD)/oracle_check: $(BUILD)/tests/oracle/oracle_check.o $(ORACLE_READER_OBJ) $(ORACLE_DEPTH_OBJ)
 	$(CC) $(LDFLAGS_ALL) $^ -lzstd -lxxhash -lcrypto -lm -o $@
 
-$(BUILD)/tests/unit/core/test_oracle $(BUILD)/tests/unit/core/test_transmittance $(BUILD)/tests/unit/core/test_near: $(ORACLE_READER_OBJ)
+$(BUILD)/tests/unit/core/test_oracle $(BUILD)/tests/unit/core/test_transmittance $(BUILD)/tests/unit/core/test_receiver_mask: $(ORACLE_READER_OBJ)
 $(BUILD)/tests/unit/core/test_oracle_depth: $(ORACLE_DEPTH_OBJ)
 
 oracle_check: $(BUILD)/oracle_check ## oracle_check: compares every voxel of a bake with its scene

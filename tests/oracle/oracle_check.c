@@ -172,14 +172,14 @@ static void compare_column(const struct input *inputs, int input_count, const ui
 }
 
 /* The first occluder: as the front says, or else the tree's first shadowed voxel. */
-static void compare_front(const struct oracle *oracle, const uint32_t column[3],
-                          const struct oracle_texel *texel, struct counts *counts)
+static void compare_occluder_depth(const struct oracle *oracle, const uint32_t column[3],
+                                   const struct oracle_texel *texel, struct counts *counts)
 {
     const uint32_t frustum = column[2];
     if (oracle->frnt.data == NULL || texel->tie) {
         return;
     }
-    int64_t lit = oracle_front(oracle, frustum, column[0], column[1]);
+    int64_t lit = oracle_occluder_depth(oracle, frustum, column[0], column[1]);
     if (lit == -1) {
         const int64_t side = (int64_t)1 << oracle->frusta[frustum].n;
         for (lit = 0; lit < side &&
@@ -219,11 +219,11 @@ static int compare_frustum(const struct options *options, const struct oracle_sc
             const uint32_t column[3] = {x, y, number};
             counts->texels++;
             counts->ties += row[x].tie != 0;
-            if (oracle->near.data != NULL) {
+            if (oracle->receiver_mask.data != NULL) {
                 row[x].end = side; /* what is defined there, triangles and windows decide */
             }
             compare_column(inputs, options->file_count, column, &row[x], counts);
-            compare_front(oracle, column, &row[x], counts);
+            compare_occluder_depth(oracle, column, &row[x], counts);
         }
     }
     oracle_depth_finish(&depth);

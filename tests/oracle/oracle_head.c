@@ -336,7 +336,7 @@ enum entry_tag {
     ENTRY_ROOT,
     ENTRY_FRNT, /* these three may lack */
     ENTRY_TRNS,
-    ENTRY_NEAR,
+    ENTRY_RECEIVER_MASK,
     ENTRY_COUNT,
 };
 
@@ -401,11 +401,11 @@ int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     }
     oracle->frnt = found[ENTRY_FRNT];
     oracle->trns = found[ENTRY_TRNS];
-    oracle->near = found[ENTRY_NEAR];
+    oracle->receiver_mask = found[ENTRY_RECEIVER_MASK];
     return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
            read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
            read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&
            read_roots(oracle, found[ENTRY_ROOT].data, found[ENTRY_ROOT].size, error) &&
-           check_ranges(oracle, error) && oracle_check_near(oracle, error) &&
+           check_ranges(oracle, error) && oracle_check_receiver_mask(oracle, error) &&
            oracle_read_transmittance(oracle, error);
 }

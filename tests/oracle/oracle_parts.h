@@ -31,7 +31,7 @@ int oracle_refuse(char error[ORACLE_ERROR_SIZE], const char *format, ...)
 int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* section 2 */
 int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]); /* section 3 */
 /* Whether NEAR, if it is there, is as long as it must be. */
-int oracle_check_near(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
+int oracle_check_receiver_mask(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
 int oracle_read_transmittance(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
 int oracle_read_pages(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* sections 4, 5 */
 int oracle_check_tree(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* canonical: 1 */

@@ -83,9 +83,9 @@ struct oracle {
     uint32_t light_count;
     struct oracle_frustum *frusta;
     uint32_t frustum_count;
-    struct oracle_section frnt, trns, near; /* the canonical block's, or none */
-    uint64_t *map_squares;                  /* where squares begin in trns */
-    uint64_t unique[ORACLE_LEVELS];         /* as CNTS states them */
+    struct oracle_section frnt, trns, receiver_mask; /* the canonical block's, or none */
+    uint64_t *map_squares;                           /* where squares begin in trns */
+    uint64_t unique[ORACLE_LEVELS];                  /* as CNTS states them */
 
     struct oracle_node *nodes[ORACLE_LEVELS]; /* packed, levels 4..20 */
     struct oracle_brick *bricks;              /* packed */
@@ -103,7 +103,8 @@ int oracle_open(struct oracle *oracle, const uint8_t *bytes, size_t size,
                 char error[ORACLE_ERROR_SIZE]);
 
 /* 1 if the cell of a voxel is marked in NEAR, 0 if not; -1 if there is no such entry or voxel. */
-int oracle_near(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
+int oracle_receiver_mask(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
+                         uint32_t z);
 
 /*
  * 1 if voxel (x, y, z) is lit, 0 if shadowed, -1 outside the frustum or if there is no such
@@ -113,11 +114,12 @@ int oracle_voxel(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint
 
 /* What the front says of `lit` of a texel: -1 if it leaves the answer to the tree, -2 if it is
  * malformed there. */
-int64_t oracle_front(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y);
+int64_t oracle_occluder_depth(const struct oracle *oracle, uint32_t frustum, uint32_t x,
+                              uint32_t y);
 
 /* Light that translucent casters leave voxel (x, y, z), inside the frustum, in units of 2^-21. */
-int64_t oracle_light_left(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
-                          uint32_t z);
+int64_t oracle_transmittance(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
+                             uint32_t z);
 
 void oracle_close(struct oracle *oracle);
 

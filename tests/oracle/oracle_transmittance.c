@@ -113,8 +113,8 @@ int oracle_read_transmittance(struct oracle *oracle, char error[ORACLE_ERROR_SIZ
                : oracle_refuse(error, "TRNS: not what its masks and lists say");
 }
 
-int64_t oracle_light_left(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
-                          uint32_t z)
+int64_t oracle_transmittance(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
+                             uint32_t z)
 {
     const struct oracle_frustum *f = &oracle->frusta[frustum];
     if (oracle->trns.data == NULL || f->map_level == 0) {

@@ -132,7 +132,7 @@ static enum umb_status list_settings(const struct umb_asset *bare, uint32_t ligh
     const struct umb_light_info *info = &bare->canonical.content.lights[light];
     const struct umb_frustum_info *frustum = &bare->canonical.content.frusta[info->first_frustum];
     const uint32_t highest =
-        info->kind == UMB_LIGHT_DIRECTIONAL && bare->canonical.content.near_cells == NULL
+        info->kind == UMB_LIGHT_DIRECTIONAL && bare->canonical.content.receiver_mask_cells == NULL
             ? umb_level_max(frustum->log2_size)
             : 0;
     enum umb_status status = UMB_OK;

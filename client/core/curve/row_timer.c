@@ -9,8 +9,8 @@
 
 enum {
     RUNS = 7,
-    STRETCHES = 8,
-    STRETCH = 1024,   /* points; a query's own start does not count much then */
+    INTERVALS = 8,
+    INTERVAL = 1024,  /* points; a query's own start does not count much then */
     REPEATS_MAX = 64, /* of a few points */
 };
 
@@ -21,36 +21,36 @@ static int by_size(const void *a, const void *b)
 }
 
 /* `count` points from `first` on, as points of their own. */
-static struct umb_points stretch_of(const struct umb_points *points, size_t first, size_t count)
+static struct umb_points interval_of(const struct umb_points *points, size_t first, size_t count)
 {
     const size_t size = points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float);
-    struct umb_points stretch = *points;
-    stretch.positions = (const unsigned char *)points->positions + 3 * first * size;
-    stretch.normals =
+    struct umb_points interval = *points;
+    interval.positions = (const unsigned char *)points->positions + 3 * first * size;
+    interval.normals =
         points->normals ? (const float *)points->normals + 3 * first : points->normals;
-    stretch.count = count;
-    return stretch;
+    interval.count = count;
+    return interval;
 }
 
-/* Asks STRETCHES stretches, the `turn`th of each part of the points. Returns nanoseconds a point.
+/* Asks INTERVALS intervals, the `turn`th of each part of the points. Returns nanoseconds a point.
  */
-static double time_stretches(const struct umb__row_timer *timer, const struct umb_query *query,
+static double time_intervals(const struct umb__row_timer *timer, const struct umb_query *query,
                              size_t turn, float *answers)
 {
     const struct umb_points *points = timer->points;
-    const size_t part = points->count / STRETCHES, turns = part / STRETCH;
+    const size_t part = points->count / INTERVALS, turns = part / INTERVAL;
     struct umb_answers out = {.values = answers};
     size_t asked = 0;
     const double start = timer->now_s();
     if (turns > 0) {
-        for (size_t i = 0; i < STRETCHES; i++) {
-            const struct umb_points stretch =
-                stretch_of(points, i * part + turn % turns * STRETCH, STRETCH);
-            umb_query_run(query, &stretch, 0, STRETCH, &out);
-            asked += STRETCH;
+        for (size_t i = 0; i < INTERVALS; i++) {
+            const struct umb_points interval =
+                interval_of(points, i * part + turn % turns * INTERVAL, INTERVAL);
+            umb_query_run(query, &interval, 0, INTERVAL, &out);
+            asked += INTERVAL;
         }
     } else {
-        for (int i = 0; i < REPEATS_MAX && asked < STRETCHES * STRETCH; i++) {
+        for (int i = 0; i < REPEATS_MAX && asked < INTERVALS * INTERVAL; i++) {
             umb_query_run(query, points, 0, points->count, &out);
             asked += points->count;
         }
@@ -72,7 +72,7 @@ static enum umb_status time_runs(const struct umb__row_timer *timer, double runs
             if (status != UMB_OK) {
                 return status;
             }
-            runs[row][run] = time_stretches(timer, &query, run * timer->count + row, answers);
+            runs[row][run] = time_intervals(timer, &query, run * timer->count + row, answers);
         }
     }
     return UMB_OK;
@@ -83,8 +83,8 @@ enum umb_status umb__time_rows(const struct umb__row_timer *timer, double ns[UMB
 {
     const struct umb_alloc *alloc = timer->asset->alloc;
     double runs[UMB_CURVE_ROWS_MAX][RUNS];
-    const size_t room =
-        timer->points->count < (size_t)STRETCHES * STRETCH ? timer->points->count : (size_t)STRETCH;
+    const size_t room = timer->points->count < (size_t)INTERVALS * INTERVAL ? timer->points->count
+                                                                            : (size_t)INTERVAL;
     float *answers = umb__alloc(alloc, room, sizeof *answers);
     if (answers == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %zu answers refused",

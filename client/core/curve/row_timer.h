@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_ROW_TIMER_H
 #define UMBRAGE_CORE_ROW_TIMER_H
 /*
- * Times the rows of a light's curve on given points. A run asks a few stretches of consecutive
+ * Times the rows of a light's curve on given points. A run asks a few intervals of consecutive
  * points that are spread over all of them, so that each run sees points of all kinds, in the order
  * in which they will be asked; the next run and the next row ask others, so that what a row needs
  * is not in the cache because the row before it needed the same. Runs of the rows are interleaved,

@@ -6,7 +6,7 @@
 #include "base/utf8.h"
 #include "format/asset_parts.h"
 #include "format/file_map.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 #include "format/pack_read.h"
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)64 << 30)
@@ -171,12 +171,14 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
                        asset->view.piece_count * 4;
     info->node_bytes = asset->view.node_words * 8;
     info->brick_bytes = asset->view.brick_count * 64;
-    info->front_bytes = content->front_words * 4;
+    info->occluder_depth_bytes = content->occluder_depth_words * 4;
     info->transmittance_bytes = content->transmittance_bytes;
-    info->near_bytes =
-        content->near_cells != NULL ? content->frustum_count * UMB__NEAR_WORDS * 8 : 0;
+    info->receiver_mask_bytes = content->receiver_mask_cells != NULL
+                                    ? content->frustum_count * UMB__RECEIVER_MASK_WORDS * 8
+                                    : 0;
     info->memory_bytes = info->grid_bytes + info->node_bytes + info->brick_bytes +
-                         info->front_bytes + info->transmittance_bytes + info->near_bytes;
+                         info->occluder_depth_bytes + info->transmittance_bytes +
+                         info->receiver_mask_bytes;
     info->light_count = content->light_count;
     info->frustum_count = content->frustum_count;
     memcpy(info->level_nodes, asset->canonical.counts, sizeof info->level_nodes);

@@ -16,23 +16,23 @@ enum umb__entry {
     ENTRY_SETTINGS,
     ENTRY_ROOTS,
     ENTRY_CURVE,
-    ENTRY_FRONT,
+    ENTRY_OCCLUDER_DEPTH,
     ENTRY_TRANSMITTANCE,
-    ENTRY_NEAR,
+    ENTRY_RECEIVER_MASK,
     ENTRY_COUNT,
 };
 
 static const uint32_t umb__entry_tags[ENTRY_COUNT] = {
-    UMB__TAG_SCENE, UMB__TAG_LIGHTS,        UMB__TAG_FRUSTA, UMB__TAG_COUNTS,
-    UMB__TAG_PLAN,  UMB__TAG_SETTINGS,      UMB__TAG_ROOTS,  UMB__TAG_CURVE,
-    UMB__TAG_FRONT, UMB__TAG_TRANSMITTANCE, UMB__TAG_NEAR,
+    UMB__TAG_SCENE,          UMB__TAG_LIGHTS,        UMB__TAG_FRUSTA,        UMB__TAG_COUNTS,
+    UMB__TAG_PLAN,           UMB__TAG_SETTINGS,      UMB__TAG_ROOTS,         UMB__TAG_CURVE,
+    UMB__TAG_OCCLUDER_DEPTH, UMB__TAG_TRANSMITTANCE, UMB__TAG_RECEIVER_MASK,
 };
 
 /* Entries that need not be there: without bytes they are left out. */
 static inline bool umb__entry_is_optional(size_t entry)
 {
-    return entry == ENTRY_CURVE || entry == ENTRY_FRONT || entry == ENTRY_TRANSMITTANCE ||
-           entry == ENTRY_NEAR;
+    return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH || entry == ENTRY_TRANSMITTANCE ||
+           entry == ENTRY_RECEIVER_MASK;
 }
 
 /* A reader that does not know of translucent casters would answer that their shadows are lit, one
@@ -40,7 +40,7 @@ static inline bool umb__entry_is_optional(size_t entry)
  * curve or the front answers less, and nothing wrong. */
 static inline uint32_t umb__entry_flags(size_t entry)
 {
-    return entry == ENTRY_CURVE || entry == ENTRY_FRONT ? 0 : UMB__MUST_UNDERSTAND;
+    return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH ? 0 : UMB__MUST_UNDERSTAND;
 }
 
 /* Entries begin at multiples of 8. */

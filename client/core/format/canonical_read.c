@@ -6,8 +6,8 @@
 #include "base/memory.h"
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
-#include "format/front.h"
-#include "format/near.h"
+#include "format/occluder_depth.h"
+#include "format/receiver_mask.h"
 
 static bool all_zero(const uint8_t *bytes, uint64_t count)
 {
@@ -157,7 +157,8 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
         lengths[ENTRY_ROOTS] != frusta * UMB__ROOT_SIZE ||
         lengths[ENTRY_CURVE] % UMB__CURVE_SIZE != 0 ||
         (entries->bytes[ENTRY_CURVE] && lengths[ENTRY_CURVE] == 0) ||
-        (entries->bytes[ENTRY_NEAR] && lengths[ENTRY_NEAR] != frusta * UMB__NEAR_WORDS * 8)) {
+        (entries->bytes[ENTRY_RECEIVER_MASK] &&
+         lengths[ENTRY_RECEIVER_MASK] != frusta * UMB__RECEIVER_MASK_WORDS * 8)) {
         return umb_fail(error, UMB_E_CORRUPT, "canonical block: entry lengths do not fit");
     }
     if (lengths[ENTRY_PLAN] > UMB__TEXT_MAX || lengths[ENTRY_SETTINGS] > UMB__TEXT_MAX ||
@@ -202,7 +203,7 @@ static enum umb_status read_transmittance(const struct entries *entries,
     if (!bytes) {
         return UMB_OK;
     }
-    const enum umb_status status = umb__trans_load(
+    const enum umb_status status = umb__transmittance_load(
         bytes, length, content->frusta, content->frustum_count, alloc, &canonical->trans, error);
     if (status != UMB_OK) {
         return status;
@@ -219,17 +220,17 @@ static enum umb_status read_transmittance(const struct entries *entries,
 static enum umb_status read_near(const struct entries *entries, const struct umb_alloc *alloc,
                                  struct umb_content *content, struct umb_error *error)
 {
-    const uint8_t *bytes = entries->bytes[ENTRY_NEAR];
-    const size_t words = content->frustum_count * UMB__NEAR_WORDS;
+    const uint8_t *bytes = entries->bytes[ENTRY_RECEIVER_MASK];
+    const size_t words = content->frustum_count * UMB__RECEIVER_MASK_WORDS;
     if (!bytes) {
         return UMB_OK;
     }
-    content->near_cells = umb__alloc(alloc, words, sizeof *content->near_cells);
-    if (!content->near_cells) {
+    content->receiver_mask_cells = umb__alloc(alloc, words, sizeof *content->receiver_mask_cells);
+    if (!content->receiver_mask_cells) {
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
     }
     for (size_t i = 0; i < words; i++) {
-        content->near_cells[i] = umb__load64(bytes + 8 * i);
+        content->receiver_mask_cells[i] = umb__load64(bytes + 8 * i);
     }
     return UMB_OK;
 }
@@ -287,8 +288,9 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     if (status != UMB_OK) {
         return status;
     }
-    status = umb__front_load(entries->bytes[ENTRY_FRONT], entries->lengths[ENTRY_FRONT], alloc,
-                             &content->front, &content->front_words, error);
+    status = umb__occluder_depth_load(
+        entries->bytes[ENTRY_OCCLUDER_DEPTH], entries->lengths[ENTRY_OCCLUDER_DEPTH], alloc,
+        &content->occluder_depth, &content->occluder_depth_words, error);
     if (status == UMB_OK) {
         status = read_near(entries, alloc, content, error);
     }
@@ -329,10 +331,10 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
     umb__free(alloc, canonical->content.frusta);
     umb__free(alloc, canonical->content.plan);
     umb__free(alloc, canonical->content.settings);
-    umb__free(alloc, canonical->content.front);
+    umb__free(alloc, canonical->content.occluder_depth);
     umb__free(alloc, canonical->content.transmittance);
-    umb__free(alloc, canonical->content.near_cells);
-    umb__trans_finish(&canonical->trans, alloc);
+    umb__free(alloc, canonical->content.receiver_mask_cells);
+    umb__transmittance_finish(&canonical->trans, alloc);
     umb__free(alloc, canonical->content.curve);
     umb__free(alloc, canonical->roots);
     memset(canonical, 0, sizeof *canonical);

@@ -6,7 +6,7 @@
 #include "base/memory.h"
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 
 static void write_scene(uint8_t *at, const struct umb_content *content)
 {
@@ -99,17 +99,17 @@ static void write_entry(uint8_t *at, enum umb__entry entry, const struct umb__ca
             write_curve(at + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
         }
         break;
-    case ENTRY_FRONT:
-        for (uint64_t i = 0; i < content->front_words; i++) {
-            umb__store32(at + 4 * i, content->front[i]);
+    case ENTRY_OCCLUDER_DEPTH:
+        for (uint64_t i = 0; i < content->occluder_depth_words; i++) {
+            umb__store32(at + 4 * i, content->occluder_depth[i]);
         }
         break;
     case ENTRY_TRANSMITTANCE:
         memcpy(at, content->transmittance, (size_t)content->transmittance_bytes);
         break;
-    case ENTRY_NEAR:
-        for (size_t i = 0; i < content->frustum_count * UMB__NEAR_WORDS; i++) {
-            umb__store64(at + 8 * i, content->near_cells[i]);
+    case ENTRY_RECEIVER_MASK:
+        for (size_t i = 0; i < content->frustum_count * UMB__RECEIVER_MASK_WORDS; i++) {
+            umb__store64(at + 8 * i, content->receiver_mask_cells[i]);
         }
         break;
     case ENTRY_COUNT:
@@ -154,9 +154,10 @@ static enum umb_status measure(const struct umb_content *content, uint64_t lengt
     lengths[ENTRY_COUNTS] = UMB__COUNTS_SIZE;
     lengths[ENTRY_ROOTS] = frusta * UMB__ROOT_SIZE;
     lengths[ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE;
-    lengths[ENTRY_FRONT] = content->front_words * 4;
+    lengths[ENTRY_OCCLUDER_DEPTH] = content->occluder_depth_words * 4;
     lengths[ENTRY_TRANSMITTANCE] = content->transmittance_bytes;
-    lengths[ENTRY_NEAR] = content->near_cells ? frusta * UMB__NEAR_WORDS * 8 : 0;
+    lengths[ENTRY_RECEIVER_MASK] =
+        content->receiver_mask_cells ? frusta * UMB__RECEIVER_MASK_WORDS * 8 : 0;
     enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
     if (status == UMB_OK) {
         status = text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error);

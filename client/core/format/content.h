@@ -36,11 +36,11 @@ struct umb_content {
     char *notes;                    /* outside the identity */
     struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
-    uint32_t *front;        /* [front_words] first occluders (format/front.h), or NULL */
-    uint64_t front_words;   /* 0 if not kept */
+    uint32_t *occluder_depth;        /* [occluder_depth_words] first occluders (format/occluder_depth.h), or NULL */
+    uint64_t occluder_depth_words;   /* 0 if not kept */
     uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
-    uint64_t *near_cells; /* [frustum_count][UMB__NEAR_WORDS] format/near.h: baked under the static
+    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
                              rule; or NULL */
 };
 

@@ -9,7 +9,7 @@
 
 #include "base/utf8.h"
 #include "format/canonical.h"
-#include "format/front.h"
+#include "format/occluder_depth.h"
 #include "format/layout.h"
 #include "format/transmittance.h"
 #include "umbrage/curve.h"
@@ -229,7 +229,7 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < content->light_count && status == UMB_OK; i++) {
         status = check_light(content, i, error);
-        if (status == UMB_OK && content->near_cells != NULL &&
+        if (status == UMB_OK && content->receiver_mask_cells != NULL &&
             content->lights[i].kind != UMB_LIGHT_DIRECTIONAL) {
             status = umb_fail(error, UMB_E_CORRUPT,
                               "lights[%u]: the static rule is for directional lights", i);
@@ -242,12 +242,12 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
         status = check_curve(content, error);
     }
     if (status == UMB_OK && content->transmittance != NULL) {
-        status = umb__trans_check(content->transmittance, content->transmittance_bytes,
-                                  content->frusta, content->frustum_count, error);
+        status = umb__transmittance_check(content->transmittance, content->transmittance_bytes,
+                                          content->frusta, content->frustum_count, error);
     }
-    return status == UMB_OK && content->front != NULL
-               ? umb__front_check(content->front, content->front_words, content->frusta,
-                                  content->frustum_count, error)
+    return status == UMB_OK && content->occluder_depth != NULL
+               ? umb__occluder_depth_check(content->occluder_depth, content->occluder_depth_words,
+                                           content->frusta, content->frustum_count, error)
                : status;
 }
 

@@ -4,7 +4,7 @@
 /*
  * Offsets and numbers of the file formats; docs/umb-format.md is the normative text.
  *
- * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file stretches
+ * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file intervals
  * of UMB__BLOCK_PAGES pages have a block of entries each; the head has a table of these blocks, the
  * first block follows the head, the others follow the first block's pages.
  *
@@ -98,10 +98,10 @@ enum {
 #define UMB__TAG_PLAN     UMB__TAG('P', 'L', 'A', 'N')
 #define UMB__TAG_SETTINGS UMB__TAG('B', 'A', 'K', 'E')
 #define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
-#define UMB__TAG_FRONT    UMB__TAG('F', 'R', 'N', 'T')
+#define UMB__TAG_OCCLUDER_DEPTH    UMB__TAG('F', 'R', 'N', 'T')
 #define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
 #define UMB__TAG_TRANSMITTANCE UMB__TAG('T', 'R', 'N', 'S') /* only with translucent casters */
-#define UMB__TAG_NEAR     UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
+#define UMB__TAG_RECEIVER_MASK     UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS UMB__TAG('T', 'O', 'P', 'S') /* per frustum: struct umb__top of view.h */

@@ -28,34 +28,34 @@
 #include <stdint.h>
 #include "umbrage/asset.h"
 
-#define UMB__TRANS_ONE       ((uint32_t)1 << 21) /* all light */
-#define UMB__TRANS_LEVEL_MIN 6U                  /* least m */
+#define UMB__TRANSMITTANCE_ONE       ((uint32_t)1 << 21) /* all light */
+#define UMB__TRANSMITTANCE_LEVEL_MIN 6U                  /* least m */
 
-#define UMB__TRANS_RECENT    8U                  /* drops that are remembered in a square */
+#define UMB__TRANSMITTANCE_RECENT    8U                  /* drops that are remembered in a square */
 
 /* A square of 64x64 texels, or a block of 8x8. */
-struct umb__trans_group {
+struct umb__transmittance_group {
     uint64_t mask;  /* of the blocks, or texels, that have something */
     uint32_t first; /* number of the first of them */
 };
 
-struct umb__trans_step {
+struct umb__transmittance_step {
     uint32_t z;    /* first voxel behind the step */
-    uint32_t lost; /* drops up to here, at most UMB__TRANS_ONE */
+    uint32_t lost; /* drops up to here, at most UMB__TRANSMITTANCE_ONE */
 };
 
-struct umb__trans_map {
+struct umb__transmittance_map {
     uint32_t level;        /* m, or 0 */
     uint32_t first_square; /* of 2^(m-6) rows of as many */
 };
 
 /* An entry, expanded. */
 struct umb__trans {
-    struct umb__trans_map *maps;      /* [frustum_count]; NULL: there is no entry */
-    struct umb__trans_group *squares; /* [square_count] */
-    struct umb__trans_group *blocks;  /* [block_count] */
+    struct umb__transmittance_map *maps;      /* [frustum_count]; NULL: there is no entry */
+    struct umb__transmittance_group *squares; /* [square_count] */
+    struct umb__transmittance_group *blocks;  /* [block_count] */
     uint32_t *starts;                 /* [list_count + 1] first step of each list */
-    struct umb__trans_step *steps;    /* [step_count] */
+    struct umb__transmittance_step *steps;    /* [step_count] */
     uint64_t square_count, block_count, list_count, step_count;
 };
 
@@ -64,7 +64,7 @@ struct umb__trans {
  *
  * Fails: E_CORRUPT. Trust: safe on hostile bytes. Cost: linear, no allocation.
  */
-UMB_CHECKED enum umb_status umb__trans_check(const uint8_t *bytes, uint64_t length,
+UMB_CHECKED enum umb_status umb__transmittance_check(const uint8_t *bytes, uint64_t length,
                                              const struct umb_frustum_info *frusta,
                                              uint32_t frustum_count, struct umb_error *error);
 
@@ -75,19 +75,19 @@ UMB_CHECKED enum umb_status umb__trans_check(const uint8_t *bytes, uint64_t leng
  * Fails: E_CORRUPT, E_NO_MEMORY. Trust: safe on hostile bytes.
  * Cost:  two passes; memory of at most twelve times the entry.
  */
-UMB_CHECKED enum umb_status umb__trans_load(const uint8_t *bytes, uint64_t length,
+UMB_CHECKED enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
                                             const struct umb_frustum_info *frusta,
                                             uint32_t frustum_count, const struct umb_alloc *alloc,
                                             struct umb__trans *trans, struct umb_error *error);
-void umb__trans_finish(struct umb__trans *trans, const struct umb_alloc *alloc);
+void umb__transmittance_finish(struct umb__trans *trans, const struct umb_alloc *alloc);
 
 /* Texels x0..x1, y0..y1 of a map in voxels, inclusive and inside the frustum, at depth z. */
-struct umb__trans_window {
+struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Sums what all voxels of a window lose, each UMB__TRANS_ONE at most. In: n: of the frustum. */
-uint64_t umb__trans_lost(const struct umb__trans *trans, const struct umb__trans_map *map,
-                         uint32_t n, const struct umb__trans_window *window);
+/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the frustum. */
+uint64_t umb__transmittance_lost(const struct umb__trans *trans, const struct umb__transmittance_map *map,
+                         uint32_t n, const struct umb__transmittance_window *window);
 
 #endif

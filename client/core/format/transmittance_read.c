@@ -34,7 +34,7 @@ static int64_t unfold(uint32_t number)
 /* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
 struct recent {
     int64_t first_z;
-    uint32_t drops[UMB__TRANS_RECENT]; /* 0: none yet */
+    uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* 0: none yet */
 };
 
 /* The drop of a step; 0 if it is cut, or said the longer way. */
@@ -42,7 +42,7 @@ static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
     if (!same) {
-        if (!umb__take_number(&w->at, w->end, &less) || less >= UMB__TRANS_ONE ||
+        if (!umb__take_number(&w->at, w->end, &less) || less >= UMB__TRANSMITTANCE_ONE ||
             less + 1 == *recent) {
             return 0;
         }
@@ -65,15 +65,15 @@ static bool take_list(struct walk *w, struct recent *recent)
             return false;
         }
         const uint32_t drop =
-            take_drop(w, (step & 2) != 0, &recent->drops[number % UMB__TRANS_RECENT]);
+            take_drop(w, (step & 2) != 0, &recent->drops[number % UMB__TRANSMITTANCE_RECENT]);
         z = number == 0 ? recent->first_z + unfold(step >> 2) : z + (step >> 2) + 1;
-        if (z < 0 || z >= w->size || drop == 0 || drop > UMB__TRANS_ONE - lost) {
+        if (z < 0 || z >= w->size || drop == 0 || drop > UMB__TRANSMITTANCE_ONE - lost) {
             return false;
         }
         lost += drop;
         recent->first_z = number == 0 ? z : recent->first_z;
         if (t->steps) {
-            t->steps[t->step_count] = (struct umb__trans_step){(uint32_t)z, lost};
+            t->steps[t->step_count] = (struct umb__transmittance_step){(uint32_t)z, lost};
         }
         t->step_count++;
         if ((step & 1) == 0) {
@@ -91,7 +91,8 @@ static bool take_square(struct walk *w)
         return false;
     }
     if (t->squares) {
-        t->squares[t->square_count] = (struct umb__trans_group){blocks, (uint32_t)t->block_count};
+        t->squares[t->square_count] =
+            (struct umb__transmittance_group){blocks, (uint32_t)t->block_count};
     }
     t->square_count++;
     for (; blocks; blocks &= blocks - 1) {
@@ -99,7 +100,8 @@ static bool take_square(struct walk *w)
             return false;
         }
         if (t->blocks) {
-            t->blocks[t->block_count] = (struct umb__trans_group){texels, (uint32_t)t->list_count};
+            t->blocks[t->block_count] =
+                (struct umb__transmittance_group){texels, (uint32_t)t->list_count};
         }
         t->block_count++;
         for (; texels; texels &= texels - 1) {
@@ -114,7 +116,7 @@ static bool take_square(struct walk *w)
 static enum umb_status take_map(struct walk *w, uint32_t frustum, uint32_t level,
                                 struct umb_error *error)
 {
-    const uint64_t squares = (uint64_t)1 << (2 * (level - UMB__TRANS_LEVEL_MIN));
+    const uint64_t squares = (uint64_t)1 << (2 * (level - UMB__TRANSMITTANCE_LEVEL_MIN));
     for (uint64_t i = 0; i < squares; i++) {
         if (!take_square(w)) {
             return umb_fail(error, UMB_E_CORRUPT,
@@ -139,14 +141,14 @@ static enum umb_status walk_entry(const uint8_t *bytes, uint64_t length,
     w.at = bytes + frustum_count;
     for (uint32_t i = 0; i < frustum_count; i++) {
         const uint32_t level = bytes[i];
-        if (level != 0 && (level < UMB__TRANS_LEVEL_MIN || level > frusta[i].log2_size)) {
+        if (level != 0 && (level < UMB__TRANSMITTANCE_LEVEL_MIN || level > frusta[i].log2_size)) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "transmittance: frustum %u has a map of 2^%u texels a side, allowed %u "
                             "to %u, or 0",
-                            i, level, UMB__TRANS_LEVEL_MIN, frusta[i].log2_size);
+                            i, level, UMB__TRANSMITTANCE_LEVEL_MIN, frusta[i].log2_size);
         }
         if (trans->maps) {
-            trans->maps[i] = (struct umb__trans_map){level, (uint32_t)trans->square_count};
+            trans->maps[i] = (struct umb__transmittance_map){level, (uint32_t)trans->square_count};
         }
         w.size = (uint32_t)1 << frusta[i].log2_size;
         const enum umb_status status = level == 0 ? UMB_OK : take_map(&w, i, level, error);
@@ -159,18 +161,18 @@ static enum umb_status walk_entry(const uint8_t *bytes, uint64_t length,
                                     (unsigned long long)(w.end - w.at));
 }
 
-enum umb_status umb__trans_check(const uint8_t *bytes, uint64_t length,
-                                 const struct umb_frustum_info *frusta, uint32_t frustum_count,
-                                 struct umb_error *error)
+enum umb_status umb__transmittance_check(const uint8_t *bytes, uint64_t length,
+                                         const struct umb_frustum_info *frusta,
+                                         uint32_t frustum_count, struct umb_error *error)
 {
     struct umb__trans counts = {0};
     return walk_entry(bytes, length, frusta, frustum_count, &counts, error);
 }
 
-enum umb_status umb__trans_load(const uint8_t *bytes, uint64_t length,
-                                const struct umb_frustum_info *frusta, uint32_t frustum_count,
-                                const struct umb_alloc *alloc, struct umb__trans *trans,
-                                struct umb_error *error)
+enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
+                                        const struct umb_frustum_info *frusta,
+                                        uint32_t frustum_count, const struct umb_alloc *alloc,
+                                        struct umb__trans *trans, struct umb_error *error)
 {
     struct umb__trans counts = {0};
     memset(trans, 0, sizeof *trans);
@@ -189,14 +191,14 @@ enum umb_status umb__trans_load(const uint8_t *bytes, uint64_t length,
                  : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: no memory for %llu steps",
                             (unsigned long long)counts.step_count);
     if (status != UMB_OK) {
-        umb__trans_finish(trans, alloc);
+        umb__transmittance_finish(trans, alloc);
         return status;
     }
     trans->starts[trans->list_count] = (uint32_t)trans->step_count;
     return UMB_OK;
 }
 
-void umb__trans_finish(struct umb__trans *trans, const struct umb_alloc *alloc)
+void umb__transmittance_finish(struct umb__trans *trans, const struct umb_alloc *alloc)
 {
     umb__free(alloc, trans->maps);
     umb__free(alloc, trans->squares);
@@ -251,23 +253,24 @@ static uint64_t below(unsigned bit)
     return ((uint64_t)1 << bit) - 1;
 }
 
-uint64_t umb__trans_lost(const struct umb__trans *trans, const struct umb__trans_map *map,
-                         uint32_t n, const struct umb__trans_window *w)
+uint64_t umb__transmittance_lost(const struct umb__trans *trans,
+                                 const struct umb__transmittance_map *map, uint32_t n,
+                                 const struct umb__transmittance_window *w)
 {
-    const uint32_t shift = n - map->level, across = map->level - UMB__TRANS_LEVEL_MIN;
+    const uint32_t shift = n - map->level, across = map->level - UMB__TRANSMITTANCE_LEVEL_MIN;
     const uint32_t x0 = w->x0 >> shift, x1 = w->x1 >> shift;
     const uint32_t y0 = w->y0 >> shift, y1 = w->y1 >> shift;
     uint64_t sum = 0;
     for (uint32_t by = y0 / 8; by <= y1 / 8; by++) {
         const uint32_t rows = bits_in_block(y0, y1, by);
         for (uint32_t bx = x0 / 8; bx <= x1 / 8; bx++) {
-            const struct umb__trans_group *square =
+            const struct umb__transmittance_group *square =
                 &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
             const unsigned bit = (bx & 7) + 8 * (by & 7);
             if (!(square->mask >> bit & 1)) {
                 continue;
             }
-            const struct umb__trans_group *block =
+            const struct umb__transmittance_group *block =
                 &trans->blocks[square->first +
                                (uint32_t)__builtin_popcountll(square->mask & below(bit))];
             const uint64_t columns = bits_in_block(x0, x1, bx) * UINT64_C(0x0101010101010101);

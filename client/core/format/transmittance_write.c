@@ -10,13 +10,14 @@
 
 #define STEP_BYTES_MAX (2 * UMB__NUMBER_BYTES_MAX)
 
-void umb_trans_bytes_finish(struct umb_trans_bytes *bytes)
+void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes)
 {
     umb__free(bytes->alloc, bytes->data);
     memset(bytes, 0, sizeof *bytes);
 }
 
-static enum umb_status reserve(struct umb_trans_bytes *bytes, size_t more, struct umb_error *error)
+static enum umb_status reserve(struct umb__transmittance_bytes *bytes, size_t more,
+                               struct umb_error *error)
 {
     return umb__grow(bytes->alloc, &bytes->data, &bytes->capacity, bytes->count + more, 1)
                ? UMB_OK
@@ -24,7 +25,7 @@ static enum umb_status reserve(struct umb_trans_bytes *bytes, size_t more, struc
                           bytes->count + more);
 }
 
-static enum umb_status check_limit(const struct umb_trans_bytes *bytes, size_t max_bytes,
+static enum umb_status check_limit(const struct umb__transmittance_bytes *bytes, size_t max_bytes,
                                    struct umb_error *error)
 {
     return bytes->count <= max_bytes
@@ -32,13 +33,13 @@ static enum umb_status check_limit(const struct umb_trans_bytes *bytes, size_t m
                : umb_fail(error, UMB_E_LIMIT, "transmittance: more than %zu bytes", max_bytes);
 }
 
-static void put_varint(struct umb_trans_bytes *bytes, uint32_t value)
+static void put_varint(struct umb__transmittance_bytes *bytes, uint32_t value)
 {
     bytes->count = (size_t)(umb__put_number(bytes->data + bytes->count, value) - bytes->data);
 }
 
 /* Room for a mask; returns where it stands. */
-static size_t put_mask(struct umb_trans_bytes *bytes, uint64_t mask)
+static size_t put_mask(struct umb__transmittance_bytes *bytes, uint64_t mask)
 {
     const size_t at = bytes->count;
     umb__store64(bytes->data + at, mask);
@@ -54,18 +55,18 @@ static uint32_t fold(int64_t number)
 /* What a list may refer to: where the list before began, and the last drops by number modulo 8. */
 struct recent {
     int64_t first_z;
-    uint32_t drops[UMB__TRANS_RECENT];
+    uint32_t drops[UMB__TRANSMITTANCE_RECENT];
 };
 
 /* Room for it is there. */
-static void put_list(struct umb_trans_bytes *bytes, const struct umb_trans_list *list,
-                     struct recent *recent)
+static void put_list(struct umb__transmittance_bytes *bytes,
+                     const struct umb__transmittance_list *list, struct recent *recent)
 {
     for (uint32_t i = 0; i < list->count; i++) {
         const uint32_t z = list->steps[i].z, drop = list->steps[i].drop;
         const uint32_t step =
             i == 0 ? fold((int64_t)z - recent->first_z) : z - list->steps[i - 1].z - 1;
-        uint32_t *last = &recent->drops[i % UMB__TRANS_RECENT];
+        uint32_t *last = &recent->drops[i % UMB__TRANSMITTANCE_RECENT];
         const uint32_t same = drop == *last, more = i + 1 < list->count;
         put_varint(bytes, 4 * step + 2 * same + more);
         if (drop != *last) {
@@ -76,23 +77,23 @@ static void put_list(struct umb_trans_bytes *bytes, const struct umb_trans_list 
     recent->first_z = list->steps[0].z;
 }
 
-static const struct umb_trans_list *list_of(const struct umb_trans_list *lists, uint32_t block,
-                                            uint32_t texel)
+static const struct umb__transmittance_list *list_of(const struct umb__transmittance_list *lists,
+                                                     uint32_t block, uint32_t texel)
 {
     const size_t x = 8 * (block % 8) + texel % 8, y = 8 * (block / 8) + texel / 8;
-    return &lists[y * UMB_TRANS_SIDE + x];
+    return &lists[y * UMB__TRANSMITTANCE_SIDE + x];
 }
 
-static enum umb_status put_block(struct umb_trans_bytes *bytes, const struct umb_trans_list *lists,
-                                 uint32_t block, uint64_t texels, struct recent *recent,
-                                 struct umb_error *error)
+static enum umb_status put_block(struct umb__transmittance_bytes *bytes,
+                                 const struct umb__transmittance_list *lists, uint32_t block,
+                                 uint64_t texels, struct recent *recent, struct umb_error *error)
 {
     enum umb_status status = reserve(bytes, 8, error);
     if (status == UMB_OK) {
         (void)put_mask(bytes, texels);
     }
     for (; texels && status == UMB_OK; texels &= texels - 1) {
-        const struct umb_trans_list *list =
+        const struct umb__transmittance_list *list =
             list_of(lists, block, (uint32_t)__builtin_ctzll(texels));
         status = reserve(bytes, (size_t)list->count * STEP_BYTES_MAX, error);
         if (status == UMB_OK) {
@@ -102,8 +103,9 @@ static enum umb_status put_block(struct umb_trans_bytes *bytes, const struct umb
     return status;
 }
 
-enum umb_status umb_trans_square(struct umb_trans_bytes *bytes, const struct umb_trans_list *lists,
-                                 size_t max_bytes, struct umb_error *error)
+enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes,
+                                          const struct umb__transmittance_list *lists,
+                                          size_t max_bytes, struct umb_error *error)
 {
     uint64_t blocks = 0;
     struct recent recent = {0};
@@ -126,8 +128,8 @@ enum umb_status umb_trans_square(struct umb_trans_bytes *bytes, const struct umb
     return status == UMB_OK ? check_limit(bytes, max_bytes, error) : status;
 }
 
-enum umb_status umb_trans_append(struct umb_trans_bytes *bytes, const void *data, size_t count,
-                                 size_t max_bytes, struct umb_error *error)
+enum umb_status umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data,
+                                          size_t count, size_t max_bytes, struct umb_error *error)
 {
     const enum umb_status status = reserve(bytes, count, error);
     if (status != UMB_OK) {

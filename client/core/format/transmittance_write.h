@@ -5,34 +5,34 @@
  * Writing transmittance maps (format/transmittance.h): squares of 64x64 texels, in the order of the
  * entry.
  *
- *     umb_trans_square(&bytes, lists, max_bytes, &error);   each square, row by row
+ *     umb__transmittance_square(&bytes, lists, max_bytes, &error);   each square, row by row
  *
  * Squares may be written to several arrays of bytes, by several threads, and put one behind the
  * other: no square depends on another.
  */
 #include "format/transmittance.h"
 
-#define UMB_TRANS_SIDE 64U /* texels a side of a square */
+#define UMB__TRANSMITTANCE_SIDE 64U /* texels a side of a square */
 
 /* A step as it is written. */
-struct umb_trans_drop {
+struct umb__transmittance_drop {
     uint32_t z;
     uint32_t drop; /* 1 and up */
 };
 
 /* The list of one texel, z ascending; none if count is 0. */
-struct umb_trans_list {
-    const struct umb_trans_drop *steps;
+struct umb__transmittance_list {
+    const struct umb__transmittance_drop *steps;
     uint32_t count;
 };
 
 /* Growing bytes; zeroed to begin with. */
-struct umb_trans_bytes {
+struct umb__transmittance_bytes {
     const struct umb_alloc *alloc;
-    uint8_t *data; /* free with umb_trans_bytes_finish */
+    uint8_t *data; /* free with umb__transmittance_bytes_finish */
     size_t count, capacity;
 };
-UMB_API void umb_trans_bytes_finish(struct umb_trans_bytes *bytes);
+UMB_API void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
 
 /*
  * Appends a square.
@@ -40,17 +40,18 @@ UMB_API void umb_trans_bytes_finish(struct umb_trans_bytes *bytes);
  * In:    lists: [64 * 64], row by row.
  * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). bytes is then of no use but to finish.
  */
-UMB_API UMB_CHECKED enum umb_status umb_trans_square(struct umb_trans_bytes *bytes,
-                                                     const struct umb_trans_list *lists,
-                                                     size_t max_bytes, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb__transmittance_square(struct umb__transmittance_bytes *bytes,
+                          const struct umb__transmittance_list *lists, size_t max_bytes,
+                          struct umb_error *error);
 
 /*
  * Appends bytes as they are: the levels of all frusta, or squares written elsewhere.
  *
- * Fails: as umb_trans_square.
+ * Fails: as umb__transmittance_square.
  */
-UMB_API UMB_CHECKED enum umb_status umb_trans_append(struct umb_trans_bytes *bytes,
-                                                     const void *data, size_t count,
-                                                     size_t max_bytes, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data, size_t count,
+                          size_t max_bytes, struct umb_error *error);
 
 #endif

@@ -146,8 +146,8 @@ static double lvsm_encode(const struct umb_map_settings *settings, uint32_t k, d
                           const double gain[2])
 {
     const double in_slice = slice_depth(depth, k / 2, settings->terms);
-    const double stretch = fabs(in_slice) < 1.0 ? (double)settings->terms : 0.0;
-    const double stretched[2] = {stretch * gain[0], stretch * gain[1]};
+    const double interval = fabs(in_slice) < 1.0 ? (double)settings->terms : 0.0;
+    const double stretched[2] = {interval * gain[0], interval * gain[1]};
     return (k & 1) == 0 ? in_slice : second_moment(in_slice, stretched);
 }
 

@@ -306,7 +306,7 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
 }
 
 /* An asset as queries see one; content and id stay the partial asset's. */
-static void dress(const struct umb_partial *p, struct umb_asset *asset)
+static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;
     asset->canonical = p->canonical;
@@ -334,8 +334,8 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
         return status;
     }
     p->upper.mapped.view.bricks = p->lower.mapped.view.bricks;
-    dress(p, &p->lower);
-    dress(p, &p->upper);
+    init_view(p, &p->lower);
+    init_view(p, &p->upper);
     p->built = true;
     p->builds++;
     return UMB_OK;

@@ -2,9 +2,9 @@
 /*
  * The first occluder of a column: down the light's axis from cube to cube, over lit ones in one
  * step, to the first shadowed voxel. Ends: each step goes at least one brick further. In closed
- * frusta the front knows the columns where something undefined comes before that voxel.
+ * frusta the occluder depth map knows the columns where something undefined comes before that voxel.
  */
-#include "format/front.h"
+#include "format/occluder_depth.h"
 #include "query/volume_parts.h"
 
 /* First shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
@@ -39,7 +39,7 @@ static uint32_t lit_depth(const struct umb__tree *tree, uint32_t x, uint32_t y,
 enum umb_status umb_columns_check(const struct umb_volume *volume, struct umb_error *error)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    if (v.closed && !v.front) {
+    if (v.closed && !v.occluder_depth) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "light %u was baked under the closed rule, which leaves out the "
                         "depth of first occluders; bake with --effect front=on, or --closed off",
@@ -97,8 +97,9 @@ static struct umb_column_answer ask_column(const struct umb__volume *v, const st
     answer.outside = !inside;
     if (inside) {
         const uint32_t x = (uint32_t)at[0], y = (uint32_t)at[1];
-        if (v->front == NULL || !umb__front_find(v->front, v->front_roots[spot->face],
-                                                 tree.log2_size, x, y, &answer.lit)) {
+        if (v->occluder_depth == NULL ||
+            !umb__occluder_depth_find(v->occluder_depth, v->occluder_depth_roots[spot->face],
+                                      tree.log2_size, x, y, &answer.lit)) {
             answer.lit = lit_depth(&tree, x, y, stats);
         }
     }

@@ -44,7 +44,7 @@
 #define UMB__HAS_TRANSMITTANCE 1
 #endif
 
-/* Assets whose receivers do not move (near_stage.c). */
+/* Assets whose receivers do not move (receiver_mask_stage.c). */
 #ifdef UMB_WITHOUT_STATIC
 #define UMB__HAS_STATIC 0
 #else

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "query/footprint.h"
-#include "query/near_stage.h"
+#include "query/receiver_mask_stage.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -131,7 +131,8 @@ static void explain_parallel(const struct umb__query *query, const struct umb_po
     e.before = answers.stats.before != 0;
     e.behind = answers.stats.behind != 0;
     e.facing_away = answers.stats.facing_away != 0;
-    e.undefined = q.near_cells != NULL && umb__near_is_undefined(&q, points, index);
+    e.undefined =
+        q.receiver_mask_cells != NULL && umb__receiver_mask_is_undefined(&q, points, index);
     e.nodes = (uint32_t)answers.stats.nodes;
     e.bricks = (uint32_t)answers.stats.bricks;
     e.frustum = q.frustum;

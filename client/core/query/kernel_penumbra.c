@@ -73,7 +73,7 @@ static bool is_umbra(const struct umb__query *q, const double v[3], struct slope
     const struct umb__real_box box = box_of(q, v, slope, v[2], &slice.z);
     const int64_t x = (int64_t)(box.width / 2) + 1, y = (int64_t)(box.height / 2) + 1;
     const struct umb__texels texels = {box.x - x, box.x + x, box.y - y, box.y + y};
-    return q->front == NULL && !umb__slice_has(&slice, texels, true);
+    return q->occluder_depth == NULL && !umb__slice_has(&slice, texels, true);
 }
 
 /* Lit share of the light's disc that a moved point sees. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The blocker search of penumbra.h. */
-#include "format/front.h"
+#include "format/occluder_depth.h"
 #include "query/penumbra.h"
 #include "query/slice_count.h"
 
@@ -54,7 +54,9 @@ static uint32_t first_shadowed(struct search *s, uint32_t x, uint32_t y, uint32_
 static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limit, uint32_t *depth)
 {
     const struct umb__query *q = s->q;
-    if (q->front != NULL && umb__front_find(q->front, q->front_root, q->log2_size, x, y, depth)) {
+    if (q->occluder_depth != NULL &&
+        umb__occluder_depth_find(q->occluder_depth, q->occluder_depth_root, q->log2_size, x, y,
+                                 depth)) {
         return *depth <= limit;
     }
     const struct umb__place place = umb__tree_locate(&s->tree, x, y, limit, &s->read);
@@ -116,7 +118,7 @@ static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_q
 {
     const struct umb__slice slice = {&s->tree, stats, (int64_t)limit};
     const struct umb__texels texels = {s->x - outer, s->x + outer, s->y - outer, s->y + outer};
-    return s->q->front == NULL && !umb__slice_has(&slice, texels, false);
+    return s->q->occluder_depth == NULL && !umb__slice_has(&slice, texels, false);
 }
 
 struct umb__blockers umb__penumbra_search(const struct umb__query *q, const double v[3],

@@ -9,7 +9,7 @@
 #include "format/asset_parts.h"
 #include "query/effect_switches.h"
 #include "query/footprint.h"
-#include "query/near_stage.h"
+#include "query/receiver_mask_stage.h"
 #include "query/perspective.h"
 #include "query/query_parts.h"
 #include "query/transmittance_stage.h"
@@ -114,7 +114,7 @@ static enum umb_status check_penumbra(const struct umb_asset *asset,
                         "%g; give its extent",
                         settings->light, extent, UMB_EXTENT_MAX);
     }
-    if (content->frusta[light->first_frustum].closed && content->front == NULL) {
+    if (content->frusta[light->first_frustum].closed && content->occluder_depth == NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "filter: penumbra: light %u was baked under the closed rule, which leaves "
                         "out the depth of first occluders; bake with --effect front=on, or "
@@ -191,7 +191,8 @@ static enum umb_status check_static(const struct umb_asset *asset,
                                     struct umb_error *error)
 {
     const int is_window = settings->filter == UMB_FILTER_BOX || settings->filter == UMB_FILTER_TENT;
-    if (asset->canonical.content.near_cells == NULL || (is_window && settings->level == 0)) {
+    if (asset->canonical.content.receiver_mask_cells == NULL ||
+        (is_window && settings->level == 0)) {
         return UMB_OK;
     }
     return umb_fail(error, UMB_E_UNSUPPORTED,
@@ -232,7 +233,7 @@ static double tangent(double x)
     return x / rest;
 }
 
-/* What penumbras need to know of the light and of its front. */
+/* What penumbras need to know of the light and of its occluder depth map. */
 static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
                          const struct umb_query_settings *settings)
 {
@@ -243,8 +244,8 @@ static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
         q->reach[axis] = slope * depth_m / length3(q->voxel_step[axis]);
     }
     if (content->frusta[q->frustum].closed) {
-        q->front = content->front;
-        q->front_root = content->front[q->frustum];
+        q->occluder_depth = content->occluder_depth;
+        q->occluder_depth_root = content->occluder_depth[q->frustum];
     }
 }
 
@@ -293,7 +294,7 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
     q->bias_mode = settings->bias_mode;
     switch (settings->bias_mode) {
     case UMB_BIAS_AUTO:
-        q->trans_no_normal_m = bias_without_normal(q, q->trans_bias_taps);
+        q->transmittance_no_normal_m = bias_without_normal(q, q->transmittance_bias_taps);
         widen_steps(q);
         q->no_normal_m = bias_without_normal(q, q->taps);
         break;
@@ -302,11 +303,11 @@ static void set_bias(struct umb__query *q, const struct umb_query_settings *sett
             settings->bias *
             (length3(q->voxel_step[0]) + length3(q->voxel_step[1]) + length3(q->voxel_step[2])) /
             3.0;
-        q->no_normal_m = q->trans_no_normal_m = q->bias_m;
+        q->no_normal_m = q->transmittance_no_normal_m = q->bias_m;
         break;
     case UMB_BIAS_METRES:
         q->bias_m = settings->bias;
-        q->no_normal_m = q->trans_no_normal_m = q->bias_m;
+        q->no_normal_m = q->transmittance_no_normal_m = q->bias_m;
         break;
     case UMB_BIAS_NONE:
         break;
@@ -405,8 +406,8 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     q.window_run =
         UMB__HAS_TRANSMITTANCE && q.trans != NULL ? umb__transmittance_run : q.opaque_run;
     q.run = q.window_run;
-    if (UMB__HAS_STATIC && content->near_cells != NULL) {
-        umb__near_set(&q, content);
+    if (UMB__HAS_STATIC && content->receiver_mask_cells != NULL) {
+        umb__receiver_mask_set(&q, content);
     }
     if (UMB__HAS_FOOTPRINTS && settings->filter == UMB_FILTER_FOOTPRINT) {
         set_footprint(&q, asset, settings);
@@ -451,7 +452,7 @@ static int all_finite_f64(const uint8_t *bytes)
     return carry >> 63 == 0;
 }
 
-/* Points of the front that are proven finite, in whole blocks. */
+/* Points of the occluder depth map that are proven finite, in whole blocks. */
 static size_t count_finite(const struct umb_points *points)
 {
     const size_t block = CHECK_WORDS / 3;

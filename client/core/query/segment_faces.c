@@ -48,7 +48,7 @@ static bool are_finite(const struct umb__axis axes[3])
 
 /* Walks what of a piece lies behind the beginning of a face's frustum. */
 static void walk_behind(const struct umb__volume *volume, uint32_t face, const struct sight *sight,
-                        const struct umb__line *line, struct umb__stretches *out)
+                        const struct umb__line *line, struct umb__intervals *out)
 {
     const struct umb__tree tree = umb__volume_tree(volume, face);
     struct umb__axis axes[3];
@@ -63,13 +63,13 @@ static void walk_behind(const struct umb__volume *volume, uint32_t face, const s
     if (are_finite(axes)) {
         umb__walk_line(&tree, axes, line, out);
     } else {
-        umb__stretches_put(out, true, line->from);
+        umb__intervals_put(out, true, line->from);
     }
 }
 
 /* Walks the piece from t = from to t = to, which a face looks at. */
 static void walk_piece(const struct umb__volume *volume, uint32_t face, const struct sight *sight,
-                       double from, double to, struct umb__stretches *out)
+                       double from, double to, struct umb__intervals *out)
 {
     const double first_w = umb__face_first_w(&volume->faces[face]);
     struct umb__line line = {from, to, value_at(sight, 2, from), value_at(sight, 2, to)};
@@ -78,7 +78,7 @@ static void walk_piece(const struct umb__volume *volume, uint32_t face, const st
         return;
     }
     if (!begins) {
-        umb__stretches_put(out, true, from);
+        umb__intervals_put(out, true, from);
     }
     if (!begins && !ends) {
         return;
@@ -92,12 +92,12 @@ static void walk_piece(const struct umb__volume *volume, uint32_t face, const st
         walk_behind(volume, face, sight, &line, out);
     }
     if (!ends) {
-        umb__stretches_put(out, true, line.to);
+        umb__intervals_put(out, true, line.to);
     }
 }
 
 void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
-                     struct umb__stretches *out)
+                     struct umb__intervals *out)
 {
     struct sight sights[UMB__FACES_MAX];
     uint32_t face = 0;

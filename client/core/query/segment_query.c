@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lit stretches of segments: each is one line through the frustum of a directional light
+ * Lit intervals of segments: each is one line through the frustum of a directional light
  * (segment_walk.h), or one for each face of a spot or point light that looks at it
  * (segment_faces.c).
  */
@@ -25,7 +25,7 @@ static double ends_of(const struct umb__volume *volume, const struct umb_segment
 
 /* One that cannot be walked, since its numbers overflow, is lit. */
 static void walk_segment(const struct umb__volume *volume, const double p[2][3],
-                         struct umb__stretches *out)
+                         struct umb__intervals *out)
 {
     static const struct umb__line whole = {0, 1, 1, 1};
     double start[3], end[3];
@@ -36,7 +36,7 @@ static void walk_segment(const struct umb__volume *volume, const double p[2][3],
         finite = finite && isfinite(start[axis]) && isfinite(end[axis] - start[axis]);
     }
     if (!finite) {
-        umb__stretches_put(out, true, 0);
+        umb__intervals_put(out, true, 0);
     } else if (volume->face_count > 0) {
         umb__walk_faces(volume, p, out);
     } else {
@@ -55,15 +55,15 @@ void umb_segments_run(const struct umb_volume *volume, const struct umb_segments
     for (size_t i = first; i < first + count; i++) {
         double ends[2][3];
         double length_m = ends_of(&v, segments, i, ends);
-        struct umb__stretches out = {
+        struct umb__intervals out = {
             .answer = &answers->segments[i],
-            .kept = answers->stretch_max ? answers->stretches + i * answers->stretch_max : NULL,
-            .kept_max = answers->stretch_max,
+            .kept = answers->interval_max ? answers->intervals + i * answers->interval_max : NULL,
+            .kept_max = answers->interval_max,
             .stats = &answers->stats,
         };
         *out.answer = (struct umb_segment_answer){0};
         walk_segment(&v, (const double(*)[3])ends, &out);
-        umb__stretches_end(&out);
+        umb__intervals_end(&out);
         out.answer->lit_m = out.answer->lit * length_m;
     }
 }

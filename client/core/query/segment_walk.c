@@ -21,7 +21,7 @@ struct walk {
     int32_t voxel[3];
     double t, end; /* the line is inside the frustum from t to end, in its own parameter */
     const struct umb__line *line;
-    struct umb__stretches *out;
+    struct umb__intervals *out;
 };
 
 static inline double crossing(const struct umb__axis *axis, int32_t plane)
@@ -89,34 +89,34 @@ static int32_t voxel_at(const struct umb__axis *axis, double t, int32_t from)
     return near;
 }
 
-static void close_stretch(struct umb__stretches *out, double t)
+static void close_interval(struct umb__intervals *out, double t)
 {
     struct umb_segment_answer *answer = out->answer;
     out->lit = false;
     if (!(t > out->since)) {
         return; /* it vanished where parameters were brought back to the segment's */
     }
-    if (answer->stretch_count < out->kept_max) {
-        out->kept[answer->stretch_count] = (struct umb_stretch){out->since, t};
+    if (answer->interval_count < out->kept_max) {
+        out->kept[answer->interval_count] = (struct umb_interval){out->since, t};
     }
-    answer->stretch_count++;
+    answer->interval_count++;
     answer->lit += t - out->since;
 }
 
-void umb__stretches_put(struct umb__stretches *out, bool lit, double t)
+void umb__intervals_put(struct umb__intervals *out, bool lit, double t)
 {
     if (lit && !out->lit) {
         out->lit = true;
         out->since = t;
     } else if (!lit && out->lit) {
-        close_stretch(out, t);
+        close_interval(out, t);
     }
 }
 
-void umb__stretches_end(struct umb__stretches *out)
+void umb__intervals_end(struct umb__intervals *out)
 {
     if (out->lit) {
-        close_stretch(out, 1);
+        close_interval(out, 1);
     }
 }
 
@@ -138,7 +138,7 @@ static double segment_parameter(const struct umb__line *line, double s)
 static inline void put_state(struct walk *walk, bool lit, double s)
 {
     if (lit != walk->out->lit) {
-        umb__stretches_put(walk->out, lit, segment_parameter(walk->line, s));
+        umb__intervals_put(walk->out, lit, segment_parameter(walk->line, s));
     }
 }
 
@@ -231,13 +231,13 @@ static int32_t first_voxel(const struct umb__axis *axis, double t)
 }
 
 void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3],
-                    const struct umb__line *line, struct umb__stretches *stretches)
+                    const struct umb__line *line, struct umb__intervals *intervals)
 {
     struct walk walk = {.tree = tree,
                         .axes = {axes[0], axes[1], axes[2]},
                         .end = 1,
                         .line = line,
-                        .out = stretches};
+                        .out = intervals};
     for (unsigned k = 0; k < 3; k++) {
         clip_axis(&walk.axes[k], &walk.t, &walk.end);
     }
@@ -253,7 +253,7 @@ void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3]
     do {
         struct umb__place place =
             umb__tree_locate(tree, (uint32_t)walk.voxel[0], (uint32_t)walk.voxel[1],
-                             (uint32_t)walk.voxel[2], stretches->stats);
+                             (uint32_t)walk.voxel[2], intervals->stats);
         if (place.brick) {
             cross_brick(&walk, place.brick);
         } else {

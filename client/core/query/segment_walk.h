@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_QUERY_SEGMENT_WALK_H
 #define UMBRAGE_CORE_QUERY_SEGMENT_WALK_H
 /*
- * The walk of one line through one frustum, and the stretches that it makes.
+ * The walk of one line through one frustum, and the intervals that it makes.
  *
  * The line has a parameter s from 0 to 1 in which it crosses plane k of each axis at
  * (place(k) - start) * (1 / slope), where place never falls as k rises. For parallel light s is the
@@ -10,9 +10,9 @@
  * across the light, and the inverse of its distance W along the axis is linear in s; depth is
  * linear in W, so that there place(k) = -1 / (scale k + offset).
  *
- *     struct umb__stretches out = ...;
+ *     struct umb__intervals out = ...;
  *     umb__walk_line(&tree, axes, &line, &out);       for each line of a segment, in order
- *     umb__stretches_end(&out);
+ *     umb__intervals_end(&out);
  */
 #include "query/volume_parts.h"
 
@@ -35,12 +35,12 @@ struct umb__line {
 };
 
 /* What the lines of a segment make together; zero it but for answer, kept, kept_max and stats. */
-struct umb__stretches {
+struct umb__intervals {
     struct umb_segment_answer *answer;
-    struct umb_stretch *kept;
+    struct umb_interval *kept;
     size_t kept_max;
     struct umb_volume_stats *stats;
-    bool lit; /* a stretch is open, since: */
+    bool lit; /* an interval is open, since: */
     double since;
 };
 
@@ -49,16 +49,16 @@ struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, 
 
 /* Walks a line through a frustum; outside of it, and before its first voxel, it is lit. */
 void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3],
-                    const struct umb__line *line, struct umb__stretches *stretches);
+                    const struct umb__line *line, struct umb__intervals *intervals);
 
 /* Walks a segment before a spot or point light. In: p: its ends, minus the asset's origin. */
 void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
-                     struct umb__stretches *stretches);
+                     struct umb__intervals *intervals);
 
 /* The segment has this state from t on. */
-void umb__stretches_put(struct umb__stretches *stretches, bool lit, double t);
+void umb__intervals_put(struct umb__intervals *intervals, bool lit, double t);
 
 /* Closes what is open, at 1. */
-void umb__stretches_end(struct umb__stretches *stretches);
+void umb__intervals_end(struct umb__intervals *intervals);
 
 #endif

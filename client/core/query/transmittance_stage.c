@@ -24,8 +24,8 @@ void umb__transmittance_set(struct umb__query *q, const struct umb_asset *asset,
     }
     const int32_t least = texel > 1 ? texel + 1 : 1; /* odd, as texels are powers of two */
     q->trans = trans;
-    q->trans_taps = q->taps > least ? q->taps : least;
-    q->trans_bias_taps = q->trans_taps + texel - 1;
+    q->transmittance_taps = q->taps > least ? q->taps : least;
+    q->transmittance_bias_taps = q->transmittance_taps + texel - 1;
 }
 
 /* Where point i is looked up. Returns its frustum; its normal faces away if that is UINT32_MAX. */
@@ -64,10 +64,10 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
                         uint64_t *all)
 {
     double v[3];
-    struct umb__trans_window window;
-    const int32_t taps = wide->trans_taps;
+    struct umb__transmittance_window window;
+    const int32_t taps = wide->transmittance_taps;
     const uint32_t frustum = place(wide, points, i, v);
-    *all = (uint64_t)(uint32_t)taps * (uint32_t)taps * UMB__TRANS_ONE;
+    *all = (uint64_t)(uint32_t)taps * (uint32_t)taps * UMB__TRANSMITTANCE_ONE;
     if (frustum == UINT32_MAX || wide->trans->maps[frustum].level == 0 || !(v[2] >= 0)) {
         return 0;
     }
@@ -79,15 +79,15 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
         return 0;
     }
     window.z = (uint32_t)(v[2] < size ? v[2] : size - 1);
-    return umb__trans_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
+    return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
 /* The query whose points are moved for the boxes of this stage: of voxels, whatever the level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;
-    wide.taps = q->trans_bias_taps;
-    wide.no_normal_m = q->trans_no_normal_m;
+    wide.taps = q->transmittance_bias_taps;
+    wide.no_normal_m = q->transmittance_no_normal_m;
     for (unsigned axis = 0; axis < 3 && q->level > 0 && q->bias_mode == UMB_BIAS_AUTO; axis++) {
         for (unsigned k = 0; k < 3; k++) {
             wide.voxel_step[axis][k] /= umb__coarse_steps(q);

@@ -51,7 +51,7 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
                         content->light_count);
     }
-    if (content->near_cells != NULL) {
+    if (content->receiver_mask_cells != NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "light: %u was baked under the static rule, which leaves out what lies off "
                         "the surfaces; only points can be asked for",
@@ -69,8 +69,8 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
         .light = light,
         .closed = frustum->closed,
         .translucent = has_translucent(asset, &content->lights[light]),
-        .front = frustum->closed ? content->front : NULL,
-        .front_roots = content->front ? content->front + index : NULL,
+        .occluder_depth = frustum->closed ? content->occluder_depth : NULL,
+        .occluder_depth_roots = content->occluder_depth ? content->occluder_depth + index : NULL,
     };
     if (content->lights[light].kind != UMB_LIGHT_DIRECTIONAL) {
         enum umb_status status = set_faces(asset, light, &v, error);

@@ -18,12 +18,12 @@ struct umb__volume {
     double position[3];                   /* of the light, minus the asset's origin */
     uint32_t light;
     int closed;
-    int translucent;             /* casters that are no voxels stand before the light */
-    const uint32_t *front;       /* format/front.h; NULL: not kept */
-    const uint32_t *front_roots; /* [faces] of the frusta */
-    double world_to_voxel[3][4]; /* from world minus origin */
-    double voxel_step[3][3];     /* row i: world vector of one voxel along axis i */
-    double origin[3];            /* the asset's */
+    int translucent;                      /* casters that are no voxels stand before the light */
+    const uint32_t *occluder_depth;       /* format/occluder_depth.h; NULL: not kept */
+    const uint32_t *occluder_depth_roots; /* [faces] of the frusta */
+    double world_to_voxel[3][4];          /* from world minus origin */
+    double voxel_step[3][3];              /* row i: world vector of one voxel along axis i */
+    double origin[3];                     /* the asset's */
 };
 
 _Static_assert(sizeof(struct umb__volume) <= sizeof(struct umb_volume), "opaque volume too small");

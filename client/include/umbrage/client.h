@@ -47,7 +47,7 @@
 #include "umbrage/log.h"
 #include "umbrage/curve.h"
 #include "umbrage/derive.h"
-#include "umbrage/frame.h"
+#include "umbrage/picture.h"
 #include "umbrage/query.h"
 
 #ifdef __cplusplus
@@ -92,7 +92,7 @@ struct umb_client_query_request {
     struct umb_dial dial;
     struct umb_points points; /* that they are finite is checked by the server alone */
     /* Instead of points, whose count and positions are then not looked at: a point for each pixel
-     * (umbrage/frame.h). NULL: points. */
+     * (umbrage/picture.h). NULL: points. */
     const struct umb_picture *picture;
     int pack; /* 1: answers travel packed; they are unpacked here */
     /* With pack: answers to an earlier packed query of the same stream, as many bytes as this one's
@@ -295,7 +295,7 @@ UMB_API void umb_client_derived_free(uint8_t *bytes);
 struct umb_client_limits {
     uint64_t max_points; /* points times lights, texels of derived maps */
     uint64_t max_message_bytes;
-    uint64_t max_segments; /* with up to 64 stretches each; 0: the server takes none */
+    uint64_t max_segments; /* with up to 64 intervals each; 0: the server takes none */
     uint64_t max_columns;
     uint64_t max_boxes;
     uint64_t max_box_steps; /* of one box (umbrage/volume.h) */

@@ -98,7 +98,7 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
 /*
  * Measures what the rows of a light's curve cost for points like these: as near to each other, as
  * hard, as often facing away. Costs depend on all of that, up to tenfold; so a budget for points at
- * hand is best calibrated on them, or on a fair sample: stretches of a few thousand consecutive
+ * hand is best calibrated on them, or on a fair sample: intervals of a few thousand consecutive
  * points from all over them.
  *
  * In:    points: as umb_points_check accepts them, at least one; 10^5 and more spread over the

@@ -5,8 +5,8 @@
  * libumbrage: having a daemon bake a scene, and fetching what came of it.
  *
  *     umb_client_submit(client, &submission, &submitted, &error);
- *     umb_client_watch(client, submitted.job, told, user, &error);      until it is over
- *     umb_client_fetch(client, id, 0, got, user, &error);
+ *     umb_client_watch(client, submitted.job, on_status, user, &error);      until it is over
+ *     umb_client_fetch(client, id, 0, on_bytes, user, &error);
  *
  * Jobs and assets belong to the owner of the client's token. A submission whose reply was lost is
  * simply sent again: the daemon finds the first one by its content. A watch or a fetch that a lost
@@ -109,9 +109,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_submit(struct umb_client *client,
 
 /* Calls told for each change, at once for the first, until the job is over. told returns 0 to stop
  * watching, which is E_CANCELLED. Fails: E_NOT_FOUND. */
-typedef int (*umb_job_told_fn)(void *user, const struct umb_job_status *status);
+typedef int (*umb_job_status_fn)(void *user, const struct umb_job_status *status);
 UMB_API UMB_CHECKED enum umb_status umb_client_watch(struct umb_client *client, const char *job,
-                                                     umb_job_told_fn told, void *user,
+                                                     umb_job_status_fn on_status, void *user,
                                                      struct umb_error *error);
 
 /* Ends a job that is not over. Out: status: may be NULL; its plan and notices are NULL. Fails:
@@ -128,14 +128,14 @@ UMB_API UMB_CHECKED enum umb_status umb_client_jobs(struct umb_client *client, u
                                                     struct umb_error *error);
 UMB_API void umb_client_jobs_free(struct umb_job_status *jobs); /* NULL is allowed */
 
-/* Gets an asset's packed file from an offset on. got: takes the next bytes and returns UMB_OK, or
+/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns UMB_OK, or
  * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got
  * returns. */
-typedef enum umb_status (*umb_job_got_fn)(void *user, uint64_t offset, const void *bytes,
+typedef enum umb_status (*umb_job_bytes_fn)(void *user, uint64_t offset, const void *bytes,
                                           size_t count, uint64_t size);
 UMB_API UMB_CHECKED enum umb_status umb_client_fetch(struct umb_client *client,
                                                      const uint8_t asset[UMB_ID_BYTES],
-                                                     uint64_t offset, umb_job_got_fn got,
+                                                     uint64_t offset, umb_job_bytes_fn on_bytes,
                                                      void *user, struct umb_error *error);
 
 /* Takes an asset from the caller; its file goes with the last owner. Fails: E_NOT_FOUND. */

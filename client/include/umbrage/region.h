@@ -30,7 +30,7 @@ extern "C" {
 struct umb_client; /* umbrage/client.h */
 struct umb_region; /* opaque */
 
-/* A stretch of the packed file, bytes. */
+/* An interval of the packed file, bytes. */
 struct umb_range {
     uint64_t offset, length;
 };

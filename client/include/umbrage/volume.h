@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_VOLUME_H
 #define UMBRAGE_VOLUME_H
 /*
- * Questions about the space between surfaces: which stretches of a segment a light reaches (light
+ * Questions about the space between surfaces: which intervals of a segment a light reaches (light
  * shafts, fog integrals, lines of sight to a sun), how deep the first occluder of a column lies,
  * and which share of a box is lit.
  *
@@ -88,22 +88,22 @@ struct umb_segments {
     size_t count;
 };
 
-/* A lit stretch: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
-struct umb_stretch {
+/* A lit interval: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
+struct umb_interval {
     double begin, end;
 };
 
 struct umb_segment_answer {
-    double lit;             /* share of the segment that is lit, 0..1: the sum of its stretches */
-    double lit_m;           /* the same in metres */
-    uint64_t stretch_count; /* lit stretches, also those that did not fit */
+    double lit;              /* share of the segment that is lit, 0..1: the sum of its intervals */
+    double lit_m;            /* the same in metres */
+    uint64_t interval_count; /* lit intervals, also those that did not fit */
 };
 
 struct umb_segment_answers {
     struct umb_segment_answer *segments; /* [count], indexed like the segments */
-    struct umb_stretch *stretches;       /* [count * stretch_max], those of segment i in order from
-                                            i * stretch_max on; NULL if stretch_max is 0 */
-    size_t stretch_max;                  /* stretches kept of each segment; later ones are counted
+    struct umb_interval *intervals;      /* [count * interval_max], those of segment i in order from
+                                            i * interval_max on; NULL if interval_max is 0 */
+    size_t interval_max;                 /* intervals kept of each segment; later ones are counted
                                             and added up, not kept */
     struct umb_volume_stats stats;       /* added to */
 };
@@ -114,9 +114,9 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
                                                        struct umb_error *error);
 
 /*
- * Finds the lit stretches of segments first .. first + count - 1.
+ * Finds the lit intervals of segments first .. first + count - 1.
  *
- * A stretch is half open, as long as possible, and begins and ends where the segment enters a
+ * An interval is half open, as long as possible, and begins and ends where the segment enters a
  * voxel of the other state, or at 0 and 1. A segment of no length has the state of its point: 1 or
  * 0 of it is lit. With d the segment's direction in voxels, it crosses the plane k of an axis at
  * (k - start) * (1 / d), evaluated in doubles; at that parameter it is in the voxel behind the
@@ -128,7 +128,7 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
  * t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above, that of z at
  * s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then t = a + (b - a) s Wa / (Wb - s (Wb - Wa)),
  * or a + (b - a) s if Wa = Wb, and b at most. Wk = c k + (w3 - c z3), c = w.w / w.z, with the third
- * and fourth row of the frustum's transform, (z, z3) and (w, w3). A stretch that vanishes there by
+ * and fourth row of the frustum's transform, (z, z3) and (w, w3). An interval that vanishes there by
  * rounding is left out.
  *
  * Not guaranteed: a batch that umb_segments_check refuses is answered without harm, but those

@@ -10,7 +10,7 @@
 #include "bake/effect_options.h"
 #include "bake/print_text.h"
 #include "common/json_text.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 
 /* Share of a float's significand: what a coordinate in floats may be off. */
 #define FLOAT_HALF_STEP 0x1p-24
@@ -49,13 +49,14 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
                            : "none");
 }
 
-/* First occluders behind closed fronts. */
-static void write_front(FILE *to, const struct umbb_analysis *a, const struct umbb_options *options)
+/* First occluders behind closed occluder depth maps. */
+static void write_occluder_depth(FILE *to, const struct umbb_analysis *a,
+                                 const struct umbb_options *options)
 {
-    if (!a->closed_rule && !options->front) {
+    if (!a->closed_rule && !options->occluder_depth) {
         return;
     }
-    const int on = a->closed_rule && options->front;
+    const int on = a->closed_rule && options->occluder_depth;
     fprintf(to, "effect=front state=%s reason=\"%s\" cost=\"%s\"\n", on ? "on" : "off",
             on && options->penumbra == UMBB_PENUMBRA_ON
                 ? "switched on: first occluders of closed solids, for penumbras and columns"
@@ -78,7 +79,8 @@ static void write_static(FILE *to, const struct umbb_analysis *a,
     for (uint32_t i = 0; i < a->frustum_count; i++) {
         double edges[3];
         umb_frustum_voxel_edges(&a->frusta[i], edges);
-        const double cell = (double)((uint64_t)1 << a->frusta[i].log2_size >> UMB__NEAR_LOG2);
+        const double cell =
+            (double)((uint64_t)1 << a->frusta[i].log2_size >> UMB__RECEIVER_MASK_LOG2);
         most = fmax(most,
                     cell * sqrt(edges[0] * edges[0] + edges[1] * edges[1] + edges[2] * edges[2]));
     }
@@ -146,7 +148,7 @@ static const char *penumbra_refusal(const struct umbb_analysis *a,
     if (options->static_rule) {
         return "the static rule leaves out what lies off the surfaces: ";
     }
-    return a->closed_rule && !options->front
+    return a->closed_rule && !options->occluder_depth
                ? "the closed rule leaves out the first occluders that it needs (--effect "
                  "penumbra=on keeps them): "
                : NULL;
@@ -304,7 +306,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
         return umb_fail(error, UMB_E_NO_MEMORY, "plan: memory refused");
     }
     write_closed(to, analysis, options->closed);
-    write_front(to, analysis, options);
+    write_occluder_depth(to, analysis, options);
     write_static(to, analysis, options);
     write_origin(to, analysis);
     write_penumbra(to, analysis, options);
@@ -326,7 +328,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     }
     fprintf(to, "bake=%d\n", UMBB_BAKE_VERSION);
     fprintf(to, "closed=%s\n", closed_name(options->closed));
-    if (options->front && analysis->closed_rule) {
+    if (options->occluder_depth && analysis->closed_rule) {
         fputs("front=on\n", to);
     }
     if (analysis->cuts.figures.triangles > 0 && !options->opaque_cut_outs) {

@@ -26,7 +26,7 @@ static enum umb_status reserve(struct umbb_runs *runs, size_t more, struct umb_e
     while (capacity - runs->count < more) {
         capacity *= 2;
     }
-    struct umbb_run *items = realloc(runs->items, capacity * sizeof *items);
+    struct umbb_column_run *items = realloc(runs->items, capacity * sizeof *items);
     if (items == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "column runs: %zu bytes refused",
                         capacity * sizeof *items);
@@ -63,7 +63,7 @@ enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first, uint
     if (status != UMB_OK) {
         return status;
     }
-    runs->items[runs->count++] = (struct umbb_run){z_end, ref};
+    runs->items[runs->count++] = (struct umbb_column_run){z_end, ref};
     return UMB_OK;
 }
 

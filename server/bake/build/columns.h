@@ -21,7 +21,7 @@
 #include "bake/depth/tile.h"
 
 /* Nodes z_before .. z_end - 1 are `ref`; z_before is the run before's end. */
-struct umbb_run {
+struct umbb_column_run {
     uint32_t z_end;
     uint32_t ref;
 };
@@ -34,7 +34,7 @@ struct umbb_column {
 
 /* Working memory: runs of the columns that are under way. Start zeroed. */
 struct umbb_runs {
-    struct umbb_run *items;
+    struct umbb_column_run *items;
     size_t count, capacity;
 };
 

@@ -13,7 +13,7 @@
 
 #include "bake/depth/coverage.h"
 #include "base/vec.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 #include "umbrage/query.h"
 
 #define MET_LIT      1U                       /* first, or within a voxel of it, at some texel */
@@ -89,7 +89,7 @@ static uint32_t clamp_floor(double v, uint32_t count)
 static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
                      uint64_t *cells)
 {
-    const uint32_t across = 1U << UMB__NEAR_LOG2;
+    const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
     const double cell = (double)rule->casters->size / across, *reach = rule->reach;
     uint32_t first[3], last[3];
     for (int k = 0; k < 3; k++) {
@@ -99,7 +99,7 @@ static void mark_box(const struct umbb_static *rule, const double low[3], const 
     const uint64_t row = UINT64_MAX << first[0] & UINT64_MAX >> (across - 1 - last[0]);
     for (uint32_t z = first[2]; z <= last[2]; z++) {
         for (uint32_t y = first[1]; y <= last[1]; y++) {
-            cells[umb__near_word(y, z)] |= row;
+            cells[umb__receiver_mask_word(y, z)] |= row;
         }
     }
 }
@@ -107,7 +107,7 @@ static void mark_box(const struct umbb_static *rule, const double low[3], const 
 /* Marks the cells that look-ups of a triangle's points may lie in. */
 static void mark_cells(const struct umbb_static *rule, const double corners[3][3], uint64_t *cells)
 {
-    const uint32_t across = 1U << UMB__NEAR_LOG2;
+    const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
     const double cell = (double)rule->casters->size / across, *reach = rule->reach;
     double low[3], high[3];
     bounds_of(corners, 3, low, high);
@@ -132,7 +132,7 @@ static void mark_cells(const struct umbb_static *rule, const double corners[3][3
             bounds_of((const double(*)[3])p.at, p.count, from, to);
             const uint32_t last = clamp_floor((to[2] + 1) / cell, across);
             for (uint32_t z = clamp_floor((from[2] - reach[2]) / cell, across); z <= last; z++) {
-                cells[umb__near_word(y, z)] |= UINT64_C(1) << x;
+                cells[umb__receiver_mask_word(y, z)] |= UINT64_C(1) << x;
             }
         }
     }
@@ -154,7 +154,7 @@ enum umb_status umbb_static_init(struct umbb_static *rule, const struct umbb_cas
         return umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory for %zu triangles refused",
                         casters->count);
     }
-    memset(cells, 0, UMB__NEAR_WORDS * sizeof *cells);
+    memset(cells, 0, UMB__RECEIVER_MASK_WORDS * sizeof *cells);
     for (size_t i = 0; i < casters->count; i++) {
         mark_cells(rule, casters->corners[i], cells);
     }
@@ -236,12 +236,12 @@ static void survey_job(void *user, uint32_t job, unsigned thread)
 }
 
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
-                        struct umbb_jobs *jobs, int (*cancelled)(void))
+                        struct umbb_slice_pool *jobs, int (*cancelled)(void))
 {
     struct survey survey = {rule, tile, cancelled};
     const size_t count = (rule->casters->count + SURVEY_SHARE - 1) / SURVEY_SHARE;
-    umbb_jobs_start(jobs, survey_job, &survey, (uint32_t)count);
-    umbb_jobs_wait(jobs, NULL, NULL);
+    umbb_slice_pool_start(jobs, survey_job, &survey, (uint32_t)count);
+    umbb_slice_pool_wait(jobs, NULL, NULL);
 }
 
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile)

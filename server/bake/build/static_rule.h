@@ -22,7 +22,7 @@
  * Source: Arvo and Hirvikorpi 2005; Sintorn et al. 2014, section 6.1 (between first and second
  * caster); that windows must find what they read is ours.
  */
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 #include "bake/depth/tile.h"
 
 #define UMBB_STATIC_BAND 64 /* rows of texels of a tile that are one job */
@@ -39,7 +39,7 @@ struct umbb_static {
  * Starts, and marks the cells that hold receivers.
  *
  * In:    casters: of parallel light. frustum: theirs, voxel_step set.
- * Out:   cells: uint64[UMB__NEAR_WORDS] (format/near.h).
+ * Out:   cells: uint64[UMB__RECEIVER_MASK_WORDS] (format/receiver_mask.h).
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_static_init(struct umbb_static *rule,
@@ -52,7 +52,7 @@ void umbb_static_finish(struct umbb_static *rule);
  * are background need not be set. In: jobs: idle; all its threads help. cancelled: any thread, or
  * NULL; once it says 1, and it must stay so, the rest is left out. */
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
-                        struct umbb_jobs *jobs, int (*cancelled)(void));
+                        struct umbb_slice_pool *jobs, int (*cancelled)(void));
 
 /* Lists what reaches a tile. All tiles have been surveyed. */
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);

@@ -14,8 +14,8 @@
 
 #include "base/page_alloc.h"
 #include "bake/build/columns.h"
-#include "bake/build/job_pool.h"
-#include "bake/build/tile_front.h"
+#include "bake/build/slice_pool.h"
+#include "bake/build/tile_occluder_depth.h"
 #include "bake/build/tile_squares.h"
 
 /* What part of the memory that is nobody's yet the squares of a tile may take together. */
@@ -25,7 +25,7 @@ struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
     struct umb_pool *pool; /* shared by all frusta */
-    struct umbb_jobs *jobs;
+    struct umbb_slice_pool *jobs;
     struct umbb_tile tiles[2];
     struct umbb_squares *squares;
     struct umbb_runs runs;       /* working stack */
@@ -36,7 +36,7 @@ struct loop {
     atomic_uint_fast64_t texels_done;
     size_t spare_bytes;   /* of what is shared, nobody's yet */
     atomic_int failed;    /* blocks not yet begun are left out */
-    int only;             /* only some tiles, for the keeper */
+    int only;             /* only some tiles, for the tile cache */
     int drawn_slot;       /* of the tile whose depth is under way */
     int ruled_slot;       /* of the tile that the static rule is applied to */
     uint32_t square_jobs; /* of the tile that is built meanwhile */
@@ -70,7 +70,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     loop->pool->max_bytes = o->octree_max_bytes;
-    enum umb_status status = umbb_jobs_create(o->threads, &loop->jobs, error);
+    enum umb_status status = umbb_slice_pool_create(o->threads, &loop->jobs, error);
     if (status == UMB_OK) {
         status = umbb_squares_create(o->tile_log2, &loop->squares, error);
     }
@@ -98,7 +98,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 
 static void loop_finish(struct loop *loop)
 {
-    umbb_jobs_destroy(loop->jobs);
+    umbb_slice_pool_destroy(loop->jobs);
     umbb_squares_destroy(loop->squares);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
@@ -155,8 +155,9 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     const size_t limit = o->shared_max_bytes > 0 ? o->shared_max_bytes : SIZE_MAX;
-    const size_t runs = (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items +
-                        (o->front != NULL ? umb_front_bytes(o->front) : 0);
+    const size_t runs =
+        (loop->runs.capacity + loop->kept.capacity) * sizeof *loop->runs.items +
+        (o->occluder_depth != NULL ? umb__occluder_depth_bytes(o->occluder_depth) : 0);
     if (runs > limit || loop->pool->bytes > limit - runs) {
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: the shadow octree's %zu MiB and its columns' %zu MiB are more "
@@ -226,7 +227,7 @@ static enum umb_status result_keep(struct loop *loop, uint32_t number,
 static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
                                   struct umb_error *error)
 {
-    const struct umbb_tile_keeper *keeper = loop->options->keeper;
+    const struct umbb_cached_tiles *cached_tiles = loop->options->cached_tiles;
     const struct umbb_tile *tile = &loop->tiles[slot];
     const uint32_t level = tile->log2_size;
     struct umbb_tile_result result = {
@@ -236,36 +237,36 @@ static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
     loop->runs.count = 0;
     enum umb_status status = umbb_squares_column(loop->squares, loop->jobs, loop->pool, &loop->runs,
                                                  &result.column, error);
-    if (status == UMB_OK && loop->options->front != NULL) {
-        status = umbb_tile_front(tile, loop->options->front, error);
+    if (status == UMB_OK && loop->options->occluder_depth != NULL) {
+        status = umbb_tile_occluder_depth(tile, loop->options->occluder_depth, error);
     }
-    if (status == UMB_OK && keeper != NULL) {
+    if (status == UMB_OK && cached_tiles != NULL) {
         const struct umbb_tile_place place = place_of(loop, number);
         status = share_memory(loop, error);
         if (status == UMB_OK) {
-            status = keeper->keep(keeper->user, &place, loop->spare_bytes, loop->pool, &loop->runs,
-                                  &result, error);
+            status = cached_tiles->keep(cached_tiles->user, &place, loop->spare_bytes, loop->pool,
+                                        &loop->runs, &result, error);
         }
     }
     return status == UMB_OK ? result_keep(loop, number, &result, error) : status;
 }
 
-/* Asks the keeper for a tile. */
+/* Asks the tile cache for a tile. */
 static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
                                  struct umb_error *error)
 {
-    const struct umbb_tile_keeper *keeper = loop->options->keeper;
+    const struct umbb_cached_tiles *cached_tiles = loop->options->cached_tiles;
     const struct umbb_tile_place place = place_of(loop, number);
     struct umbb_tile_result result;
     enum umb_status status = share_memory(loop, error);
     if (status != UMB_OK) {
         return status;
     }
-    /* A quarter of what is left for the keeper's work, the rest for what it adds to the pool. */
+    /* A quarter of what is left for the tile cache's work, the rest for what it adds to the pool. */
     loop->pool->max_bytes -= loop->spare_bytes / 4;
     loop->runs.count = 0;
-    status = keeper->find(keeper->user, &place, loop->spare_bytes / 4, loop->pool, &loop->runs,
-                          &result, found, error);
+    status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4, loop->pool,
+                                &loop->runs, &result, found, error);
     if (status == UMB_OK && *found) {
         loop->figures.tiles++;
         loop->figures.tiles_found++;
@@ -275,12 +276,12 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     return status;
 }
 
-/* The first tile from `number` on that the keeper does not have; `end` if it has all. */
+/* The first tile from `number` on that the tile cache does not have; `end` if it has all. */
 static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
                                     struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    int found = loop->options->keeper != NULL;
+    int found = loop->options->cached_tiles != NULL;
     while (found && *number < end && status == UMB_OK) {
         if (is_cancelled(loop)) {
             return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
@@ -307,8 +308,8 @@ static int static_bands(struct loop *loop, int slot)
     struct umbb_tile *tile = &loop->tiles[slot];
     umbb_static_begin(loop->options->rule, tile);
     loop->ruled_slot = slot;
-    umbb_jobs_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
-    umbb_jobs_wait(loop->jobs, NULL, NULL);
+    umbb_slice_pool_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
+    umbb_slice_pool_wait(loop->jobs, NULL, NULL);
     return !atomic_load_explicit(&loop->failed, memory_order_relaxed);
 }
 
@@ -336,7 +337,7 @@ static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t ne
     umbb_tile_pyramid(&loop->tiles[slot]);
     umbb_squares_begin(loop->squares, &loop->tiles[slot]);
     loop->square_jobs = UMBB_SQUARE_COUNT;
-    umbb_jobs_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
+    umbb_slice_pool_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
     return tile_build(loop, number, slot, error);
 }
 
@@ -352,11 +353,11 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         status = depth_begin(loop, number, slot, &blocks, error);
     }
     if (status == UMB_OK) {
-        umbb_jobs_start(loop->jobs, run_job, loop, blocks);
+        umbb_slice_pool_start(loop->jobs, run_job, loop, blocks);
     }
     while (number < end && status == UMB_OK) {
         const double start = now_s();
-        umbb_jobs_wait(loop->jobs, show_progress, loop);
+        umbb_slice_pool_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
         const double depth_done = now_s();
         loop->figures.seconds_depth += depth_done - start;
@@ -390,8 +391,8 @@ static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
         }
         status = depth_begin(loop, number, 0, &blocks, error);
         if (status == UMB_OK) {
-            umbb_jobs_start(loop->jobs, run_job, loop, blocks);
-            umbb_jobs_wait(loop->jobs, NULL, NULL);
+            umbb_slice_pool_start(loop->jobs, run_job, loop, blocks);
+            umbb_slice_pool_wait(loop->jobs, NULL, NULL);
             umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
                                loop->options->cancelled);
         }

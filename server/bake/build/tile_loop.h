@@ -10,14 +10,14 @@
  * whatever the tile size and threads.
  */
 #include "bake/build/static_rule.h"
-#include "bake/build/tile_keeper.h"
-#include "format/front_build.h"
+#include "bake/build/cached_tiles.h"
+#include "format/occluder_depth_build.h"
 
 /* What a bake went through, for the summary. */
 struct umbb_bake_figures {
-    uint64_t texels; /* that were looked at: not those of tiles that the keeper had */
+    uint64_t texels; /* that were looked at: not those of tiles that the tile cache had */
     uint64_t tiles;
-    uint64_t tiles_found; /* of these, by the keeper */
+    uint64_t tiles_found; /* of these, by the tile cache */
     double seconds_depth; /* waiting for depth, building not counted */
     double seconds_build;
     size_t octree_bytes; /* at the end, tables included */
@@ -32,17 +32,18 @@ struct umbb_bake_options {
     /* For the octree, the columns kept for the levels above the tiles, and the depth path's lists
      * of triangles together; 0 = no limit. */
     size_t shared_max_bytes;
-    /* With end above first: only tiles first .. end - 1 are baked, for the keeper; the pool holds
+    /* With end above first: only tiles first .. end - 1 are baked, for the tile cache; the pool holds
      * nothing afterwards, and there is no root. */
     uint32_t only_first, only_end;
-    const struct umbb_tile_keeper *keeper; /* may be NULL; borrowed */
-    struct umb_front *front; /* gets the first occluders; NULL: not kept. With it no square is
-                              * proven from bounds, and the keeper, if any, keeps them too */
-    /* The static rule, begun; NULL: receivers may be anywhere. With it no keeper, no front, no
+    const struct umbb_cached_tiles *cached_tiles; /* may be NULL; borrowed */
+    struct umb__occluder_depth
+        *occluder_depth; /* gets the first occluders; NULL: not kept. With it no square is
+                              * proven from bounds, and the tile cache, if any, keeps them too */
+    /* The static rule, begun; NULL: receivers may be anywhere. With it no tile cache, no occluder depth map, no
      * square proven from bounds, and all tiles; the depth path draws each tile twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
-    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the keeper had,
+    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the tile cache had,
      * which were no work; texels_done does not count them. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
@@ -54,7 +55,7 @@ struct umbb_bake_options {
  * In:    depth: created for the same casters, tile size and threads. pool: holds what frusta baked
  *        before have left; its limit is replaced by the options'.
  * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the keeper says. The pool then
+ * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the tile cache says. The pool then
  * holds more than its roots reach: give it up.
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,

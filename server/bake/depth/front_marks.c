@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 
 /* A projected area below this share of the products it comes from may be rounding alone. */
 #define AREA_DOUBT 1e-9

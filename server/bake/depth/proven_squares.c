@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/front_marks.h"
 

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 #include "bake/depth/front_marks.h"
 
 /* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */

@@ -15,7 +15,7 @@
  *       uint16 mask               for each node
  *       uint32 child              for each mixed child of each node
  *     uint64 slice[8]             for each brick
- *     first occluders             where they are kept (tile_front_code.h)
+ *     first occluders             where they are kept (tile_occluder_depth_code.h)
  *
  * A ref is the number of a node of the tile's level, or UMB_REF_LIT or UMB_REF_SHADOWED. Numbers
  * are given out in the order in which a reader meets them: the runs' nodes first, then the children
@@ -23,17 +23,18 @@
  * numbers were; and a reader that sees each new number come next knows that all numbers are in
  * range and that nothing is there that the runs do not lead to.
  */
-#include "bake/build/tile_keeper.h"
-#include "format/front_build.h"
+#include "bake/build/cached_tiles.h"
+#include "format/occluder_depth_build.h"
 
 /* What both directions must know of the frustum and the tile's place in it. */
 struct umbb_tile_shape {
     uint32_t log2_size; /* of the frustum */
-    uint32_t tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. where there is a front */
+    uint32_t
+        tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. where there is an occluder depth map */
     /* The frustum's first occluders: encoding takes the tile's from there, decoding adds them.
      * NULL: they are not kept. Borrowed. */
-    struct umb_front *front;
-    uint32_t front_x, front_y; /* the tile's first square there */
+    struct umb__occluder_depth *occluder_depth;
+    uint32_t occluder_depth_x, occluder_depth_y; /* the tile's first square there */
 };
 
 /*
@@ -55,7 +56,7 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *poo
  *
  * In:    bytes: as umbb_tile_encode wrote them; checked in full before the pool is touched.
  * Out:   result: its column's runs are the last of `runs`.
- * Fails: E_CORRUPT (pool, runs and front as before), as umb_pool_brick and umb_front_add_square.
+ * Fails: E_CORRUPT (pool, runs and occluder depth map as before), as umb_pool_brick and umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
  * Cost:  linear in the bytes.
  */

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_front_code.h"
+#include "bake/tiles/tile_occluder_depth_code.h"
 #include "base/bytes.h"
 
 /* Where the parts lie. Counts are of the file; sections are proven to fit it. */
@@ -120,7 +120,7 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
                                  const uint8_t *bytes, size_t size, struct umbb_tile_result *result,
                                  struct umb_error *error)
 {
-    if (!find_parts(d, bytes, size) || (shape->front == NULL && d->bytes != size)) {
+    if (!find_parts(d, bytes, size) || (shape->occluder_depth == NULL && d->bytes != size)) {
         return damaged(error, "its size is not what its counts ask for");
     }
     const uint32_t voxels = (uint32_t)1 << shape->log2_size;
@@ -213,18 +213,19 @@ enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint
     if (status != UMB_OK) {
         return status;
     }
-    uint32_t *front = NULL, *top;
-    if (shape->front != NULL) {
-        status = umbb_tile_front_read(shape, bytes + d.bytes, size - d.bytes, &front, error);
+    uint32_t *occluder_depth = NULL, *top;
+    if (shape->occluder_depth != NULL) {
+        status = umbb_tile_occluder_depth_read(shape, bytes + d.bytes, size - d.bytes,
+                                               &occluder_depth, error);
         if (status != UMB_OK) {
             return status;
         }
     }
     status = add_all(&d, pool, &top, error);
-    if (status == UMB_OK && front != NULL) {
-        status = umbb_tile_front_add(shape, front, error);
+    if (status == UMB_OK && occluder_depth != NULL) {
+        status = umbb_tile_occluder_depth_add(shape, occluder_depth, error);
     }
-    free(front);
+    free(occluder_depth);
     result->column.run_first = runs->count;
     for (uint32_t i = 0; i < d.run_count && status == UMB_OK; i++) {
         const uint32_t ref = umb__load32(d.runs + 8 * (size_t)i + 4);

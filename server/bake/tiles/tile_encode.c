@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_front_code.h"
+#include "bake/tiles/tile_occluder_depth_code.h"
 #include "base/bytes.h"
 
 /* What the walk has met of one level. */
@@ -19,7 +19,7 @@ struct met {
 
 struct encoder {
     const struct umb_pool *pool;
-    const struct umbb_run *runs; /* the column's */
+    const struct umbb_column_run *runs; /* the column's */
     size_t run_count;
     uint32_t top; /* the tile's level */
     struct met met[UMB_LEVEL_MAX + 1];
@@ -165,12 +165,13 @@ enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape, const stru
     enum umb_status status = encoder_init(&e, max_bytes / 2, error);
     if (status == UMB_OK) {
         number_nodes(&e);
-        const uint64_t nodes = encoded_bytes(&e), wanted = nodes + umbb_tile_front_bytes(shape);
+        const uint64_t nodes = encoded_bytes(&e),
+                       wanted = nodes + umbb_tile_occluder_depth_bytes(shape);
         *bytes = wanted > max_bytes / 2 ? NULL : malloc((size_t)wanted);
         if (*bytes != NULL) {
             put_all(&e, result, *bytes);
-            if (shape->front != NULL) {
-                umbb_tile_front_put(shape, *bytes + nodes);
+            if (shape->occluder_depth != NULL) {
+                umbb_tile_occluder_depth_put(shape, *bytes + nodes);
             }
             *size = (size_t)wanted;
         } else {

@@ -9,7 +9,7 @@
 #include "base/bytes.h"
 #include "common/sha256_chain.h"
 
-static const char key_domain[16] = "umbrage tile", front_domain[16] = "umbrage front";
+static const char key_domain[16] = "umbrage tile", occluder_depth_domain[16] = "umbrage front";
 
 static void add32(struct umbs_chain *chain, uint32_t value)
 {
@@ -73,7 +73,8 @@ void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape 
         depth->reach(depth->state, place->x0, place->y0, &list, &count);
     struct umbs_chain chain;
     umbs_chain_init(&chain);
-    umbs_chain_add(&chain, shape->front != NULL ? front_domain : key_domain, sizeof key_domain);
+    umbs_chain_add(&chain, shape->occluder_depth != NULL ? occluder_depth_domain : key_domain,
+                   sizeof key_domain);
     umbs_chain_add(&chain, UMB_VERSION, sizeof UMB_VERSION);
     add32(&chain, UMBB_BAKE_VERSION);
     add32(&chain, (uint32_t)casters->size);

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/page_alloc.h"
-#include "bake/build/job_pool.h"
+#include "bake/build/slice_pool.h"
 #include "bake/interrupt.h"
 #include "bake/progress.h"
 #include "common/sha256.h"
@@ -47,12 +47,12 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     if (error != NULL) {
         error->message[0] = '\0';
     }
-    struct umbb_jobs *jobs;
-    enum umb_status status = umbb_jobs_create(publish->threads, &jobs, error);
+    struct umbb_slice_pool *jobs;
+    enum umb_status status = umbb_slice_pool_create(publish->threads, &jobs, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_workers workers = umbb_jobs_workers(jobs);
+    const struct umb_workers workers = umbb_slice_pool_workers(jobs);
     const struct umb_pack_job job = {.content = content,
                                      .octree = octree,
                                      .sha256 = &umbs_sha256,
@@ -60,7 +60,7 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                      .workers = &workers,
                                      .cancelled = umbb_interrupted};
     status = umb_pack_run(&job, publish->id, error);
-    umbb_jobs_destroy(jobs);
+    umbb_slice_pool_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");

@@ -480,7 +480,7 @@ static void the_penumbra_effect_is_on_where_first_occluders_are_kept(void **stat
 {
     static const struct {
         enum umbb_closed_mode closed;
-        int front;
+        int occluder_depth;
         enum umbb_penumbra_mode mode;
         const char *line;
     } cases[] = {
@@ -498,7 +498,7 @@ static void the_penumbra_effect_is_on_where_first_occluders_are_kept(void **stat
         struct umbb_analysis a;
         struct umb_error error;
         char *plan;
-        options.front = cases[i].front;
+        options.occluder_depth = cases[i].occluder_depth;
         options.penumbra = cases[i].mode;
         options.lights.count = 1;
         options.lights.items[0].elevation_deg = 45.0;

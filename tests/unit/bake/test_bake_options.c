@@ -263,7 +263,7 @@ static void effects_are_overruled_by_name(void **state)
     assert_int_equal(o.opaque_translucents, 0);
     assert_int_equal(o.opaque_cut_outs, 1);
     assert_int_equal(o.penumbra, UMBB_PENUMBRA_OFF);
-    assert_int_equal(o.front, 0);
+    assert_int_equal(o.occluder_depth, 0);
     assert_int_equal(parse("s.ply -o o --effect cut-out=on", &o, &e), UMB_OK);
     assert_int_equal(o.opaque_cut_outs, 0);
     assert_int_equal(parse("s.ply -o o --effect transmittance=off", &o, &e), UMB_OK);
@@ -271,18 +271,18 @@ static void effects_are_overruled_by_name(void **state)
     assert_int_equal(parse("s.ply -o o --effect=transmittance=on", &o, &e), UMB_OK);
     assert_int_equal(o.opaque_translucents, 0);
     assert_int_equal(parse("s.ply -o o --effect penumbra=on", &o, &e), UMB_OK);
-    assert_true(o.penumbra == UMBB_PENUMBRA_ON && o.front);
+    assert_true(o.penumbra == UMBB_PENUMBRA_ON && o.occluder_depth);
     assert_int_equal(parse("s.ply -o o --effect penumbra=on --effect penumbra=off", &o, &e),
                      UMB_OK);
-    assert_true(o.penumbra == UMBB_PENUMBRA_OFF && !o.front);
+    assert_true(o.penumbra == UMBB_PENUMBRA_OFF && !o.occluder_depth);
     assert_int_equal(
         parse("s.ply -o o --closed off --effect penumbra=on --effect front=off", &o, &e), UMB_OK);
-    assert_true(o.penumbra == UMBB_PENUMBRA_ON && !o.front);
+    assert_true(o.penumbra == UMBB_PENUMBRA_ON && !o.occluder_depth);
     assert_int_equal(parse("s.ply -o o", &o, &e), UMB_OK);
-    assert_true(o.penumbra == UMBB_PENUMBRA_AUTO && !o.front);
+    assert_true(o.penumbra == UMBB_PENUMBRA_AUTO && !o.occluder_depth);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     assert_int_equal(parse("tile s -o o --effect penumbra=on", &o, &e), UMB_OK);
-    assert_true(o.front);
+    assert_true(o.occluder_depth);
     static const struct {
         const char *line, *value;
     } cases[] = {

@@ -14,12 +14,12 @@
 #include "umbrage/curve.h"
 
 /* The longest that a bake may make of lights and frusta, in bytes of the canonical block. */
-static uint64_t filled(struct umb_content content, int translucent, size_t front_bytes)
+static uint64_t filled(struct umb_content content, int translucent, size_t occluder_depth_bytes)
 {
     struct umb_error error;
     uint64_t length;
     content.curve_count = content.light_count * UMB_CURVE_ROWS_MAX;
-    content.front_words = front_bytes / 4;
+    content.occluder_depth_words = occluder_depth_bytes / 4;
     content.transmittance_bytes = translucent ? UMBB_TRANSMITTANCE_BYTES_MAX : 0;
     if (umb_content_head_bytes(&content, &length, &error) != UMB_OK) {
         fail_msg("%u frusta, translucent %d: %s", content.frustum_count, translucent,
@@ -40,13 +40,15 @@ static void fronts_beside_all_else_fit_a_head(void **state)
                                       .frustum_count = 6 * lights[i / 4],
                                       .plan = text + (wordy ? 1 : sizeof text - 9),
                                       .settings = text + (wordy ? 1 : sizeof text - 30)};
-        size_t front;
+        size_t occluder_depth;
         struct umb_error error;
-        assert_int_equal(umbb_head_front_bytes(&content, translucent, &front, &error), UMB_OK);
-        assert_true(front >= (size_t)20 << 20);
-        assert_true(translucent ? front < (size_t)48 << 20 : front <= (size_t)48 << 20);
-        const uint64_t length = filled(content, translucent, front);
-        if (front < (size_t)48 << 20) { /* and nothing is given away */
+        assert_int_equal(
+            umbb_head_occluder_depth_bytes(&content, translucent, &occluder_depth, &error), UMB_OK);
+        assert_true(occluder_depth >= (size_t)20 << 20);
+        assert_true(translucent ? occluder_depth < (size_t)48 << 20
+                                : occluder_depth <= (size_t)48 << 20);
+        const uint64_t length = filled(content, translucent, occluder_depth);
+        if (occluder_depth < (size_t)48 << 20) { /* and nothing is given away */
             assert_true(length + 64 > UMB__CANONICAL_MAX);
         }
     }
@@ -60,14 +62,15 @@ static void more_lights_than_a_head_holds_are_refused_by_their_number(void **sta
                                   .frustum_count = 2040,
                                   .plan = (char[]){""},
                                   .settings = (char[]){""},
-                                  .near_cells = &cells};
-    size_t front;
+                                  .receiver_mask_cells = &cells};
+    size_t occluder_depth;
     struct umb_error error;
-    assert_int_equal(umbb_head_front_bytes(&content, 0, &front, &error), UMB_E_BAD_SCENE);
+    assert_int_equal(umbb_head_occluder_depth_bytes(&content, 0, &occluder_depth, &error),
+                     UMB_E_BAD_SCENE);
     assert_non_null(strstr(error.message, "2040 lights"));
-    assert_int_equal(front, 0);
+    assert_int_equal(occluder_depth, 0);
     content.light_count = content.frustum_count = 1024;
-    assert_int_equal(umbb_head_front_bytes(&content, 0, &front, &error), UMB_OK);
+    assert_int_equal(umbb_head_occluder_depth_bytes(&content, 0, &occluder_depth, &error), UMB_OK);
 }
 
 int main(void)

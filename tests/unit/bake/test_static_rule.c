@@ -14,7 +14,7 @@
 
 #include "bake/depth/coverage.h"
 #include "bake_soups.h"
-#include "format/near.h"
+#include "format/receiver_mask.h"
 #include "umbrage/query.h"
 
 #define SIZE   128
@@ -27,7 +27,7 @@ struct ruled {
     int closed_rule;
     uint8_t *open; /* kinds where nothing is closed */
     struct umbb_static rule;
-    uint64_t cells[UMB__NEAR_WORDS];
+    uint64_t cells[UMB__RECEIVER_MASK_WORDS];
     struct umb_octree octree;
 };
 
@@ -238,7 +238,7 @@ static size_t check_soup(struct ruled *r, size_t points)
             double v[3];
             if (window(r, i, taps, v)) {
                 const uint32_t voxel[3] = {(uint32_t)v[0], (uint32_t)v[1], (uint32_t)v[2]};
-                assert_true(umb__near_has(r->cells, 7, voxel));
+                assert_true(umb__receiver_mask_has(r->cells, 7, voxel));
                 behind += wanted ? (size_t)check_window(slow, taps, v) : 0;
             }
         }
@@ -331,7 +331,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     (void)state;
     struct soup soup;
     struct umb_error error;
-    struct umbb_jobs *jobs;
+    struct umbb_slice_pool *jobs;
     make_soup(&soup, 341);
     struct ruled r = {.soup = &soup, .edge = {1, 1, 1}};
     r.open = calloc(soup.count, 1);
@@ -339,7 +339,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     bake(&r, 7, 1);
     const struct umbb_casters casters = soup_casters(&soup, 1);
     r.rule.casters = &casters;
-    assert_int_equal(umbb_jobs_create(2, &jobs, &error), UMB_OK);
+    assert_int_equal(umbb_slice_pool_create(2, &jobs, &error), UMB_OK);
     memset(r.rule.met, 0, soup.count);
     /* No texel is looked at, or this tile without any would be read out of bounds. */
     const struct umbb_tile tile = {.size = SIZE, .background = SIZE};
@@ -347,7 +347,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     for (size_t i = 0; i < soup.count; i++) {
         assert_int_equal(r.rule.met[i], 0);
     }
-    umbb_jobs_destroy(jobs);
+    umbb_slice_pool_destroy(jobs);
     release(&r);
     free(r.open);
     soup_finish(&soup);
@@ -368,8 +368,8 @@ static void cells_are_marked_near_surfaces_only(void **state)
     size_t marked = 0;
     for (uint32_t i = 0; i < 64 * 64 * 64; i++) {
         const uint32_t voxel[3] = {i % 64 * 2, i / 64 % 64 * 2, i / 4096 * 2};
-        marked += umb__near_has(r.cells, 7, voxel);
-        if (umb__near_has(r.cells, 7, voxel)) {
+        marked += umb__receiver_mask_has(r.cells, 7, voxel);
+        if (umb__receiver_mask_has(r.cells, 7, voxel)) {
             assert_in_range(voxel[2], 96 - 13 - 3, 104 + 3);
             assert_true(voxel[0] + voxel[1] <= 130 + 4 * 15);
         }

@@ -8,7 +8,7 @@
 #include <fcntl.h>
 #include <time.h>
 
-#include "bake/build/tile_front.h"
+#include "bake/build/tile_occluder_depth.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 #include "bake/tiles/tile_sweep.h"
@@ -20,9 +20,9 @@
 
 static const struct umbb_tile_shape shape = {.log2_size = LOG2_SIZE, .tile_log2 = LOG2_SIZE};
 
-/* Builds a soup's only tile into a pool and encodes it. In: front: NULL, or empty. */
-static uint8_t *encode_front(struct umb_pool *pool, uint64_t seed, struct umb_front *front,
-                             size_t *size)
+/* Builds a soup's only tile into a pool and encodes it. In: occluder_depth: NULL, or empty. */
+static uint8_t *encode_occluder_depth(struct umb_pool *pool, uint64_t seed,
+                                      struct umb__occluder_depth *occluder_depth, size_t *size)
 {
     struct umb_error error;
     struct soup soup;
@@ -45,14 +45,14 @@ static uint8_t *encode_front(struct umb_pool *pool, uint64_t seed, struct umb_fr
     const struct umbb_square whole = {tile.log2_size, {0, 0}};
     assert_int_equal(umbb_column_of_square(pool, &tile, &whole, &runs, &result.column, &error),
                      UMB_OK);
-    struct umbb_tile_shape fronted = shape;
-    fronted.front = front;
-    if (front != NULL) {
-        assert_int_equal(umbb_tile_front(&tile, front, &error), UMB_OK);
+    struct umbb_tile_shape with_depths = shape;
+    with_depths.occluder_depth = occluder_depth;
+    if (occluder_depth != NULL) {
+        assert_int_equal(umbb_tile_occluder_depth(&tile, occluder_depth, &error), UMB_OK);
     }
     uint8_t *bytes;
-    assert_int_equal(umbb_tile_encode(&fronted, pool, &runs, &result, LEFT, &bytes, size, &error),
-                     UMB_OK);
+    assert_int_equal(
+        umbb_tile_encode(&with_depths, pool, &runs, &result, LEFT, &bytes, size, &error), UMB_OK);
     umbb_runs_finish(&runs);
     umbb_tile_finish(&tile);
     depth.destroy(depth.state);
@@ -62,7 +62,7 @@ static uint8_t *encode_front(struct umb_pool *pool, uint64_t seed, struct umb_fr
 
 static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
 {
-    return encode_front(pool, seed, NULL, size);
+    return encode_occluder_depth(pool, seed, NULL, size);
 }
 
 static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
@@ -139,7 +139,8 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
     for (size_t length = 0; length < size; length += length < 300 ? 1 : 97) {
         assert_int_equal(decode_copy(bytes, length), UMB_E_CORRUPT);
     }
-    for (size_t at = 3; at <= 7; at += 4) { /* the two depths at the front, beyond the frustum */
+    for (size_t at = 3; at <= 7;
+         at += 4) { /* the two depths at the occluder depth map, beyond the frustum */
         bytes[at] ^= 0x40;
         assert_int_equal(decode_copy(bytes, size), UMB_E_CORRUPT);
         bytes[at] ^= 0x40;
@@ -157,30 +158,32 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
     free(bytes);
 }
 
-/* Decodes a copy in a block of its exact size, first occluders included, into a front of 16 tiles.
+/* Decodes a copy in a block of its exact size, first occluders included, into an occluder depth map of 16 tiles.
  * A refusal must leave it alone. */
-static enum umb_status decode_front(const uint8_t *bytes, size_t size, struct umb_front *front)
+static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
+                                             struct umb__occluder_depth *occluder_depth)
 {
     struct umb_pool pool;
     struct umb_error error;
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
-    const struct umbb_tile_shape fronted = {.log2_size = LOG2_SIZE + 2,
-                                            .tile_log2 = LOG2_SIZE,
-                                            .front = front,
-                                            .front_x = 4,
-                                            .front_y = 6};
+    const struct umbb_tile_shape with_depths = {.log2_size = LOG2_SIZE + 2,
+                                                .tile_log2 = LOG2_SIZE,
+                                                .occluder_depth = occluder_depth,
+                                                .occluder_depth_x = 4,
+                                                .occluder_depth_y = 6};
     uint8_t *copy = malloc(size > 0 ? size : 1);
     assert_non_null(copy);
     memcpy(copy, bytes, size);
     umb_pool_init(&pool, NULL, LEFT);
-    assert_int_equal(umb_front_init(front, NULL, LOG2_SIZE + 2, LEFT, &error), UMB_OK);
+    assert_int_equal(umb__occluder_depth_init(occluder_depth, NULL, LOG2_SIZE + 2, LEFT, &error),
+                     UMB_OK);
     const enum umb_status status =
-        umbb_tile_decode(&fronted, copy, size, &pool, &runs, &result, &error);
+        umbb_tile_decode(&with_depths, copy, size, &pool, &runs, &result, &error);
     if (status != UMB_OK) {
         assert_int_equal(status, UMB_E_CORRUPT);
         assert_int_equal(pool.bytes, 0);
-        assert_int_equal(front->count, 0);
+        assert_int_equal(occluder_depth->count, 0);
     }
     umbb_runs_finish(&runs);
     umb_pool_finish(&pool);
@@ -193,36 +196,37 @@ static void first_occluders_are_kept_word_by_word_and_damage_is_refused(void **s
     (void)state;
     struct umb_pool pool;
     struct umb_error error;
-    struct umb_front front, other;
+    struct umb__occluder_depth occluder_depth, other;
     size_t size, plain_size;
     umb_pool_init(&pool, NULL, LEFT);
     free(encode_soup(&pool, 814, &plain_size));
-    assert_int_equal(umb_front_init(&front, NULL, LOG2_SIZE, LEFT, &error), UMB_OK);
-    uint8_t *bytes = encode_front(&pool, 814, &front, &size);
+    assert_int_equal(umb__occluder_depth_init(&occluder_depth, NULL, LOG2_SIZE, LEFT, &error),
+                     UMB_OK);
+    uint8_t *bytes = encode_occluder_depth(&pool, 814, &occluder_depth, &size);
     umb_pool_finish(&pool);
     assert_true(size > plain_size + 1000);
-    assert_int_equal(decode_front(bytes, size, &other), UMB_OK);
+    assert_int_equal(decode_occluder_depth(bytes, size, &other), UMB_OK);
     for (uint32_t i = 0; i < 4; i++) {
-        const uint32_t *one = umb_front_square(&front, i % 2, i / 2);
-        const uint32_t *two = umb_front_square(&other, 4 + i % 2, 6 + i / 2);
+        const uint32_t *one = umb__occluder_depth_square(&occluder_depth, i % 2, i / 2);
+        const uint32_t *two = umb__occluder_depth_square(&other, 4 + i % 2, 6 + i / 2);
         assert_int_equal(one == NULL, two == NULL);
         if (one != NULL) {
             assert_memory_equal(one, two, one[0] * sizeof *one);
         }
     }
-    umb_front_finish(&other);
-    umb_front_finish(&front);
+    umb__occluder_depth_finish(&other);
+    umb__occluder_depth_finish(&occluder_depth);
     assert_int_equal(decode_copy(bytes, size), UMB_E_CORRUPT); /* where none are expected */
     for (size_t length = plain_size; length < size; length += length < plain_size + 200 ? 1 : 31) {
-        assert_int_equal(decode_front(bytes, length, &other), UMB_E_CORRUPT);
-        umb_front_finish(&other);
+        assert_int_equal(decode_occluder_depth(bytes, length, &other), UMB_E_CORRUPT);
+        umb__occluder_depth_finish(&other);
     }
     size_t refused = 0, tried = 0;
     for (size_t at = plain_size; at < size; at += at < plain_size + 200 ? 1 : 37, tried++) {
         const uint8_t bit = (uint8_t)(1U << at % 8);
         bytes[at] ^= bit;
-        refused += decode_front(bytes, size, &other) != UMB_OK;
-        umb_front_finish(&other);
+        refused += decode_occluder_depth(bytes, size, &other) != UMB_OK;
+        umb__occluder_depth_finish(&other);
         bytes[at] ^= bit;
     }
     assert_in_range(refused, tried / 4, tried); /* what is left are other depths */

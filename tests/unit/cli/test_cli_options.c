@@ -181,20 +181,20 @@ static void query_options_are_taken(void **state)
     assert_int_equal(parsed.settings.bias_mode, UMB_BIAS_NONE);
 }
 
-static void questions_and_lists_of_lights_are_taken(void **state)
+static void volume_queries_and_lists_of_lights_are_taken(void **state)
 {
     struct umbc_query_options parsed;
     (void)state;
     assert_int_equal(query("query a.umb --segments s --format f64 --light 2", &parsed), -1);
-    assert_int_equal(parsed.question, UMBC_QUESTION_SEGMENTS);
+    assert_int_equal(parsed.volume_query, UMBC_ASK_SEGMENTS);
     assert_string_equal(parsed.points, "s");
     assert_int_equal(parsed.settings.light, 2);
     assert_int_equal(query("query a.umb --columns -", &parsed), -1);
-    assert_int_equal(parsed.question, UMBC_QUESTION_COLUMNS);
+    assert_int_equal(parsed.volume_query, UMBC_ASK_COLUMNS);
     assert_int_equal(query("query a.umb --boxes b", &parsed), -1);
     assert_int_equal(query("query a --boxes b --address tcp:h:1 --opaque-only", &parsed), -1);
-    assert_true(parsed.question == UMBC_QUESTION_BOXES && parsed.settings.opaque_only);
-    assert_int_equal(parsed.question, UMBC_QUESTION_BOXES);
+    assert_true(parsed.volume_query == UMBC_ASK_BOXES && parsed.settings.opaque_only);
+    assert_int_equal(parsed.volume_query, UMBC_ASK_BOXES);
     assert_int_equal(query("query a.umb --points p --light 4,0,7", &parsed), -1);
     assert_int_equal(parsed.light_count, 3);
     assert_int_equal(parsed.settings.light, 4);
@@ -325,7 +325,7 @@ int main(void)
         cmocka_unit_test(files_are_told_from_assets),
         cmocka_unit_test(query_options_have_their_defaults),
         cmocka_unit_test(query_options_are_taken),
-        cmocka_unit_test(questions_and_lists_of_lights_are_taken),
+        cmocka_unit_test(volume_queries_and_lists_of_lights_are_taken),
         cmocka_unit_test(dials_replace_taps),
         cmocka_unit_test(bad_query_options_are_usage_errors),
     };

@@ -282,7 +282,7 @@ enum {
     MANY = 800000
 };
 
-/* Each sampled point is its own number: in order, in stretches, from the whole file. */
+/* Each sampled point is its own number: in order, in intervals, from the whole file. */
 static void check_sample(enum umbc_points_format format, bool with_normals, size_t total)
 {
     struct umbc_batch sample;
@@ -304,14 +304,14 @@ static void check_sample(enum umbc_points_format format, bool with_normals, size
     }
     assert_true(sample.has_normals == with_normals || format == UMBC_POINTS_TEXT);
     assert_int_equal(sample.count, total < MANY ? total : (size_t)64 * 4096);
-    assert_int_equal(steps, total < MANY ? 0 : 63); /* the first stretch goes on from -1 */
+    assert_int_equal(steps, total < MANY ? 0 : 63); /* the first interval goes on from -1 */
     for (size_t q = 0; q < 4; q++) {
         assert_true(quarters[q] > sample.count / 5);
     }
     umbc_batch_finish(&sample);
 }
 
-static void samples_come_in_stretches_from_all_over_a_file(void **state)
+static void samples_come_in_intervals_from_all_over_a_file(void **state)
 {
     (void)state;
     static float raw[MANY][6];
@@ -354,7 +354,7 @@ int main(void)
         cmocka_unit_test(raw_points_are_little_endian_numbers),
         cmocka_unit_test(raw_rests_and_infinities_are_refused),
         cmocka_unit_test(what_is_no_readable_file_is_no_input),
-        cmocka_unit_test(samples_come_in_stretches_from_all_over_a_file),
+        cmocka_unit_test(samples_come_in_intervals_from_all_over_a_file),
         cmocka_unit_test(what_cannot_be_sampled_gives_no_points),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);

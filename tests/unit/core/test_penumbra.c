@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "format/front_build.h"
+#include "format/occluder_depth_build.h"
 #include "volume_fixture.h"
 
 #define LOG2_SIZE 7U
@@ -59,12 +59,13 @@ static int column_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t
     return z < columns->depth(x, y) + (columns->depth(x, y) < SIZE ? columns->undefined : 0);
 }
 
-/* The front of columns behind which something is undefined. Returns its words, to be freed. */
-static uint32_t *front_of(const struct columns *columns, uint64_t *count)
+/* The occluder depth map of columns behind which something is undefined. Returns its words, to be freed. */
+static uint32_t *occluder_depth_of(const struct columns *columns, uint64_t *count)
 {
-    struct umb_front front;
+    struct umb__occluder_depth occluder_depth;
     uint32_t *words;
-    assert_int_equal(umb_front_init(&front, NULL, LOG2_SIZE, 1U << 26, NULL), UMB_OK);
+    assert_int_equal(umb__occluder_depth_init(&occluder_depth, NULL, LOG2_SIZE, 1U << 26, NULL),
+                     UMB_OK);
     for (uint32_t square = 0; square < SIZE * SIZE / 4096; square++) {
         int32_t lit[64][64], end[64][64];
         const uint32_t x0 = square % (SIZE / 64) * 64, y0 = square / (SIZE / 64) * 64;
@@ -75,12 +76,13 @@ static uint32_t *front_of(const struct columns *columns, uint64_t *count)
             lit[block][i % 64] = (int32_t)depth;
             end[block][i % 64] = (int32_t)(depth < SIZE ? depth + columns->undefined : depth);
         }
-        assert_int_equal(umb_front_add(&front, x0 / 64, y0 / 64, (const int32_t(*)[64])lit,
-                                       (const int32_t(*)[64])end, NULL),
+        assert_int_equal(umb__occluder_depth_add(&occluder_depth, x0 / 64, y0 / 64,
+                                                 (const int32_t(*)[64])lit,
+                                                 (const int32_t(*)[64])end, NULL),
                          UMB_OK);
     }
-    assert_int_equal(umb_front_join(&front, 1, &words, count, NULL), UMB_OK);
-    umb_front_finish(&front);
+    assert_int_equal(umb__occluder_depth_join(&occluder_depth, 1, &words, count, NULL), UMB_OK);
+    umb__occluder_depth_finish(&occluder_depth);
     return words;
 }
 
@@ -92,7 +94,7 @@ struct scene {
 };
 
 static void scene_open(struct scene *s, uint32_t (*depth)(uint32_t x, uint32_t y), int turned,
-                       uint32_t undefined, int with_front)
+                       uint32_t undefined, int with_occluder_depth)
 {
     *s = (struct scene){.columns = {depth, undefined}};
     const struct voxels voxels = {column_voxel, &s->columns, LOG2_SIZE, 1};
@@ -106,7 +108,8 @@ static void scene_open(struct scene *s, uint32_t (*depth)(uint32_t x, uint32_t y
     if (turned) {
         fixture_turn(&content.frusta[0]);
     }
-    content.front = with_front ? front_of(&s->columns, &content.front_words) : NULL;
+    content.occluder_depth =
+        with_occluder_depth ? occluder_depth_of(&s->columns, &content.occluder_depth_words) : NULL;
     struct umb_sink sink = bytes_sink(&s->file);
     if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(s->file.data, s->file.size, NULL, &s->asset, &error) != UMB_OK) {
@@ -114,7 +117,7 @@ static void scene_open(struct scene *s, uint32_t (*depth)(uint32_t x, uint32_t y
     }
     assert_int_equal(umb_asset_get_frustum(s->asset, 0, &s->frustum), UMB_OK);
     umb_octree_finish(&octree);
-    umb_front_words_free(NULL, content.front);
+    umb__occluder_depth_words_free(NULL, content.occluder_depth);
 }
 
 static void scene_close(struct scene *s)
@@ -266,7 +269,7 @@ static void penumbras_are_those_of_a_march_through_every_voxel(void **state)
     assert_true(half > POINTS / 10);
 }
 
-/* Behind all that is undefined, a closed asset answers as the open one: its front says where the
+/* Behind all that is undefined, a closed asset answers as the open one: its occluder depth map says where the
  * occluders are, and its columns alone would put them three voxels deeper. */
 static void the_front_of_a_closed_asset_gives_the_penumbras_of_the_open_one(void **state)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lit stretches of segments against a march through every voxel, and against points. */
+/* Lit intervals of segments against a march through every voxel, and against points. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 #include "volume_fixture.h"
 
 enum {
-    STRETCHES = 600,
+    INTERVALS = 600,
     FEW = 20000
 };
 
@@ -44,9 +44,9 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The header's definition, voxel by voxel. Returns the number of stretches. */
+/* The header's definition, voxel by voxel. Returns the number of intervals. */
 static size_t march(const struct volume_fixture *f, const double v[2][3],
-                    struct umb_stretch stretches[STRETCHES], double *lit)
+                    struct umb_interval intervals[INTERVALS], double *lit)
 {
     static double at[3 * 300 + 2];
     struct march_axis axes[3];
@@ -75,17 +75,17 @@ static size_t march(const struct volume_fixture *f, const double v[2][3],
             continue; /* two planes at once: the voxel between them is not entered */
         }
         if (now && !before) {
-            stretches[found].begin = at[i];
+            intervals[found].begin = at[i];
         } else if (!now && before) {
-            stretches[found].end = at[i];
-            *lit += stretches[found].end - stretches[found].begin;
+            intervals[found].end = at[i];
+            *lit += intervals[found].end - intervals[found].begin;
             found++;
         }
         before = now;
     }
     if (before) {
-        stretches[found].end = 1;
-        *lit += 1 - stretches[found].begin;
+        intervals[found].end = 1;
+        *lit += 1 - intervals[found].begin;
         found++;
     }
     return found;
@@ -124,11 +124,11 @@ static void random_ends(uint64_t *seed, double size, double v[2][3])
 
 static void expect_march(const struct volume_fixture *f, const double p[2][3], size_t number)
 {
-    static struct umb_stretch found[STRETCHES], marched[STRETCHES];
+    static struct umb_interval found[INTERVALS], marched[INTERVALS];
     struct umb_segment_answer answer;
     struct umb_segments segments = {.ends = p, .format = UMB_POINT_F64, .count = 1};
     struct umb_segment_answers answers = {
-        .segments = &answer, .stretches = found, .stretch_max = STRETCHES};
+        .segments = &answer, .intervals = found, .interval_max = INTERVALS};
     double v[2][3], q[2][3], lit;
     memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
     for (unsigned e = 0; e < 2; e++) {
@@ -137,7 +137,7 @@ static void expect_march(const struct volume_fixture *f, const double p[2][3], s
     }
     umb_segments_run(&f->volume, &segments, 0, 1, &answers);
     size_t count = march(f, v, marched, &lit);
-    int same = count == answer.stretch_count && lit == answer.lit;
+    int same = count == answer.interval_count && lit == answer.lit;
     for (size_t i = 0; same && i < count; i++) {
         same = found[i].begin == marched[i].begin && found[i].end == marched[i].end;
     }
@@ -145,7 +145,7 @@ static void expect_march(const struct volume_fixture *f, const double p[2][3], s
         fail_msg("case %zu: %.17g %.17g %.17g to %.17g %.17g %.17g: %zu stretches, %.17g lit; the "
                  "march has %zu, %.17g",
                  number, v[0][0], v[0][1], v[0][2], v[1][0], v[1][1], v[1][2],
-                 (size_t)answer.stretch_count, answer.lit, count, lit);
+                 (size_t)answer.interval_count, answer.lit, count, lit);
     }
 }
 
@@ -164,13 +164,13 @@ static void expect_marches(voxel_fn lit, uint32_t log2_size, int turned, uint64_
     volume_fixture_close(&f);
 }
 
-static void stretches_equal_a_march_through_every_voxel(void **state)
+static void intervals_equal_a_march_through_every_voxel(void **state)
 {
     (void)state;
     expect_marches(fixture_noise, 7, 0, 11);
 }
 
-static void stretches_equal_a_march_in_a_turned_frame(void **state)
+static void intervals_equal_a_march_in_a_turned_frame(void **state)
 {
     (void)state;
     expect_marches(fixture_noise, 6, 1, 12);
@@ -194,7 +194,7 @@ static void segments_beyond_the_reach_of_doubles_still_end_and_agree(void **stat
     volume_fixture_close(&f);
 }
 
-static void points_within_stretches_are_lit_and_others_shadowed(void **state)
+static void points_within_intervals_are_lit_and_others_shadowed(void **state)
 {
     (void)state;
     struct volume_fixture f;
@@ -204,7 +204,7 @@ static void points_within_stretches_are_lit_and_others_shadowed(void **state)
     struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
     assert_int_equal(umb_query_prepare(f.asset, &settings, &query, NULL), UMB_OK);
     for (size_t i = 0; i < 5000; i++) {
-        static struct umb_stretch found[STRETCHES];
+        static struct umb_interval found[INTERVALS];
         struct umb_segment_answer answer;
         double v[2][3], p[2][3], at[3], t = random_unit(&seed);
         random_ends(&seed, f.size, v);
@@ -212,11 +212,11 @@ static void points_within_stretches_are_lit_and_others_shadowed(void **state)
         fixture_world(&f, v[1], p[1]);
         struct umb_segments segments = {.ends = p, .format = UMB_POINT_F64, .count = 1};
         struct umb_segment_answers answers = {
-            .segments = &answer, .stretches = found, .stretch_max = STRETCHES};
+            .segments = &answer, .intervals = found, .interval_max = INTERVALS};
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
         umb_segments_run(&f.volume, &segments, 0, 1, &answers);
         int inside = 0, near = 0;
-        for (size_t k = 0; k < answer.stretch_count; k++) {
+        for (size_t k = 0; k < answer.interval_count; k++) {
             inside |= t >= found[k].begin && t < found[k].end;
             near |= fabs(t - found[k].begin) < 1e-9 || fabs(t - found[k].end) < 1e-9;
         }
@@ -237,23 +237,24 @@ static void points_within_stretches_are_lit_and_others_shadowed(void **state)
     volume_fixture_close(&f);
 }
 
-static void stretches_that_do_not_fit_are_counted_and_added_up(void **state)
+static void intervals_that_do_not_fit_are_counted_and_added_up(void **state)
 {
     (void)state;
     struct volume_fixture f;
     volume_fixture_open(&f, fixture_noise, 7, 0, 0);
     const float ends[6] = {-1, 3, 2, 40, 29, 31};
-    struct umb_stretch all[STRETCHES], two[3] = {{7, 7}, {7, 7}, {7, 7}};
+    struct umb_interval all[INTERVALS], two[3] = {{7, 7}, {7, 7}, {7, 7}};
     struct umb_segment_answer whole, part, none;
     struct umb_segments segments = {.ends = ends, .count = 1};
-    struct umb_segment_answers a = {.segments = &whole, .stretches = all, .stretch_max = STRETCHES};
-    struct umb_segment_answers b = {.segments = &part, .stretches = two, .stretch_max = 2};
+    struct umb_segment_answers a = {
+        .segments = &whole, .intervals = all, .interval_max = INTERVALS};
+    struct umb_segment_answers b = {.segments = &part, .intervals = two, .interval_max = 2};
     struct umb_segment_answers c = {.segments = &none};
     memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
     umb_segments_run(&f.volume, &segments, 0, 1, &a);
     umb_segments_run(&f.volume, &segments, 0, 1, &b);
     umb_segments_run(&f.volume, &segments, 0, 1, &c);
-    assert_true(whole.stretch_count > 3);
+    assert_true(whole.interval_count > 3);
     assert_memory_equal(&whole, &part, sizeof whole);
     assert_memory_equal(&whole, &none, sizeof whole);
     assert_memory_equal(all, two, 2 * sizeof all[0]);
@@ -292,11 +293,11 @@ static void segments_that_are_not_finite_are_named_and_do_no_harm(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(stretches_equal_a_march_through_every_voxel),
-        cmocka_unit_test(stretches_equal_a_march_in_a_turned_frame),
+        cmocka_unit_test(intervals_equal_a_march_through_every_voxel),
+        cmocka_unit_test(intervals_equal_a_march_in_a_turned_frame),
         cmocka_unit_test(segments_beyond_the_reach_of_doubles_still_end_and_agree),
-        cmocka_unit_test(points_within_stretches_are_lit_and_others_shadowed),
-        cmocka_unit_test(stretches_that_do_not_fit_are_counted_and_added_up),
+        cmocka_unit_test(points_within_intervals_are_lit_and_others_shadowed),
+        cmocka_unit_test(intervals_that_do_not_fit_are_counted_and_added_up),
         cmocka_unit_test(segments_that_are_not_finite_are_named_and_do_no_harm),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -13,7 +13,7 @@ enum {
     SIZE = 1 << LOG2,
     FACES = 6,
     EVENTS = 3 * (SIZE + 1) + 2,
-    STRETCHES = 2000,
+    INTERVALS = 2000,
     FEW = 10000
 };
 
@@ -110,7 +110,7 @@ static int by_value(const void *a, const void *b)
 
 /* What the march has found so far. */
 struct found {
-    struct umb_stretch stretches[STRETCHES];
+    struct umb_interval intervals[INTERVALS];
     size_t count;
     double lit, since;
     int is_lit;
@@ -121,7 +121,7 @@ static void found_put(struct found *found, int lit, double t)
     if (lit && !found->is_lit) {
         found->since = t;
     } else if (!lit && found->is_lit && t > found->since) {
-        found->stretches[found->count++] = (struct umb_stretch){found->since, t};
+        found->intervals[found->count++] = (struct umb_interval){found->since, t};
         found->lit += t - found->since;
     }
     found->is_lit = lit;
@@ -303,10 +303,10 @@ static void random_ends(uint64_t *seed, double p[2][3])
     }
 }
 
-static void stretches_before_a_lamp_equal_a_march_through_every_voxel(void **state)
+static void intervals_before_a_lamp_equal_a_march_through_every_voxel(void **state)
 {
     (void)state;
-    static struct umb_stretch stretches[STRETCHES];
+    static struct umb_interval intervals[INTERVALS];
     static struct found marched;
     struct lamp lamp;
     uint64_t seed = 31;
@@ -317,34 +317,34 @@ static void stretches_before_a_lamp_equal_a_march_through_every_voxel(void **sta
         double p[2][3], ends[2][3];
         struct umb_segment_answer answer;
         struct umb_segment_answers answers = {
-            .segments = &answer, .stretches = stretches, .stretch_max = STRETCHES};
+            .segments = &answer, .intervals = intervals, .interval_max = INTERVALS};
         struct umb_segments segments = {.ends = ends, .format = UMB_POINT_F64, .count = 1};
         random_ends(&seed, p);
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
         memcpy(ends, p, sizeof ends);
         umb_segments_run(&lamp.volume, &segments, 0, 1, &answers);
         march(&lamp, (const double(*)[3])p, &marched);
-        int same = marched.count == answer.stretch_count && marched.lit == answer.lit;
+        int same = marched.count == answer.interval_count && marched.lit == answer.lit;
         for (size_t k = 0; same && k < marched.count; k++) {
-            same = marched.stretches[k].begin == stretches[k].begin &&
-                   marched.stretches[k].end == stretches[k].end;
+            same = marched.intervals[k].begin == intervals[k].begin &&
+                   marched.intervals[k].end == intervals[k].end;
         }
-        faces_met += answer.stretch_count > 1;
+        faces_met += answer.interval_count > 1;
         if (!same) {
             fail_msg("case %zu: %.17g %.17g %.17g to %.17g %.17g %.17g: %zu stretches, %.17g lit; "
                      "the march has %zu, %.17g",
                      i, p[0][0], p[0][1], p[0][2], p[1][0], p[1][1], p[1][2],
-                     (size_t)answer.stretch_count, answer.lit, marched.count, marched.lit);
+                     (size_t)answer.interval_count, answer.lit, marched.count, marched.lit);
         }
     }
     assert_true(faces_met > FEW / 4);
     lamp_close(&lamp);
 }
 
-static void points_within_stretches_before_a_lamp_are_lit_and_others_shadowed(void **state)
+static void points_within_intervals_before_a_lamp_are_lit_and_others_shadowed(void **state)
 {
     (void)state;
-    static struct umb_stretch stretches[STRETCHES];
+    static struct umb_interval intervals[INTERVALS];
     struct lamp lamp;
     struct umb_query query;
     const struct umb_query_settings settings = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
@@ -356,7 +356,7 @@ static void points_within_stretches_before_a_lamp_are_lit_and_others_shadowed(vo
         const double t = random_unit(&seed);
         struct umb_segment_answer answer;
         struct umb_segment_answers answers = {
-            .segments = &answer, .stretches = stretches, .stretch_max = STRETCHES};
+            .segments = &answer, .intervals = intervals, .interval_max = INTERVALS};
         struct umb_segments segments = {.ends = p, .format = UMB_POINT_F64, .count = 1};
         float value = 0;
         struct umb_points points = {.positions = at, .format = UMB_POINT_F64, .count = 1};
@@ -366,9 +366,9 @@ static void points_within_stretches_before_a_lamp_are_lit_and_others_shadowed(vo
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
         memcpy(points.origin, fixture_origin, sizeof fixture_origin);
         umb_segments_run(&lamp.volume, &segments, 0, 1, &answers);
-        for (size_t k = 0; k < answer.stretch_count; k++) {
-            inside |= t >= stretches[k].begin && t < stretches[k].end;
-            near |= fabs(t - stretches[k].begin) < 1e-8 || fabs(t - stretches[k].end) < 1e-8;
+        for (size_t k = 0; k < answer.interval_count; k++) {
+            inside |= t >= intervals[k].begin && t < intervals[k].end;
+            near |= fabs(t - intervals[k].begin) < 1e-8 || fabs(t - intervals[k].end) < 1e-8;
         }
         for (unsigned k = 0; k < 3; k++) {
             at[k] = p[0][k] + t * (p[1][k] - p[0][k]);
@@ -460,8 +460,8 @@ static void boxes_are_refused_before_a_lamp_and_numbers_that_overflow_do_no_harm
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(stretches_before_a_lamp_equal_a_march_through_every_voxel),
-        cmocka_unit_test(points_within_stretches_before_a_lamp_are_lit_and_others_shadowed),
+        cmocka_unit_test(intervals_before_a_lamp_equal_a_march_through_every_voxel),
+        cmocka_unit_test(points_within_intervals_before_a_lamp_are_lit_and_others_shadowed),
         cmocka_unit_test(columns_before_a_lamp_end_at_their_first_shadowed_voxel),
         cmocka_unit_test(boxes_are_refused_before_a_lamp_and_numbers_that_overflow_do_no_harm),
     };

@@ -64,10 +64,10 @@ static void lists_are_what_the_page_says(void **state)
             const uint32_t shift = TF_LOG2 - f.levels[light];
             long double exact;
             const uint32_t left = f.levels[light] == 0
-                                      ? UMB__TRANS_ONE
+                                      ? UMB__TRANSMITTANCE_ONE
                                       : tf_left(&f, light, x >> shift, y >> shift, z, &exact);
-            assert_int_equal(oracle_light_left(&oracle, light, x, y, z), left);
-            dimmed += left < UMB__TRANS_ONE;
+            assert_int_equal(oracle_transmittance(&oracle, light, x, y, z), left);
+            dimmed += left < UMB__TRANSMITTANCE_ONE;
         }
         assert_true(dimmed > 60);
         oracle_close(&oracle);
@@ -92,7 +92,7 @@ static void model_box(const struct tf_asset *f, uint32_t light, const double v[3
             left +=
                 tf_left(f, light, (uint32_t)x >> shift, (uint32_t)y >> shift, (uint32_t)z, &here);
         } else {
-            left += UMB__TRANS_ONE;
+            left += UMB__TRANSMITTANCE_ONE;
         }
         sum += here;
     }
@@ -101,7 +101,7 @@ static void model_box(const struct tf_asset *f, uint32_t light, const double v[3
         const int inside = x >= 0 && y >= 0 && x < TF_SIZE && y < TF_SIZE && v[2] >= 0;
         lit += !inside || fixture_hills(NULL, light, (uint32_t)x, (uint32_t)y, (uint32_t)z);
     }
-    const double all = (double)box * box * UMB__TRANS_ONE;
+    const double all = (double)box * box * UMB__TRANSMITTANCE_ONE;
     const float opaque = (float)lit / (float)(taps * taps);
     *share = (double)(float)((double)opaque * ((double)left / all));
     *exact = (long double)lit / (taps * taps) * sum / (box * box);
@@ -429,19 +429,20 @@ static void the_bytes_of_a_small_map_stay(void **state)
         0,    0,    0,    0,    0,    0, 0, 0x80, /* texel 63, 63 */
         0x2c, 0x00,                               /* z 4, 6 before that of the list before; 2^-21 */
     };
-    static const struct umb_trans_drop first[] = {{10, 1 << 20}, {140, 1 << 19}};
-    static const struct umb_trans_drop second[] = {{10, 1 << 20}, {21, 1 << 19}}, last[] = {{4, 1}};
-    static struct umb_trans_list lists[64 * 64];
+    static const struct umb__transmittance_drop first[] = {{10, 1 << 20}, {140, 1 << 19}};
+    static const struct umb__transmittance_drop second[] = {{10, 1 << 20}, {21, 1 << 19}},
+                                                last[] = {{4, 1}};
+    static struct umb__transmittance_list lists[64 * 64];
     const uint8_t level = 6;
-    struct umb_trans_bytes bytes = {0};
-    lists[8] = (struct umb_trans_list){first, 2};
-    lists[9] = (struct umb_trans_list){second, 2};
-    lists[64 * 64 - 1] = (struct umb_trans_list){last, 1};
-    assert_int_equal(umb_trans_append(&bytes, &level, 1, SIZE_MAX, NULL), UMB_OK);
-    assert_int_equal(umb_trans_square(&bytes, lists, SIZE_MAX, NULL), UMB_OK);
+    struct umb__transmittance_bytes bytes = {0};
+    lists[8] = (struct umb__transmittance_list){first, 2};
+    lists[9] = (struct umb__transmittance_list){second, 2};
+    lists[64 * 64 - 1] = (struct umb__transmittance_list){last, 1};
+    assert_int_equal(umb__transmittance_append(&bytes, &level, 1, SIZE_MAX, NULL), UMB_OK);
+    assert_int_equal(umb__transmittance_square(&bytes, lists, SIZE_MAX, NULL), UMB_OK);
     assert_int_equal(bytes.count, sizeof golden);
     assert_memory_equal(bytes.data, golden, sizeof golden);
-    umb_trans_bytes_finish(&bytes);
+    umb__transmittance_bytes_finish(&bytes);
 }
 
 /* Checks and, if they pass, expands and asks. Returns 1 if they pass. */
@@ -451,8 +452,8 @@ static int try_bytes(const uint8_t *bytes, size_t size)
     uint8_t *exact = malloc(size + (size == 0)); /* of exactly that size, for ASan */
     struct umb__trans trans;
     memcpy(exact, bytes, size);
-    const enum umb_status status = umb__trans_check(exact, size, frusta, 2, NULL);
-    assert_int_equal(umb__trans_load(exact, size, frusta, 2, NULL, &trans, NULL), status);
+    const enum umb_status status = umb__transmittance_check(exact, size, frusta, 2, NULL);
+    assert_int_equal(umb__transmittance_load(exact, size, frusta, 2, NULL, &trans, NULL), status);
     free(exact);
     if (status != UMB_OK) {
         assert_int_equal(status, UMB_E_CORRUPT);
@@ -461,13 +462,13 @@ static int try_bytes(const uint8_t *bytes, size_t size)
     }
     for (uint32_t i = 0; i < 2; i++) {
         for (uint32_t z = 0; z < 128 && trans.maps[i].level > 0; z += 3) {
-            const struct umb__trans_window window = {z / 2, 127 - z / 3, 0, 127, z};
+            const struct umb__transmittance_window window = {z / 2, 127 - z / 3, 0, 127, z};
             const uint64_t voxels = (uint64_t)(window.x1 - window.x0 + 1) * 128;
-            assert_true(umb__trans_lost(&trans, &trans.maps[i], 7, &window) <=
-                        voxels * UMB__TRANS_ONE);
+            assert_true(umb__transmittance_lost(&trans, &trans.maps[i], 7, &window) <=
+                        voxels * UMB__TRANSMITTANCE_ONE);
         }
     }
-    umb__trans_finish(&trans, NULL);
+    umb__transmittance_finish(&trans, NULL);
     return 1;
 }
 
@@ -475,7 +476,7 @@ static void damaged_bytes_are_refused_or_do_no_harm(void **state)
 {
     (void)state;
     struct tf_asset f;
-    struct umb_trans_bytes good;
+    struct umb__transmittance_bytes good;
     uint64_t seed = 43;
     size_t refused = 0;
     tf_open(&f, 6, 7);
@@ -502,7 +503,7 @@ static void damaged_bytes_are_refused_or_do_no_harm(void **state)
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         assert_false(try_bytes(bad[i], sizeof bad[i]));
     }
-    umb_trans_bytes_finish(&good);
+    umb__transmittance_bytes_finish(&good);
     tf_close(&f);
 }
 
@@ -515,15 +516,15 @@ static void writers_are_held_to_what_readers_take(void **state)
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     uint8_t id[UMB_ID_BYTES], wrong[] = {7};
-    struct umb_trans_bytes bytes = {0};
-    static struct umb_trans_list none[64 * 64];
+    struct umb__transmittance_bytes bytes = {0};
+    static struct umb__transmittance_list none[64 * 64];
     make_octree(&voxels, &octree);
     make_content(&voxels, 1, fixture_origin, &content);
     content.transmittance = wrong;
     content.transmittance_bytes = 1;
     assert_int_not_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
-    assert_int_equal(umb_trans_square(&bytes, none, 7, NULL), UMB_E_LIMIT);
-    umb_trans_bytes_finish(&bytes);
+    assert_int_equal(umb__transmittance_square(&bytes, none, 7, NULL), UMB_E_LIMIT);
+    umb__transmittance_bytes_finish(&bytes);
     umb_octree_finish(&octree);
     bytes_finish(&file);
 }

@@ -32,7 +32,7 @@ enum {
 /* A texel's layers. */
 struct tf_texel {
     uint32_t count;
-    struct umb_trans_drop steps[TF_LAYERS];
+    struct umb__transmittance_drop steps[TF_LAYERS];
     long double left[TF_LAYERS]; /* behind each step, unrounded */
 };
 
@@ -63,7 +63,7 @@ static const struct umb_sha256 tf_digest = {.digest = tf_sha256};
 static inline void tf_fill(struct tf_texel *texel, uint32_t x, uint32_t y, uint64_t *seed)
 {
     long double left = 1.0L;
-    uint32_t before = UMB__TRANS_ONE;
+    uint32_t before = UMB__TRANSMITTANCE_ONE;
     memset(texel, 0, sizeof *texel);
     if (x + y < 40 || next_random(seed) % 3 == 0) {
         return;
@@ -72,11 +72,11 @@ static inline void tf_fill(struct tf_texel *texel, uint32_t x, uint32_t y, uint6
          z += 1 + (uint32_t)(next_random(seed) % 30)) {
         const uint64_t kind = next_random(seed) % 9; /* many alike, as of panes of glass */
         left *= kind == 0 ? 0.0L : kind < 4 ? 0.5L : (long double)random_unit(seed);
-        const uint32_t units = (uint32_t)floorl(left * (long double)UMB__TRANS_ONE + 0.5L);
+        const uint32_t units = (uint32_t)floorl(left * (long double)UMB__TRANSMITTANCE_ONE + 0.5L);
         if (units == before || texel->count == TF_LAYERS) {
             return;
         }
-        texel->steps[texel->count] = (struct umb_trans_drop){z, before - units};
+        texel->steps[texel->count] = (struct umb__transmittance_drop){z, before - units};
         texel->left[texel->count++] = left;
         before = units;
         if (units == 0) {
@@ -86,22 +86,23 @@ static inline void tf_fill(struct tf_texel *texel, uint32_t x, uint32_t y, uint6
 }
 
 /* The entry of all maps. */
-static inline void tf_write(const struct tf_asset *f, struct umb_trans_bytes *bytes)
+static inline void tf_write(const struct tf_asset *f, struct umb__transmittance_bytes *bytes)
 {
     const uint8_t levels[TF_LIGHTS] = {(uint8_t)f->levels[0], (uint8_t)f->levels[1]};
     memset(bytes, 0, sizeof *bytes);
-    assert_int_equal(umb_trans_append(bytes, levels, sizeof levels, SIZE_MAX, NULL), UMB_OK);
+    assert_int_equal(umb__transmittance_append(bytes, levels, sizeof levels, SIZE_MAX, NULL),
+                     UMB_OK);
     for (uint32_t i = 0; i < TF_LIGHTS; i++) {
         const uint32_t side = f->levels[i] > 0 ? 1U << f->levels[i] : 0;
         for (uint32_t square = 0; square < side / 64 * (side / 64); square++) {
-            static struct umb_trans_list lists[64 * 64];
+            static struct umb__transmittance_list lists[64 * 64];
             const uint32_t x0 = square % (side / 64) * 64, y0 = square / (side / 64) * 64;
             for (uint32_t k = 0; k < 64 * 64; k++) {
                 const struct tf_texel *texel =
                     &f->texels[i][(size_t)(y0 + k / 64) * side + x0 + k % 64];
-                lists[k] = (struct umb_trans_list){texel->steps, texel->count};
+                lists[k] = (struct umb__transmittance_list){texel->steps, texel->count};
             }
-            assert_int_equal(umb_trans_square(bytes, lists, SIZE_MAX, NULL), UMB_OK);
+            assert_int_equal(umb__transmittance_square(bytes, lists, SIZE_MAX, NULL), UMB_OK);
         }
     }
 }
@@ -111,7 +112,7 @@ static inline void tf_open(struct tf_asset *f, uint32_t level0, uint32_t level1)
     const struct voxels voxels = {fixture_hills, NULL, TF_LOG2, TF_LIGHTS};
     struct umb_octree octree;
     struct umb_content content;
-    struct umb_trans_bytes bytes;
+    struct umb__transmittance_bytes bytes;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     uint64_t seed = round_seed(20260101);
@@ -136,7 +137,7 @@ static inline void tf_open(struct tf_asset *f, uint32_t level0, uint32_t level1)
         fail_msg("%s", error.message);
     }
     umb_octree_finish(&octree);
-    umb_trans_bytes_finish(&bytes);
+    umb__transmittance_bytes_finish(&bytes);
 }
 
 static inline void tf_close(struct tf_asset *f)
@@ -151,7 +152,7 @@ static inline void tf_close(struct tf_asset *f)
 static inline uint32_t tf_left(const struct tf_asset *f, uint32_t light, uint32_t x, uint32_t y,
                                uint32_t z, long double *exact)
 {
-    uint32_t left = UMB__TRANS_ONE;
+    uint32_t left = UMB__TRANSMITTANCE_ONE;
     const struct tf_texel *texel = &f->texels[light][((size_t)y << f->levels[light]) + x];
     *exact = 1.0L;
     for (uint32_t i = 0; i < texel->count && texel->steps[i].z <= z; i++) {

@@ -443,7 +443,7 @@ static void batch_create_names_what_is_wrong_and_keeps_nothing(void **state)
     umbd_batch_destroy(batch);
 }
 
-static void batch_in_used_memory_repeats_only_the_same_question_of_the_same_turn(void **state)
+static void batch_in_used_memory_repeats_only_the_same_volume_query_of_the_same_turn(void **state)
 {
     struct fixture *f = *state;
     struct umbs_entry *entry;
@@ -500,7 +500,7 @@ int main(void)
         WITH_STORE(pool_takes_turns_between_lanes),
         WITH_STORE(slices_of_many_turns_let_others_pass_first),
         WITH_STORE(batch_of_parts_answers_each_as_if_alone),
-        WITH_STORE(batch_in_used_memory_repeats_only_the_same_question_of_the_same_turn),
+        WITH_STORE(batch_in_used_memory_repeats_only_the_same_volume_query_of_the_same_turn),
         WITH_STORE(batch_create_names_what_is_wrong_and_keeps_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -206,8 +206,8 @@ static enum umb_status work_and_end(struct fixture *f, unsigned number)
         umbj__take_report(f->service, &report);
         status = umbj_service_cancel(f->service, job.id, "ann", &job, &f->error);
         uint8_t asset[UMBJ_HASH_BYTES] = {(uint8_t)number};
-        umbj_board_own(f->service->board, asset, "ann");
-        umbj_board_disown(f->service->board, asset, NULL);
+        umbj_snapshot_own(f->service->snapshot, asset, "ann");
+        umbj_snapshot_disown(f->service->snapshot, asset, NULL);
         (void)!umbj_service_delete(f->service, asset, "ann", &error);
     }
     return status;

@@ -144,8 +144,8 @@ static void requests_without_a_break_keep_no_job_from_running(void **state)
         (void)poll(NULL, 0, STEP_MS);
         if (atomic_load(&submission.done)) {
             assert_int_equal(submission.status, UMB_OK);
-            (void)umbj_board_look(umbj_service_board(f->service), submission.job.id, "ann",
-                                  look_at_state, &found);
+            (void)umbj_snapshot_look(umbj_service_snapshot(f->service), submission.job.id, "ann",
+                                     look_at_state, &found);
         }
     }
     atomic_store(&flood.stop, 1);
@@ -282,8 +282,8 @@ static void a_start_sweeps_what_an_earlier_daemon_left(void **state)
     assert_int_equal(names_in(f, "work") + names_in(f, "bundles"), 0);
     assert_int_equal(names_in(f, "assets"), 2);
     assert_int_equal(atomic_load(&umbj_service_counters(f->service)->owned_bytes), 77);
-    assert_true(umbj_board_owns(umbj_service_board(f->service), asset, "ann"));
-    assert_false(umbj_board_owns(umbj_service_board(f->service), asset, "bob"));
+    assert_true(umbj_snapshot_owns(umbj_service_snapshot(f->service), asset, "ann"));
+    assert_false(umbj_snapshot_owns(umbj_service_snapshot(f->service), asset, "bob"));
 }
 
 static void a_service_that_cannot_start_says_why(void **state)

@@ -336,20 +336,20 @@ static void watch(struct sim *sim)
 {
     struct sim_world *world = sim->world;
     struct umb_error error;
-    struct umbj_board *board = umbj_service_board(sim->service);
+    struct umbj_snapshot *snapshot = umbj_service_snapshot(sim->service);
     if (world->job_count == 0) {
         return;
     }
     const struct sim_job *job = &world->jobs[draw(world, world->job_count)];
     const char *other = owner_names[(job->owner + 1) % OWNERS];
     if (umbj_service_show(sim->service, job->id, owner_names[job->owner], &error) == UMB_OK) {
-        CHECK(umbj_board_version(board, job->id) > 0);
-        CHECK(umbj_board_look(board, job->id, owner_names[job->owner], take_standing, sim));
-        CHECK(umbj_board_look(board, job->id, NULL, take_standing, sim));
+        CHECK(umbj_snapshot_version(snapshot, job->id) > 0);
+        CHECK(umbj_snapshot_look(snapshot, job->id, owner_names[job->owner], take_standing, sim));
+        CHECK(umbj_snapshot_look(snapshot, job->id, NULL, take_standing, sim));
     }
-    CHECK(!umbj_board_look(board, job->id, other, take_standing, sim));
+    CHECK(!umbj_snapshot_look(snapshot, job->id, other, take_standing, sim));
     CHECK(umbj_service_show(sim->service, job->id, other, &error) != UMB_OK);
-    const struct umbj_tiles tiles = umbj_board_tiles(board);
+    const struct umbj_tiles tiles = umbj_snapshot_tiles(snapshot);
     CHECK(tiles.done <= tiles.total);
 }
 

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "rays/rays.h"
-#include "rays/verify_frame.h"
+#include "rays/verify_light_frame.h"
 
 typedef double triangle[3][3];
 

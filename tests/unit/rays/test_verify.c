@@ -18,7 +18,7 @@
 #include "gen.h"
 #include "make_asset.h"
 #include "rays/verify.h"
-#include "rays/verify_frame.h"
+#include "rays/verify_light_frame.h"
 
 enum {
     LOG2_SIZE = 6,
@@ -42,7 +42,7 @@ struct world {
 /* How an asset is made, and how it is spoilt. */
 struct recipe {
     const struct world *world;
-    const struct umbr_frame *frame;
+    const struct umbr_light_frame *light_frame;
     double towards[3];
     int fill_inside; /* random answers inside closed solids, as the closed rule allows */
     int planted;     /* wrong single voxels, one in each 16^3 block */
@@ -64,7 +64,7 @@ static int voxel_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y,
     double point[3];
     int winding, crossings;
     (void)frustum;
-    assert_true(umbr_frame_world(recipe->frame, voxel, point));
+    assert_true(umbr_light_frame_world(recipe->light_frame, voxel, point));
     int lit = !umbr_occluded(recipe->world->rays, point, recipe->towards, 0, INFINITY);
     if (recipe->fill_inside && !lit) {
         umbr_crossings(recipe->world->rays, point, recipe->towards, recipe->world->closed, &winding,
@@ -134,18 +134,18 @@ static struct umb_asset *make(const double claimed[3], const double traced[3], s
     struct umb_content content;
     struct umb_octree octree = {0};
     struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
-    struct umbr_frame frame;
+    struct umbr_light_frame light_frame;
     struct bytes empty = {0};
     make_content(&voxels, voxel_m, scene_origin, &content);
     set_light(&content, claimed, closed);
     octree.root_count = 1;
     octree.roots = &root;
     struct umb_asset *asset = open_packed(&content, &octree, &empty);
-    assert_int_equal(umbr_frame_init(&frame, asset, 0, NULL), UMB_OK);
+    assert_int_equal(umbr_light_frame_init(&light_frame, asset, 0, NULL), UMB_OK);
     umb_asset_close(asset);
     bytes_finish(&empty);
     recipe.world = &world;
-    recipe.frame = &frame;
+    recipe.light_frame = &light_frame;
     for (int i = 0; i < 3; i++) {
         recipe.towards[i] = -traced[i];
     }
@@ -257,9 +257,9 @@ static void planted_wrong_voxels_are_outside_the_band(void **state)
     assert_true(result.outside_band > 0);
     assert_true(result.has_worst);
     /* The point it names lies in a planted voxel. */
-    struct umbr_frame frame;
+    struct umbr_light_frame light_frame;
     struct umb_frustum_info info;
-    assert_int_equal(umbr_frame_init(&frame, asset, 0, NULL), UMB_OK);
+    assert_int_equal(umbr_light_frame_init(&light_frame, asset, 0, NULL), UMB_OK);
     assert_int_equal(umb_asset_get_frustum(asset, 0, &info), UMB_OK);
     static const int planted[3] = {7, 9, 5};
     for (int i = 0; i < 3; i++) {
@@ -274,11 +274,10 @@ static void planted_wrong_voxels_are_outside_the_band(void **state)
 }
 
 static struct umbr_verify_result verify_question(const struct umb_asset *asset,
-                                                 enum umbr_verify_question question,
-                                                 const uint8_t *closed)
+                                                 enum umbr_verify_kind kind, const uint8_t *closed)
 {
     const struct umbr_verify_options options = {
-        .points = POINTS / 12, .question = question, .seed = 46, .closed = closed};
+        .points = POINTS / 12, .kind = kind, .seed = 46, .closed = closed};
     struct umbr_verify_result result;
     struct umb_error error = {0};
     if (umbr_verify(asset, 0, world.rays, &options, &result, &error) != UMB_OK) {
@@ -295,21 +294,21 @@ static void segments_columns_and_boxes_are_held_against_rays(void **state)
     struct umb_asset *closed = make(sun, sun, (struct recipe){.fill_inside = 1}, 1, &closed_bytes);
     struct umb_asset *bad = make(sun, sun, (struct recipe){.planted = 1}, 0, &bad_bytes);
     for (int q = UMBR_VERIFY_SEGMENTS; q <= UMBR_VERIFY_BOXES; q++) {
-        const enum umbr_verify_question question = (enum umbr_verify_question)q;
-        struct umbr_verify_result result = verify_question(good, question, NULL);
+        const enum umbr_verify_kind kind = (enum umbr_verify_kind)q;
+        struct umbr_verify_result result = verify_question(good, kind, NULL);
         print_message("%d: %llu asked, %llu compared, %llu in band\n", q,
                       (unsigned long long)result.records, (unsigned long long)result.points,
                       (unsigned long long)result.inside_band);
         assert_true(result.records >= POINTS / 12 * 9 / 10 && result.points >= result.records / 2);
         assert_int_equal(result.outside_band, 0);
-        assert_true(verify_question(bad, question, NULL).outside_band > 0);
-        if (question == UMBR_VERIFY_COLUMNS) {
-            continue; /* a closed asset has none without its front: tests/system/test_front.sh */
+        assert_true(verify_question(bad, kind, NULL).outside_band > 0);
+        if (kind == UMBR_VERIFY_COLUMNS) {
+            continue; /* a closed asset has none without its front: tests/system/test_occluder_depth.sh */
         }
-        result = verify_question(closed, question, world.closed);
+        result = verify_question(closed, kind, world.closed);
         assert_int_equal(result.outside_band, 0);
         assert_true(result.skipped_inside > 100);
-        assert_true(verify_question(closed, question, NULL).outside_band > 0);
+        assert_true(verify_question(closed, kind, NULL).outside_band > 0);
     }
     umb_asset_close(good);
     umb_asset_close(closed);

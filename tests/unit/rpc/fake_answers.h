@@ -12,7 +12,7 @@
  */
 #include "fake_reply.h"
 #include "wire/grpc.h"
-#include "wire/questions.h"
+#include "wire/volume_queries.h"
 
 static void fake_answer(struct fake_stream *stream, const struct umbw_query_request *request,
                         size_t count)
@@ -195,36 +195,36 @@ static void fake_health(struct fake_stream *stream)
     fake_append_buffer(stream, &buffer);
 }
 
-/* Segments: of segment i share i is lit, in i stretches, each from its number on; "lies" tells one
- * stretch less than it counts, "few" answers one segment less. Other questions get no answer. */
+/* Segments: of segment i share i is lit, in i intervals, each from its number on; "lies" tells one
+ * interval less than it counts, "few" answers one segment less. Other questions get no answer. */
 static void fake_segments(struct fake_stream *stream)
 {
-    struct umbw_question_request request;
+    struct umbw_volume_query_request request;
     struct umbw_buffer buffer = {NULL, 0, 0};
-    double lit[16], stretches[16 * 16][2];
+    double lit[16], intervals[16 * 16][2];
     uint32_t counts[16];
     size_t told = 0;
-    if (umbw_decode_question_request(UMBW_SEGMENTS, stream->body + 5, stream->body_size - 5, 1000,
-                                     &request, NULL) != UMB_OK) {
+    if (umbw_decode_volume_query_request(UMBW_SEGMENTS, stream->body + 5, stream->body_size - 5,
+                                         1000, &request, NULL) != UMB_OK) {
         return; /* an empty reply */
     }
     for (uint32_t i = 0; i < request.count && i < 16; i++) {
         lit[i] = counts[i] = i;
-        for (uint32_t k = 0; k < i && k < request.max_stretches; k++, told++) {
-            stretches[told][0] = k;
-            stretches[told][1] = k + 0.5;
+        for (uint32_t k = 0; k < i && k < request.max_intervals; k++, told++) {
+            intervals[told][0] = k;
+            intervals[told][1] = k + 0.5;
         }
     }
-    const struct umbw_question_reply reply = {
-        .question = UMBW_SEGMENTS,
+    const struct umbw_volume_query_reply reply = {
+        .volume_query = UMBW_SEGMENTS,
         .asset_id = {0xab},
         .has_stats = request.want_stats,
         .nodes = 7,
         .count = request.count - (strcmp(request.asset, "few") == 0),
         .fields = {(const void *)lit, (const void *)lit, (const void *)counts,
-                   (const void *)stretches},
-        .stretch_count = told - (strcmp(request.asset, "lies") == 0)};
-    if (umbw_encode_question_reply(&reply, &buffer, NULL) != UMB_OK) {
+                   (const void *)intervals},
+        .interval_count = told - (strcmp(request.asset, "lies") == 0)};
+    if (umbw_encode_volume_query_reply(&reply, &buffer, NULL) != UMB_OK) {
         abort();
     }
     fake_append_buffer(stream, &buffer);

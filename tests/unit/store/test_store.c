@@ -285,11 +285,11 @@ static void store_sets_a_cut_cache_aside_and_makes_it_anew(void **state)
     assert_int_equal(umbs_entry_read(entry, look_at, &look, &error), UMB_OK);
     assert_int_equal(look.lit, 1);
     cache_name(id, cache);
-    assert_int_equal(umbs_entry_peek(entry, look_at, &look, &error), UMB_OK);
-    assert_int_equal(umbs_entry_prove(entry, &error), UMB_OK);
-    assert_int_equal(umbs_entry_peek(entry, look_at, &look, &error), UMB_OK);
+    assert_int_equal(umbs_entry_read_optimistic(entry, look_at, &look, &error), UMB_OK);
+    assert_int_equal(umbs_entry_revalidate(entry, &error), UMB_OK);
+    assert_int_equal(umbs_entry_read_optimistic(entry, look_at, &look, &error), UMB_OK);
     assert_int_equal(truncate(folder_file(&f->folder, cache), 100), 0);
-    assert_int_equal(umbs_entry_prove(entry, &error), UMB_E_CORRUPT); /* of the peek before */
+    assert_int_equal(umbs_entry_revalidate(entry, &error), UMB_E_CORRUPT); /* of the peek before */
     assert_non_null(strstr(error.message, "city"));
     for (int i = 0; i < 2; i++) {
         assert_int_equal(umbs_entry_read(entry, look_at, &look, &error), UMB_E_CORRUPT);

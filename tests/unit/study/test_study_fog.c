@@ -66,7 +66,7 @@ static void fog_equals_a_sum_over_points(void **state)
     bytes_finish(&file);
 }
 
-static void rays_of_more_stretches_than_fit_are_halved(void **state)
+static void rays_of_more_intervals_than_fit_are_halved(void **state)
 {
     (void)state;
     const double origin[3] = {0, 0, 0};
@@ -85,7 +85,7 @@ static void rays_of_more_stretches_than_fit_are_halved(void **state)
     double through, lit;
     umbt_fog_look(&thick, ends, ends + 3, &through, &lit);
     /* So thin a fog sends light in proportion to the lit length. */
-    assert_true(answer.stretch_count > 256);
+    assert_true(answer.interval_count > 256);
     assert_true(fabs(lit / (1e-7 * answer.lit_m) - 1) < 1e-4);
     umb_asset_close(asset);
     bytes_finish(&file);
@@ -95,7 +95,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(fog_equals_a_sum_over_points),
-        cmocka_unit_test(rays_of_more_stretches_than_fit_are_halved),
+        cmocka_unit_test(rays_of_more_intervals_than_fit_are_halved),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -14,7 +14,7 @@ static struct umbw_region_request sample(size_t count)
 {
     struct umbw_region_request request = {.asset = "city", .count = count};
     for (size_t i = 0; i < count; i++) {
-        request.stretches[i] = (struct umbw_stretch){(uint64_t)i << 40, i + 1};
+        request.ranges[i] = (struct umbw_range){(uint64_t)i << 40, i + 1};
     }
     return request;
 }
@@ -23,7 +23,7 @@ static void requests_and_replies_come_back_as_they_went(void **state)
 {
     (void)state;
     struct umb_error error;
-    for (size_t count = 1; count <= UMBW_STRETCHES_MAX; count += 127) {
+    for (size_t count = 1; count <= UMBW_RANGES_MAX; count += 127) {
         struct umbw_region_request request = sample(count), back;
         struct umbw_buffer buffer = {NULL, 0, 0};
         assert_int_equal(umbw_encode_region_request(&request, &buffer, &error), UMB_OK);
@@ -62,10 +62,10 @@ static void whatever_comes_stays_within_the_limits(void **state)
             exact[bit / 8] ^= (uint8_t)(1 << bit % 8);
             if (umbw_decode_region_request(exact, length, &back, &error) == UMB_OK) {
                 uint64_t total = 0;
-                assert_true(back.count >= 1 && back.count <= UMBW_STRETCHES_MAX);
+                assert_true(back.count >= 1 && back.count <= UMBW_RANGES_MAX);
                 for (size_t i = 0; i < back.count; i++) {
-                    total += back.stretches[i].length;
-                    assert_true(back.stretches[i].offset <= INT64_MAX);
+                    total += back.ranges[i].length;
+                    assert_true(back.ranges[i].offset <= INT64_MAX);
                 }
                 assert_true(total <= UMBW_REGION_BYTES_MAX);
             }

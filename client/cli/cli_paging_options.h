@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CLI_CLI_PAGING_OPTIONS_H
+#define UMBRAGE_CLI_CLI_PAGING_OPTIONS_H
+/* The command line of `umbrage stream`, read and checked. */
+#include <stdbool.h>
+#include "cli_common.h"
+#include "cli_paging_points.h"
+#include "cli_paging_view.h"
+
+struct umbc_paging_options {
+    const char *file, *url, *asset; /* one of them; an asset is a daemon's */
+    const char *session[UMBC_SESSION_COUNT];
+    const char *resume, *output, *frames;
+    bool only_points, json, quiet;
+    struct umb_region_options region;
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_partial_view base; /* what all views share */
+    struct umbc_views views;      /* at least one */
+    struct umb_query_settings settings;
+    size_t size[2];        /* of pictures, pixels */
+    char up;               /* 'y' or 'z' */
+    uint64_t limit, round; /* bytes, 0 = none */
+    uint32_t timeout_s;    /* Limit of the whole command in seconds; 0 = none */
+    struct umbc_paging_points points;
+};
+
+/* "WIDTHxHEIGHT", 1 to 16384 pixels each. Returns false if it is anything else. */
+bool umbc_parse_size(const char *text, size_t size[2]);
+
+/* Returns -1 to go on, else the exit code; complaints are on stderr. Finish it either way. */
+int umbc_paging_options_parse(struct umbc_paging_options *options, int argc, char **argv);
+void umbc_paging_options_finish(struct umbc_paging_options *options);
+
+#endif

@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See cli_paging_view.h. */
+#include "cli_paging_view.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "cli_common.h"
+
+#define DEFAULT_FOV_DEG 60.0
+#define PI              3.14159265358979323846
+
+/* Numbers with commas between them; *end is where they stop. */
+static bool parse_numbers(const char *text, double *values, size_t count, const char **end)
+{
+    for (size_t i = 0; i < count; i++) {
+        char *after;
+        if (i > 0 && *text++ != ',') {
+            return false;
+        }
+        values[i] = strtod(text, &after);
+        if (after == text || !isfinite(values[i])) {
+            return false;
+        }
+        text = after;
+    }
+    *end = text;
+    return true;
+}
+
+bool umbc_parse_box(const char *text, struct umb_partial_view *view)
+{
+    double v[6];
+    const char *end;
+    if (!parse_numbers(text, v, 6, &end) || *end != '\0') {
+        return false;
+    }
+    for (unsigned i = 0; i < 3; i++) {
+        view->box.min[i] = fmin(v[i], v[i + 3]);
+        view->box.max[i] = fmax(v[i], v[i + 3]);
+    }
+    view->has_box = 1;
+    return true;
+}
+
+/* Takes "name=" and its numbers if they stand at *text. */
+static bool take(const char **text, const char *name, double *values, size_t count, bool *found)
+{
+    const size_t length = strlen(name);
+    if (strncmp(*text, name, length) != 0 || (*text)[length] != '=') {
+        return false;
+    }
+    *found = true;
+    return parse_numbers(*text + length + 1, values, count, text);
+}
+
+bool umbc_parse_camera(const char *text, double aspect, char up, struct umb_partial_view *view)
+{
+    double eye[3], target[3], fov = DEFAULT_FOV_DEG, far = 0;
+    bool has_eye = false, has_target = false, optional = false;
+    do {
+        if (!take(&text, "eye", eye, 3, &has_eye) &&
+            !take(&text, "target", target, 3, &has_target) &&
+            !take(&text, "fov", &fov, 1, &optional) && !take(&text, "far", &far, 1, &optional)) {
+            return false;
+        }
+    } while (*text == ',' && *++text != '\0');
+    if (*text != '\0' || !has_eye || !has_target || !(fov > 0 && fov < 180) || !(far >= 0)) {
+        return false;
+    }
+    view->has_camera = 1;
+    view->fov_y = fov * PI / 180;
+    view->aspect = aspect;
+    view->far_m = far;
+    for (unsigned i = 0; i < 3; i++) {
+        view->eye[i] = eye[i];
+        view->forward[i] = target[i] - eye[i];
+        view->up[i] = (i == 1 && up == 'y') || (i == 2 && up == 'z') ? 1 : 0;
+    }
+    return true;
+}
+
+enum umb_status umbc_read_path(const char *path, double aspect, char up,
+                               const struct umb_partial_view *base, struct umbc_views *views,
+                               struct umb_error *error)
+{
+    size_t number = 0, capacity = 0;
+    char line[512];
+    FILE *file;
+    *views = (struct umbc_views){0};
+    enum umb_status status = umbc_open_input(path, &file, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    while (status == UMB_OK && fgets(line, sizeof line, file)) {
+        number++;
+        line[strcspn(line, "\r\n")] = '\0';
+        if (line[0] == '\0' || line[0] == '#') {
+            continue;
+        }
+        if (views->count == capacity) {
+            capacity = capacity ? 2 * capacity : 64;
+            struct umb_partial_view *list = realloc(views->list, capacity * sizeof *list);
+            if (!list) {
+                status = umb_fail(error, UMB_E_NO_MEMORY, "path: out of memory");
+                break;
+            }
+            views->list = list;
+        }
+        views->list[views->count] = *base;
+        if (!umbc_parse_camera(line, aspect, up, &views->list[views->count++])) {
+            status = umb_fail(error, UMB_E_FORMAT, "'%.200s', line %zu: no camera", path, number);
+        }
+    }
+    (void)fclose(file);
+    if (status == UMB_OK && views->count == 0) {
+        status = umb_fail(error, UMB_E_FORMAT, "'%.200s': no camera in it", path);
+    }
+    if (status != UMB_OK) {
+        umbc_views_finish(views);
+    }
+    return status;
+}
+
+void umbc_views_finish(struct umbc_views *views)
+{
+    free(views->list);
+    *views = (struct umbc_views){0};
+}
+
+bool umbc_project(const struct umb_partial_view *view, const double point[3], size_t width,
+                  size_t height, size_t pixel[2])
+{
+    const double *f = view->forward, *u = view->up;
+    const double right[3] = {f[1] * u[2] - f[2] * u[1], f[2] * u[0] - f[0] * u[2],
+                             f[0] * u[1] - f[1] * u[0]};
+    const double top[3] = {right[1] * f[2] - right[2] * f[1], right[2] * f[0] - right[0] * f[2],
+                           right[0] * f[1] - right[1] * f[0]};
+    double along = 0, across = 0, upwards = 0, f2 = 0, r2 = 0, t2 = 0;
+    for (unsigned i = 0; i < 3; i++) {
+        const double d = point[i] - view->eye[i];
+        along += d * f[i];
+        across += d * right[i];
+        upwards += d * top[i];
+        f2 += f[i] * f[i];
+        r2 += right[i] * right[i];
+        t2 += top[i] * top[i];
+    }
+    const double half = tan(view->fov_y / 2), depth = along / sqrt(f2);
+    const double x = across / sqrt(r2) / (depth * half * view->aspect);
+    const double y = upwards / sqrt(t2) / (depth * half);
+    if (!(along > 0) || !(fabs(x) < 1) || !(fabs(y) < 1)) {
+        return false;
+    }
+    pixel[0] = (size_t)((x + 1) / 2 * (double)width);
+    pixel[1] = (size_t)((1 - y) / 2 * (double)height);
+    return pixel[0] < width && pixel[1] < height;
+}

@@ -1,0 +1,215 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
+#define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
+/*
+ * The occluder depth map of a closed asset: `lit` of the texels behind which something is undefined.
+ *
+ * Under the closed rule a column of the DAG turns from lit to shadowed anywhere between `lit` and
+ * `end`. Where the two are equal the DAG says it all; the rest is kept here, exact to the voxel,
+ * for those who ask for the first occluder. Most of it are roofs and walls, so that squares of
+ * texels are planes:
+ *
+ * An entry FRNT of the canonical block is an array of u32 words: a reference for each frustum, then
+ * records in the order in which references lead to them, depth first, without gaps.
+ *
+ * A reference: bits 0..25: word where its record begins; bits 26..31: kind. 0: no record, the DAG
+ * answers for all texels of the square. A square of level l is 2^l texels a side; the frustum is a
+ * square of the lowest level 3 * k that is at least n. The record of a square, by kind and level:
+ *
+ *   63, level 9 and up   divided into 8 x 8 squares: u64 mask of the squares that have a record
+ *                        (square x + 8 * y), then a reference for each bit
+ *   0, level 6           a plane: i64 c, i32 a, b: lit = floor((c + a * x + b * y) / 2^20), x and y
+ *                        from the square's corner
+ *   62, level 6          divided into 8 x 8 blocks: u32 number of planes, at most 15; for each a
+ *                        plane as above and a u64 mask of the blocks that it answers; u64 mask of
+ *                        the blocks that have a record, and a reference for each bit. The DAG
+ *                        answers for the other blocks
+ *   w = 0..20, level 3   i32 c, a, b, then 64 residuals of w bits each, texel x + 8 * y at bit
+ *                        (x + 8 * y) * w, low bits first:
+ *                        lit = floor((c + a * x + b * y) / 2^12) - residual, x and y from the
+ *                        block's corner
+ *   24 + k, k = 1..4,    64 numbers of k bits each, packed as residuals are. 0: the DAG answers;
+ *   level 3              p: plane p - 1 of the square does
+ *   32 + w, level 3      i32 c, a, b, u64 mask of texels, then as w. The DAG answers for texels
+ *                        outside the mask
+ *
+ * An i64 or u64 has its low word first.
+ */
+#include <stdbool.h>
+#include <stdint.h>
+#include "umbrage/asset.h"
+
+#define UMB__OCCLUDER_DEPTH_OFFSET_BITS 26U
+#define UMB__OCCLUDER_DEPTH_DIVIDED     63U
+#define UMB__OCCLUDER_DEPTH_PLANES      62U
+#define UMB__OCCLUDER_DEPTH_PLANES_MAX  15U
+#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* in a square of planes: 4 and the mask */
+#define UMB__OCCLUDER_DEPTH_CHOICE      24U
+#define UMB__OCCLUDER_DEPTH_MASKED      32U
+#define UMB__OCCLUDER_DEPTH_WIDTH_MAX   20U
+#define UMB__OCCLUDER_DEPTH_SHIFT       12U /* fraction bits of planes of level 3 */
+#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* and of level 6: slopes must hold over 64 texels */
+#define UMB__OCCLUDER_DEPTH_LEVEL_MAX   18U /* of a frustum, so that no sum overflows */
+
+static inline uint32_t umb__occluder_depth_kind(uint32_t reference)
+{
+    return reference >> UMB__OCCLUDER_DEPTH_OFFSET_BITS;
+}
+
+static inline uint32_t umb__occluder_depth_offset(uint32_t reference)
+{
+    return reference & (((uint32_t)1 << UMB__OCCLUDER_DEPTH_OFFSET_BITS) - 1);
+}
+
+/* Level of the square that holds a frustum of 2^log2_size texels. */
+static inline uint32_t umb__occluder_depth_top(uint32_t log2_size)
+{
+    return (log2_size + 2) / 3 * 3;
+}
+
+static inline uint64_t umb__occluder_depth_mask(const uint32_t *words)
+{
+    return words[0] | (uint64_t)words[1] << 32;
+}
+
+/* Height of a plane of level 6 at texel (x, y) of its square. */
+static inline int64_t umb__occluder_depth_wide_plane(const uint32_t *record, uint32_t x, uint32_t y)
+{
+    const int64_t c = (int64_t)(record[0] | (uint64_t)record[1] << 32);
+    const int64_t sum = c + (int64_t)(int32_t)record[2] * x + (int64_t)(int32_t)record[3] * y;
+    return sum >> UMB__OCCLUDER_DEPTH_WIDE_SHIFT; /* gcc and clang shift as floor does */
+}
+
+/* The same of level 3. */
+static inline int64_t umb__occluder_depth_plane(const uint32_t *record, uint32_t x, uint32_t y)
+{
+    const int64_t sum = (int64_t)(int32_t)record[0] + (int64_t)(int32_t)record[1] * x +
+                        (int64_t)(int32_t)record[2] * y;
+    return sum >> UMB__OCCLUDER_DEPTH_SHIFT;
+}
+
+/* Number `index` of an array of `width` bits each (1..20). */
+static inline uint32_t umb__occluder_depth_residual(const uint32_t *words, uint32_t width,
+                                                    uint32_t index)
+{
+    const uint32_t bit = index * width, word = bit / 32;
+    uint64_t two = words[word];
+    if (bit % 32 + width > 32) {
+        two |= (uint64_t)words[word + 1] << 32;
+    }
+    return (uint32_t)(two >> bit % 32) & (((uint32_t)1 << width) - 1);
+}
+
+/* Value of a block's record at texel (x, y) of its square; false if the DAG answers. In: planes: of
+ * the square. */
+static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t kind,
+                                             const uint32_t *planes, uint32_t x, uint32_t y,
+                                             int64_t *lit)
+{
+    const uint32_t texel = (x & 7) + 8 * (y & 7), width = kind % UMB__OCCLUDER_DEPTH_MASKED;
+    if (kind < UMB__OCCLUDER_DEPTH_MASKED && kind > UMB__OCCLUDER_DEPTH_CHOICE) {
+        const uint32_t plane =
+            umb__occluder_depth_residual(record, kind - UMB__OCCLUDER_DEPTH_CHOICE, texel);
+        if (plane > 0) {
+            *lit = umb__occluder_depth_wide_plane(
+                planes + (plane - 1) * UMB__OCCLUDER_DEPTH_PLANE_WORDS, x, y);
+        }
+        return plane > 0;
+    }
+    const uint32_t *next = record + 3;
+    if (kind >= UMB__OCCLUDER_DEPTH_MASKED) {
+        if (!(umb__occluder_depth_mask(next) >> texel & 1)) {
+            return false;
+        }
+        next += 2;
+    }
+    *lit = umb__occluder_depth_plane(record, x & 7, y & 7);
+    if (width > 0) {
+        *lit -= umb__occluder_depth_residual(next, width, texel);
+    }
+    return true;
+}
+
+/* Value of a square of planes at its texel (x, y); false if the DAG answers. */
+static inline bool umb__occluder_depth_square_value(const uint32_t *words, const uint32_t *square,
+                                                    uint32_t x, uint32_t y, int64_t *lit)
+{
+    const uint64_t bit = (uint64_t)1 << (x / 8 + y / 8 * 8);
+    const uint32_t *planes = square + 1;
+    for (uint32_t i = 0; i < square[0]; i++) {
+        const uint32_t *plane = planes + i * UMB__OCCLUDER_DEPTH_PLANE_WORDS;
+        if (umb__occluder_depth_mask(plane + 4) & bit) {
+            *lit = umb__occluder_depth_wide_plane(plane, x, y);
+            return true;
+        }
+    }
+    const uint32_t *rest = planes + square[0] * UMB__OCCLUDER_DEPTH_PLANE_WORDS;
+    const uint64_t mask = umb__occluder_depth_mask(rest);
+    if (!(mask & bit)) {
+        return false;
+    }
+    const uint32_t reference = rest[2 + __builtin_popcountll(mask & (bit - 1))];
+    return umb__occluder_depth_value(words + umb__occluder_depth_offset(reference),
+                                     umb__occluder_depth_kind(reference), planes, x, y, lit);
+}
+
+/*
+ * Finds `lit` of a texel in a checked occluder depth map.
+ *
+ * In:    words: the whole entry. root: the frustum's reference. x, y: inside the frustum.
+ * Out:   lit; left alone if false is returned: then the DAG knows.
+ */
+static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root,
+                                            uint32_t log2_size, uint32_t x, uint32_t y,
+                                            uint32_t *lit)
+{
+    uint32_t reference = root, level = umb__occluder_depth_top(log2_size);
+    while (reference != 0 && umb__occluder_depth_kind(reference) == UMB__OCCLUDER_DEPTH_DIVIDED) {
+        level -= 3;
+        const uint32_t *node = words + umb__occluder_depth_offset(reference);
+        const uint64_t mask = umb__occluder_depth_mask(node);
+        const unsigned child = (x >> level & 7) + 8 * (y >> level & 7);
+        if (!(mask >> child & 1)) {
+            return false;
+        }
+        reference = node[2 + __builtin_popcountll(mask & (((uint64_t)1 << child) - 1))];
+    }
+    if (reference == 0) {
+        return false;
+    }
+    const uint32_t *record = words + umb__occluder_depth_offset(reference);
+    int64_t value;
+    if (umb__occluder_depth_kind(reference) == 0) {
+        value = umb__occluder_depth_wide_plane(record, x & 63, y & 63);
+    } else if (!umb__occluder_depth_square_value(words, record, x & 63, y & 63, &value)) {
+        return false;
+    }
+    *lit = (uint32_t)value;
+    return true;
+}
+
+/*
+ * Takes an entry's words over, unchecked.
+ *
+ * In:    bytes: uint8[length], or NULL if there is no entry.
+ * Out:   words: [count] of alloc; NULL and 0 without an entry.
+ * Fails: E_CORRUPT (no whole words), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umb__occluder_depth_load(const uint8_t *bytes, uint64_t length,
+                                                     const struct umb_alloc *alloc,
+                                                     uint32_t **words, uint64_t *count,
+                                                     struct umb_error *error);
+
+/*
+ * Checks a occluder_depth: every reference leads to the record that comes next, all values lie in
+ * 0..2^log2_size, nothing is outside the frusta, every word is used. Frusta that are not closed
+ * have none.
+ *
+ * Fails: E_CORRUPT. Trust: safe on hostile words. Cost: linear, no allocation.
+ */
+UMB_CHECKED enum umb_status umb__occluder_depth_check(const uint32_t *words, uint64_t count,
+                                                      const struct umb_frustum_info *frusta,
+                                                      uint32_t frustum_count,
+                                                      struct umb_error *error);
+
+#endif

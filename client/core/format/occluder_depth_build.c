@@ -1,0 +1,495 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Squares of texels as planes, and squares put together to the tree.
+ *
+ * A square that is no single plane gets a few: each starts from a block of 8x8 texels that is one,
+ * and takes in every other block of the square that it can be turned to meet as well, so that a
+ * roof is stored once a square. Blocks that no plane meets alone choose a plane for each texel, or
+ * have residuals of their own.
+ */
+#include "format/occluder_depth_build.h"
+
+#include <string.h>
+
+#include "base/memory.h"
+#include "format/occluder_depth_fit.h"
+
+/* Words of the longest square: its length, its reference, planes, and all blocks with residuals. */
+#define SQUARE_WORDS_MAX                                                                           \
+    (5 + UMB__OCCLUDER_DEPTH_PLANES_MAX * UMB__OCCLUDER_DEPTH_PLANE_WORDS +                        \
+     64 * (1 + 5 + 2 * UMB__OCCLUDER_DEPTH_WIDTH_MAX))
+
+/* A plane may take in a block that it misses by fewer voxels than this. */
+#define NEAR_BLOCK 2
+
+/* A square under way. */
+struct work {
+    const int32_t (*lit)[64], (*end)[64];
+    uint64_t coded[64]; /* a block's texels with end > lit */
+    struct umb__texels set, other;
+    struct umb__plane planes[UMB__OCCLUDER_DEPTH_PLANES_MAX];
+    uint64_t masks[UMB__OCCLUDER_DEPTH_PLANES_MAX]; /* of blocks that it answers */
+    uint32_t plane_count;
+    uint32_t *words; /* of the square; [0] its length, [1] its reference, records from [2] on */
+};
+
+/* Adds the texels of a block that a mask names; x and y from the square's corner. */
+static void add_block(const struct work *w, uint32_t block, uint64_t mask, struct umb__texels *to)
+{
+    for (uint64_t left = mask; left; left &= left - 1) {
+        const uint32_t i = (uint32_t)__builtin_ctzll(left);
+        umb__texels_add(to, block % 8 * 8 + i % 8, block / 8 * 8 + i / 8, w->lit[block][i]);
+    }
+}
+
+/* The texels of a block whose value a plane gives. */
+static uint64_t met_by(const struct work *w, uint32_t block, const struct umb__plane *plane)
+{
+    uint64_t met = 0;
+    for (uint32_t i = 0; i < 64; i++) {
+        const int64_t sum =
+            plane->c + plane->a * (block % 8 * 8 + i % 8) + plane->b * (block / 8 * 8 + i / 8);
+        met |= (uint64_t)(sum >> UMB__OCCLUDER_DEPTH_WIDE_SHIFT == w->lit[block][i]) << i;
+    }
+    return met;
+}
+
+/* Turns the plane, which meets the set, to meet the block's coded texels too, if that can be. */
+static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
+{
+    if ((met_by(w, block, plane) & w->coded[block]) == w->coded[block]) {
+        add_block(w, block, w->coded[block], &w->set);
+        return;
+    }
+    struct umb__plane turned = *plane;
+    w->other.count = 0;
+    w->other.one = w->set.one;
+    add_block(w, block, w->coded[block], &w->other);
+    umb__plane_measure(&w->other, &turned);
+    if (turned.spread >= NEAR_BLOCK * w->set.one || turned.c < plane->c - NEAR_BLOCK * w->set.one ||
+        turned.c > plane->c + NEAR_BLOCK * w->set.one) {
+        return;
+    }
+    const uint32_t before = w->set.count;
+    add_block(w, block, w->coded[block], &w->set);
+    turned = *plane;
+    umb__plane_turn(&w->set, &turned);
+    if (turned.spread < w->set.one) {
+        *plane = turned;
+    } else {
+        w->set.count = before;
+    }
+}
+
+/* Starts a plane at a block and lets it take in what it can of the open blocks. */
+static void grow_plane(struct work *w, uint32_t first, uint64_t open)
+{
+    w->set.count = 0;
+    w->set.one = (int64_t)1 << UMB__OCCLUDER_DEPTH_WIDE_SHIFT;
+    add_block(w, first, w->coded[first], &w->set);
+    struct umb__plane plane = umb__plane_fit(&w->set);
+    if (plane.spread >= w->set.one) {
+        return;
+    }
+    for (uint64_t left = open & ~((uint64_t)1 << first); left; left &= left - 1) {
+        take_in(w, (uint32_t)__builtin_ctzll(left), &plane);
+    }
+    w->masks[w->plane_count] = 0;
+    w->planes[w->plane_count++] = plane;
+}
+
+/* Finds the square's planes; returns the blocks that none of them answers alone. */
+static uint64_t find_planes(struct work *w)
+{
+    uint64_t open = 0, tried = 0;
+    for (uint32_t block = 0; block < 64; block++) {
+        open |= (uint64_t)(w->coded[block] != 0) << block;
+    }
+    uint64_t rest = open; /* that no plane meets */
+    while ((rest & ~tried) != 0 && w->plane_count < UMB__OCCLUDER_DEPTH_PLANES_MAX) {
+        const uint32_t block = (uint32_t)__builtin_ctzll(rest & ~tried);
+        const uint32_t before = w->plane_count;
+        tried |= (uint64_t)1 << block;
+        grow_plane(w, block, rest);
+        for (uint64_t left = w->plane_count > before ? rest : 0; left; left &= left - 1) {
+            const uint32_t at = (uint32_t)__builtin_ctzll(left);
+            const uint64_t met = met_by(w, at, &w->planes[before]);
+            if ((met & w->coded[at]) == w->coded[at]) {
+                rest &= ~((uint64_t)1 << at);
+            }
+            if (~met == 0) {
+                open &= ~((uint64_t)1 << at);
+                w->masks[before] |= (uint64_t)1 << at;
+            }
+        }
+    }
+    return open;
+}
+
+/* Bits that hold the numbers 0 .. most. */
+static uint32_t bits_of(uint64_t most)
+{
+    return most == 0 ? 0 : 64 - (uint32_t)__builtin_clzll(most);
+}
+
+/* Stores number `index` of an array of `width` bits each, zeroed before. */
+static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t number)
+{
+    const uint32_t bit = index * width;
+    words[bit / 32] |= (uint32_t)(number << bit % 32);
+    if (bit % 32 + width > 32) {
+        words[bit / 32 + 1] |= (uint32_t)(number >> (32 - bit % 32));
+    }
+}
+
+/* Writes which plane answers each texel; returns the words, 0 if some texel has none. */
+static uint32_t put_choice(const struct work *w, uint32_t block, uint32_t *to)
+{
+    const uint32_t width = bits_of(w->plane_count);
+    uint64_t left = w->coded[block];
+    memset(to, 0, 2 * width * sizeof *to);
+    for (uint32_t plane = 0; plane < w->plane_count && left; plane++) {
+        const uint64_t met = met_by(w, block, &w->planes[plane]) & left;
+        for (uint64_t each = met; each; each &= each - 1) {
+            put_number(to, width, (uint32_t)__builtin_ctzll(each), plane + 1);
+        }
+        left &= ~met;
+    }
+    return left ? 0 : 2 * width;
+}
+
+/* Writes a plane of 12 bits and residuals of the texels t; returns the words. In: mask: NULL for
+ * none. */
+static uint32_t put_residuals(const struct umb__texels *t, const struct umb__plane *plane,
+                              const uint64_t *mask, uint32_t *to)
+{
+    const uint32_t width = bits_of((uint64_t)(plane->spread >> UMB__OCCLUDER_DEPTH_SHIFT));
+    uint32_t *next = to + 3;
+    to[0] = (uint32_t)(int32_t)plane->c;
+    to[1] = (uint32_t)(int32_t)plane->a;
+    to[2] = (uint32_t)(int32_t)plane->b;
+    if (mask) {
+        *next++ = (uint32_t)*mask;
+        *next++ = (uint32_t)(*mask >> 32);
+    }
+    memset(next, 0, 2 * width * sizeof *next);
+    for (uint32_t i = 0; i < t->count && width > 0; i++) {
+        const int64_t height = umb__occluder_depth_plane(to, t->x[i], t->y[i]);
+        put_number(next, width, t->x[i] + 8U * t->y[i], (uint64_t)(height - t->lit[i]));
+    }
+    return (uint32_t)(next - to) + 2 * width;
+}
+
+/* Writes the record of a block that no plane answers alone; returns its words. */
+static uint32_t put_block(struct work *w, uint32_t block, uint32_t *to, uint32_t *kind)
+{
+    uint32_t count = put_choice(w, block, to);
+    if (count > 0) {
+        *kind = UMB__OCCLUDER_DEPTH_CHOICE + count / 2;
+        return count;
+    }
+    struct umb__texels *all = &w->set, *coded = &w->other;
+    all->count = coded->count = 0;
+    all->one = coded->one = (int64_t)1 << UMB__OCCLUDER_DEPTH_SHIFT;
+    for (uint32_t i = 0; i < 64; i++) {
+        umb__texels_add(all, i % 8, i / 8, w->lit[block][i]);
+        if (w->coded[block] >> i & 1) {
+            umb__texels_add(coded, i % 8, i / 8, w->lit[block][i]);
+        }
+    }
+    const struct umb__plane whole = umb__plane_fit(all), part = umb__plane_fit(coded);
+    const uint32_t whole_width = bits_of((uint64_t)(whole.spread >> UMB__OCCLUDER_DEPTH_SHIFT));
+    const uint32_t part_width = bits_of((uint64_t)(part.spread >> UMB__OCCLUDER_DEPTH_SHIFT));
+    if (part_width + 1 < whole_width) {
+        *kind = UMB__OCCLUDER_DEPTH_MASKED + part_width;
+        return put_residuals(coded, &part, &w->coded[block], to);
+    }
+    *kind = whole_width;
+    return put_residuals(all, &whole, NULL, to);
+}
+
+static uint32_t *put_plane(const struct umb__plane *plane, uint32_t *to)
+{
+    to[0] = (uint32_t)(uint64_t)plane->c;
+    to[1] = (uint32_t)((uint64_t)plane->c >> 32);
+    to[2] = (uint32_t)(int32_t)plane->a;
+    to[3] = (uint32_t)(int32_t)plane->b;
+    return to + 4;
+}
+
+/* Writes a square of several planes behind its reference. */
+static uint32_t *put_planes(struct work *w)
+{
+    const uint64_t rest = find_planes(w);
+    uint32_t *next = w->words + 2;
+    *next++ = w->plane_count;
+    for (uint32_t i = 0; i < w->plane_count; i++) {
+        next = put_plane(&w->planes[i], next);
+        *next++ = (uint32_t)w->masks[i];
+        *next++ = (uint32_t)(w->masks[i] >> 32);
+    }
+    *next++ = (uint32_t)rest;
+    *next++ = (uint32_t)(rest >> 32);
+    uint32_t *reference = next;
+    next += __builtin_popcountll(rest);
+    for (uint64_t left = rest; left; left &= left - 1) {
+        uint32_t kind;
+        const uint32_t at = (uint32_t)(next - (w->words + 2));
+        next += put_block(w, (uint32_t)__builtin_ctzll(left), next, &kind);
+        *reference++ = kind << UMB__OCCLUDER_DEPTH_OFFSET_BITS | at;
+    }
+    w->words[1] = UMB__OCCLUDER_DEPTH_PLANES << UMB__OCCLUDER_DEPTH_OFFSET_BITS;
+    return next;
+}
+
+/* Writes a square; returns its words, 0 if nothing in it is undefined. */
+static size_t put_square(struct work *w)
+{
+    uint64_t any = 0;
+    w->set.count = 0;
+    w->set.one = (int64_t)1 << UMB__OCCLUDER_DEPTH_WIDE_SHIFT;
+    for (uint32_t block = 0; block < 64; block++) {
+        w->coded[block] = 0;
+        for (uint32_t i = 0; i < 64; i++) {
+            w->coded[block] |= (uint64_t)(w->end[block][i] > w->lit[block][i]) << i;
+        }
+        any |= w->coded[block];
+        add_block(w, block, ~(uint64_t)0, &w->set);
+    }
+    if (any == 0) {
+        return 0;
+    }
+    const struct umb__plane plane = umb__plane_fit(&w->set);
+    w->words[1] = 0; /* kind 0, word 0 of the square's records */
+    w->plane_count = 0;
+    const uint32_t *end =
+        plane.spread < w->set.one ? put_plane(&plane, w->words + 2) : put_planes(w);
+    w->words[0] = (uint32_t)(end - w->words);
+    return w->words[0];
+}
+
+static size_t squares_across(const struct umb__occluder_depth *occluder_depth)
+{
+    return (size_t)1 << (occluder_depth->log2_size - 6);
+}
+
+enum umb_status umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth,
+                                         const struct umb_alloc *alloc, uint32_t log2_size,
+                                         size_t max_bytes, struct umb_error *error)
+{
+    memset(occluder_depth, 0, sizeof *occluder_depth);
+    if (log2_size < UMB_LEVEL_MIN || log2_size > UMB__OCCLUDER_DEPTH_LEVEL_MAX) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "front: 2^%u voxels a side, at most 2^%u",
+                        log2_size, UMB__OCCLUDER_DEPTH_LEVEL_MAX);
+    }
+    occluder_depth->alloc = alloc;
+    occluder_depth->log2_size = log2_size;
+    occluder_depth->max_words = max_bytes / sizeof(uint32_t);
+    const size_t count = squares_across(occluder_depth) * squares_across(occluder_depth);
+    occluder_depth->square = umb__alloc_zeroed(alloc, count, sizeof *occluder_depth->square);
+    return occluder_depth->square
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for %zu squares", count);
+}
+
+void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth)
+{
+    umb__free(occluder_depth->alloc, occluder_depth->square);
+    umb__free(occluder_depth->alloc, occluder_depth->words);
+    memset(occluder_depth, 0, sizeof *occluder_depth);
+}
+
+size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_depth)
+{
+    const size_t squares = occluder_depth->square
+                               ? squares_across(occluder_depth) * squares_across(occluder_depth)
+                               : 0;
+    return (squares + occluder_depth->capacity) * sizeof(uint32_t);
+}
+
+static enum umb_status too_large(size_t max_words, struct umb_error *error)
+{
+    return umb_fail(
+        error, UMB_E_LIMIT,
+        "front: more than %zu KiB of first-occluder depth: lower the resolution or bake "
+        "with --effect front=off",
+        max_words >> 8);
+}
+
+/* Takes note of a square whose words stand behind the others. */
+static enum umb_status note_square(struct umb__occluder_depth *occluder_depth, uint32_t x,
+                                   uint32_t y, size_t count, struct umb_error *error)
+{
+    occluder_depth->square[y * squares_across(occluder_depth) + x] =
+        (uint32_t)occluder_depth->count + 1;
+    occluder_depth->count += count;
+    return occluder_depth->count <= occluder_depth->max_words
+               ? UMB_OK
+               : too_large(occluder_depth->max_words, error);
+}
+
+enum umb_status umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth, uint32_t x,
+                                        uint32_t y, const int32_t (*lit)[64],
+                                        const int32_t (*end)[64], struct umb_error *error)
+{
+    struct work *work = umb__alloc(occluder_depth->alloc, 1, sizeof *work);
+    if (!work ||
+        !umb__grow(occluder_depth->alloc, &occluder_depth->words, &occluder_depth->capacity,
+                   occluder_depth->count + SQUARE_WORDS_MAX, sizeof *occluder_depth->words)) {
+        umb__free(occluder_depth->alloc, work);
+        return umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for a square's planes");
+    }
+    work->lit = lit;
+    work->end = end;
+    work->words = occluder_depth->words + occluder_depth->count;
+    const size_t count = put_square(work);
+    umb__free(occluder_depth->alloc, work);
+    return count > 0 ? note_square(occluder_depth, x, y, count, error) : UMB_OK;
+}
+
+const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
+                                           uint32_t x, uint32_t y)
+{
+    const uint32_t begin = occluder_depth->square[y * squares_across(occluder_depth) + x];
+    return begin == 0 ? NULL : occluder_depth->words + begin - 1;
+}
+
+enum umb_status umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth,
+                                               uint32_t x, uint32_t y, const uint32_t *words,
+                                               struct umb_error *error)
+{
+    if (!umb__grow(occluder_depth->alloc, &occluder_depth->words, &occluder_depth->capacity,
+                   occluder_depth->count + words[0], sizeof *occluder_depth->words)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for a square's %u words",
+                        words[0]);
+    }
+    memcpy(occluder_depth->words + occluder_depth->count, words, words[0] * sizeof *words);
+    return note_square(occluder_depth, x, y, words[0], error);
+}
+
+/* --- joining ------------------------------------------------------------------------------------
+ */
+
+struct joiner {
+    const struct umb__occluder_depth *occluder_depth;
+    uint32_t *words; /* NULL while only counted */
+    uint64_t count;
+};
+
+/* True if a square of the level at (x, y), counted in such squares, holds anything. */
+static bool holds_any(const struct umb__occluder_depth *occluder_depth, uint32_t level, size_t x,
+                      size_t y)
+{
+    const size_t across = squares_across(occluder_depth), side = (size_t)1 << (level - 6);
+    for (size_t row = y * side; row < (y + 1) * side && row < across; row++) {
+        for (size_t column = x * side; column < (x + 1) * side && column < across; column++) {
+            if (occluder_depth->square[row * across + column]) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/* Copies a square's records; returns its reference. */
+static uint32_t join_square(struct joiner *j, size_t x, size_t y)
+{
+    const struct umb__occluder_depth *occluder_depth = j->occluder_depth;
+    const uint32_t *from = umb__occluder_depth_square(occluder_depth, (uint32_t)x, (uint32_t)y);
+    const uint32_t base = (uint32_t)j->count, count = from[0] - 2;
+    if (j->words) {
+        uint32_t *to = j->words + base;
+        memcpy(to, from + 2, count * sizeof *to);
+        if (umb__occluder_depth_kind(from[1]) == UMB__OCCLUDER_DEPTH_PLANES) {
+            uint32_t *rest = to + 1 + to[0] * UMB__OCCLUDER_DEPTH_PLANE_WORDS;
+            const int references = __builtin_popcountll(umb__occluder_depth_mask(rest));
+            for (int i = 0; i < references; i++) {
+                rest[2 + i] += base;
+            }
+        }
+    }
+    j->count += count;
+    return from[1] + base;
+}
+
+/* Writes the records of a square of the level; returns its reference, 0 if it holds nothing. */
+static uint32_t join_level(struct joiner *j, uint32_t level, size_t x, size_t y)
+{
+    if (!holds_any(j->occluder_depth, level, x, y)) {
+        return 0;
+    }
+    if (level == 6) {
+        return join_square(j, x, y);
+    }
+    uint64_t mask = 0;
+    for (unsigned child = 0; child < 64; child++) {
+        const size_t cx = x * 8 + child % 8, cy = y * 8 + child / 8;
+        mask |= (uint64_t)holds_any(j->occluder_depth, level - 3, cx, cy) << child;
+    }
+    const uint64_t start = j->count;
+    if (j->words) {
+        j->words[start] = (uint32_t)mask;
+        j->words[start + 1] = (uint32_t)(mask >> 32);
+    }
+    j->count += 2 + (unsigned)__builtin_popcountll(mask);
+    uint64_t at = start + 2;
+    for (unsigned child = 0; child < 64; child++) {
+        if (mask >> child & 1) {
+            const uint32_t made = join_level(j, level - 3, x * 8 + child % 8, y * 8 + child / 8);
+            if (j->words) {
+                j->words[at] = made;
+            }
+            at++;
+        }
+    }
+    return UMB__OCCLUDER_DEPTH_DIVIDED << UMB__OCCLUDER_DEPTH_OFFSET_BITS | (uint32_t)start;
+}
+
+static uint64_t join_all(const struct umb__occluder_depth *occluder_depths, uint32_t count,
+                         uint32_t *words)
+{
+    struct joiner j = {.words = words, .count = count};
+    for (uint32_t i = 0; i < count; i++) {
+        j.occluder_depth = &occluder_depths[i];
+        const uint32_t root =
+            occluder_depths[i].square
+                ? join_level(&j, umb__occluder_depth_top(occluder_depths[i].log2_size), 0, 0)
+                : 0;
+        if (words) {
+            words[i] = root;
+        }
+    }
+    return j.count;
+}
+
+enum umb_status umb__occluder_depth_join(const struct umb__occluder_depth *occluder_depths,
+                                         uint32_t count, uint32_t **words, uint64_t *word_count,
+                                         struct umb_error *error)
+{
+    const uint64_t needed = join_all(occluder_depths, count, NULL);
+    size_t allowed = 0;
+    *words = NULL;
+    *word_count = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        allowed += occluder_depths[i].max_words;
+    }
+    if (needed > allowed) {
+        return too_large(allowed, error);
+    }
+    if (needed >= (uint64_t)1 << UMB__OCCLUDER_DEPTH_OFFSET_BITS) {
+        return umb_fail(error, UMB_E_LIMIT, "front: %llu words, at most %u",
+                        (unsigned long long)needed, 1U << UMB__OCCLUDER_DEPTH_OFFSET_BITS);
+    }
+    *words = umb__alloc(occluder_depths[0].alloc, (size_t)needed, sizeof **words);
+    if (!*words) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for %llu words",
+                        (unsigned long long)needed);
+    }
+    *word_count = join_all(occluder_depths, count, *words);
+    return UMB_OK;
+}
+
+void umb__occluder_depth_words_free(const struct umb_alloc *alloc, uint32_t *words)
+{
+    umb__free(alloc, words);
+}

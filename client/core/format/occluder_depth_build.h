@@ -1,0 +1,93 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_BUILD_H
+#define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_BUILD_H
+/*
+ * Making an occluder depth map (format/occluder_depth.h) from texels, 64x64 at a time and in any order.
+ *
+ *     umb__occluder_depth_init(&occluder_depth, NULL, log2_size, max_bytes, &error);     one a frustum
+ *     umb__occluder_depth_add(&occluder_depth, x, y, lit, end, &error);                  each square with end > lit
+ *     umb__occluder_depth_join(occluder_depths, count, &words, &word_count, &error);
+ *     umb__occluder_depth_finish(&occluder_depth);                                       also after a failure
+ *
+ * A square that was coded once can be kept as words and added to another occluder depth map of that size:
+ *
+ *     umb__occluder_depth_square(&occluder_depth, x, y)                                  -> words, words[0] of them
+ *     if (umb__occluder_depth_square_fits(log2_size, words, count)) umb__occluder_depth_add_square(&other, x, y, words)
+ *
+ * Equal texels give equal words, whatever the order.
+ */
+#include "format/occluder_depth.h"
+
+#define UMB__OCCLUDER_DEPTH_SIDE 64U /* texels a side of the squares that are added */
+
+struct umb__occluder_depth {
+    const struct umb_alloc *alloc;
+    uint32_t log2_size;
+    size_t max_words;
+    uint32_t *square; /* [squares] where its words begin + 1; 0: none. Row by row */
+    uint32_t *words;  /* a square: its reference, then its records, numbered from 0 */
+    size_t count, capacity;
+};
+
+/*
+ * In:    log2_size: 6 .. 18. max_bytes: for all words, those that join them
+ *        included.
+ * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth, const struct umb_alloc *alloc,
+                         uint32_t log2_size, size_t max_bytes, struct umb_error *error);
+UMB_API void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth);
+
+/* Bytes that an occluder depth map takes now. */
+UMB_API size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_depth);
+
+/*
+ * Adds the square at (x, y), counted in squares of 64 texels; does nothing if end = lit everywhere.
+ *
+ * In:    lit, end: int32[64][64]: 8x8 blocks row by row, a block's texels row by row;
+ *        0 <= lit <= end <= 2^log2_size.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth, uint32_t x, uint32_t y,
+                        const int32_t (*lit)[64], const int32_t (*end)[64],
+                        struct umb_error *error);
+
+/* The words of a square: their number, its reference, its records, numbered from 0. NULL: it has
+ * none. Borrowed until the occluder depth map changes. */
+UMB_API const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
+                                                   uint32_t x, uint32_t y);
+
+/*
+ * Returns 1 if words are what umb__occluder_depth_square could have given for an occluder depth map of 2^log2_size texels a
+ * side, else 0.
+ *
+ * In:    words: uint32[count].
+ * Trust: safe on hostile words. Cost: linear, no allocation.
+ */
+UMB_API int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words,
+                                            size_t count);
+
+/*
+ * Adds a square that has none yet.
+ *
+ * In:    words: uint32[words[0]], that fit.
+ * Fails: as umb__occluder_depth_add.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth, uint32_t x, uint32_t y,
+                               const uint32_t *words, struct umb_error *error);
+
+/*
+ * Puts the occluder depth maps of all frusta together.
+ *
+ * Out:   words: of the first occluder depth map's allocator; the caller frees them with umb__occluder_depth_words_free.
+ * Fails: E_NO_MEMORY, E_LIMIT (more than all occluder depth maps' max_bytes, more words than references reach).
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb__occluder_depth_join(const struct umb__occluder_depth *occluder_depths, uint32_t count,
+                         uint32_t **words, uint64_t *word_count, struct umb_error *error);
+UMB_API void umb__occluder_depth_words_free(const struct umb_alloc *alloc, uint32_t *words);
+
+#endif

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A plane is wanted whose floor is `lit` at every texel: with e = lit * 2^k - a x - b y such a
+ * plane of slopes a, b exists if max e - min e < 2^k, and c = max e then gives it. Slopes start at
+ * the least squares; while the spread is too large but near, they are turned so that the two texels
+ * that make it come nearer (relaxation of linear inequalities). If that fails, c = max e keeps the
+ * plane's floor at or above every texel, and residuals are counted down from it.
+ * Source: Agmon 1954, Motzkin and Schoenberg 1954 (relaxation).
+ */
+#include "format/occluder_depth_fit.h"
+
+#include <math.h>
+
+#define SLOPE_MAX   1024 /* voxels a texel, so that c of 8x8 texels fits 32 bits */
+#define TURNS       16   /* of slopes, at most: twice as many save 0.5 % of the bytes */
+#define NEAR_SPREAD 4    /* voxels; a spread beyond this is no plane */
+
+static int64_t slope_of(double value, int64_t one)
+{
+    const double most = (double)SLOPE_MAX;
+    const double kept = value > most ? most : value < -most ? -most : value;
+    return (int64_t)floor(kept * (double)one + 0.5);
+}
+
+/* Slopes of least squares. The sums are exact. */
+static struct umb__plane least_squares(const struct umb__texels *t)
+{
+    int64_t n = t->count, x = 0, y = 0, v = 0, xx = 0, yy = 0, xy = 0, xv = 0, yv = 0;
+    for (uint32_t i = 0; i < t->count; i++) {
+        x += t->x[i];
+        y += t->y[i];
+        v += t->lit[i];
+        xx += t->x[i] * t->x[i];
+        yy += t->y[i] * t->y[i];
+        xy += t->x[i] * t->y[i];
+        xv += (int64_t)t->x[i] * t->lit[i];
+        yv += (int64_t)t->y[i] * t->lit[i];
+    }
+    const double sxx = (double)(n * xx - x * x), syy = (double)(n * yy - y * y);
+    const double sxy = (double)(n * xy - x * y);
+    const double sxv = (double)(n * xv - x * v), syv = (double)(n * yv - y * v);
+    const double det = sxx * syy - sxy * sxy;
+    struct umb__plane plane = {0};
+    if (det > 0.0) {
+        plane.a = slope_of((sxv * syy - syv * sxy) / det, t->one);
+        plane.b = slope_of((syv * sxx - sxv * sxy) / det, t->one);
+    } else if (sxx > 0.0) { /* all on one line */
+        plane.a = slope_of(sxv / sxx, t->one);
+    } else if (syy > 0.0) {
+        plane.b = slope_of(syv / syy, t->one);
+    }
+    return plane;
+}
+
+/* Finds c and the spread; high, low: the texels that make it. */
+static void measure(const struct umb__texels *t, struct umb__plane *plane, uint32_t *high,
+                    uint32_t *low)
+{
+    int64_t most = INT64_MIN, least = INT64_MAX;
+    for (uint32_t i = 0; i < t->count; i++) {
+        const int64_t e = t->lit[i] * t->one - plane->a * t->x[i] - plane->b * t->y[i];
+        if (e > most) {
+            most = e;
+            *high = i;
+        }
+        if (e < least) {
+            least = e;
+            *low = i;
+        }
+    }
+    plane->c = most;
+    plane->spread = most - least;
+}
+
+static int64_t clamped(int64_t slope, int64_t most)
+{
+    return slope > most ? most : slope < -most ? -most : slope;
+}
+
+void umb__plane_measure(const struct umb__texels *texels, struct umb__plane *plane)
+{
+    uint32_t high, low;
+    measure(texels, plane, &high, &low);
+}
+
+void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane)
+{
+    uint32_t high = 0, low = 0;
+    struct umb__plane at = *plane;
+    measure(texels, &at, &high, &low);
+    *plane = at;
+    const int64_t one = texels->one;
+    for (int turn = 0; turn < TURNS && at.spread >= one && at.spread < NEAR_SPREAD * one; turn++) {
+        const int64_t dx = texels->x[high] - texels->x[low], dy = texels->y[high] - texels->y[low];
+        const int64_t square = dx * dx + dy * dy; /* not 0: two texels */
+        const int64_t too_much = at.spread - one + one / texels->count;
+        at.a = clamped(at.a + too_much * dx / square, SLOPE_MAX * one);
+        at.b = clamped(at.b + too_much * dy / square, SLOPE_MAX * one);
+        measure(texels, &at, &high, &low);
+        if (at.spread < plane->spread) {
+            *plane = at;
+        }
+    }
+}
+
+struct umb__plane umb__plane_fit(const struct umb__texels *texels)
+{
+    struct umb__plane plane = least_squares(texels);
+    umb__plane_turn(texels, &plane);
+    return plane;
+}

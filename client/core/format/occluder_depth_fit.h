@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_FIT_H
+#define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_FIT_H
+/*
+ * Planes through the depths of texels, in integers: equal texels give equal planes everywhere.
+ *
+ * A plane meets a texel if floor((c + a * x + b * y) / one) is its depth. It meets all of a set if
+ * its spread over them is below `one`; c = the greatest lit * one - a * x - b * y then does it.
+ */
+#include <stdint.h>
+
+/* A set of texels, 0 <= x, y < 64, and what one voxel is in the numbers of its planes. */
+struct umb__texels {
+    int64_t one;
+    uint32_t count;
+    uint8_t x[4096], y[4096];
+    int32_t lit[4096];
+};
+
+struct umb__plane {
+    int64_t a, b;   /* slopes, at most 1024 voxels a texel */
+    int64_t c;      /* so that no texel of the set lies above the plane */
+    int64_t spread; /* how far below it one lies at most, but for the floor */
+};
+
+static inline void umb__texels_add(struct umb__texels *texels, uint32_t x, uint32_t y, int32_t lit)
+{
+    texels->x[texels->count] = (uint8_t)x;
+    texels->y[texels->count] = (uint8_t)y;
+    texels->lit[texels->count++] = lit;
+}
+
+/* Fills in c and the spread for the plane's slopes. In: texels: at least one. */
+void umb__plane_measure(const struct umb__texels *texels, struct umb__plane *plane);
+
+/* Turns a plane that nearly meets the set until it does, if a few turns suffice; else keeps the
+ * best found. */
+void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane);
+
+/* The same from the slopes of least squares. */
+struct umb__plane umb__plane_fit(const struct umb__texels *texels);
+
+#endif

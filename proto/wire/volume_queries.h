@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_WIRE_VOLUME_QUERIES_H
+#define UMBRAGE_WIRE_VOLUME_QUERIES_H
+/*
+ * The messages of umbrage.v1.Questions as plain structs. The three volume queries are alike on the wire:
+ * fields of one number mean the same in each, so that there is one codec.
+ *
+ * Records and answers stay in the message when it is decoded, as in messages.h.
+ * Trust: decoders are safe on hostile bytes.
+ */
+#include "wire/messages.h"
+
+#define UMBW_PATH_SEGMENTS "/umbrage.v1.Questions/Segments"
+#define UMBW_PATH_COLUMNS  "/umbrage.v1.Questions/Columns"
+#define UMBW_PATH_BOXES    "/umbrage.v1.Questions/Boxes"
+
+enum umbw_volume_query {
+    UMBW_SEGMENTS,
+    UMBW_COLUMNS,
+    UMBW_BOXES,
+    UMBW_VOLUME_QUERY_COUNT,
+};
+
+/* Answers as a reply has them: an array for each field, in the order of the .proto file. */
+#define UMBW_ANSWER_FIELDS 4
+
+/* Bytes of one record's answer in each field; 0: the question has no such field. That of intervals
+ * is of one interval. */
+extern const size_t umbw_answer_sizes[UMBW_VOLUME_QUERY_COUNT][UMBW_ANSWER_FIELDS];
+
+#define UMBW_FIELD_INTERVALS 3 /* of segments */
+
+struct umbw_volume_query_request {
+    enum umbw_volume_query volume_query;
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    uint32_t light;
+    const void *records; /* scalar[6 or 3 * count], any alignment */
+    enum umb_point_format format;
+    double origin[3];
+    size_t count;
+    uint32_t max_intervals; /* of segments */
+    int want_stats;
+};
+
+struct umbw_volume_query_reply {
+    enum umbw_volume_query volume_query;
+    uint8_t asset_id[UMB_ID_BYTES];
+    int ignores_translucent;
+    int has_stats;
+    uint64_t nodes, bricks, nanoseconds;
+    size_t count;                              /* of records */
+    const uint8_t *fields[UMBW_ANSWER_FIELDS]; /* little-endian, any alignment */
+    size_t interval_count;                     /* in the last field of segments */
+};
+
+/* Points that one record of a request counts as. */
+uint64_t umbw_volume_query_points(enum umbw_volume_query volume_query, uint32_t max_intervals);
+
+/*
+ * Decodes a request.
+ *
+ * Fails: E_ARGUMENT (not the message, a length that does not fit, an origin that is not finite: the
+ *        field is named), E_TOO_LARGE (more than max_points). That records are finite is checked by
+ *        umb_segments_check and its like.
+ */
+UMB_CHECKED enum umb_status umbw_decode_volume_query_request(
+    enum umbw_volume_query volume_query, const uint8_t *message, size_t size, uint64_t max_points,
+    struct umbw_volume_query_request *request, struct umb_error *error);
+
+/* Decodes a reply to a request of `count` records. Fails: E_ARGUMENT (not the message, or not so
+ * many answers). */
+UMB_CHECKED enum umb_status umbw_decode_volume_query_reply(enum umbw_volume_query volume_query,
+                                                           const uint8_t *message, size_t size,
+                                                           size_t count,
+                                                           struct umbw_volume_query_reply *reply,
+                                                           struct umb_error *error);
+
+/* Append prefix and message. Fail: E_ARGUMENT (asset, origin), E_TOO_LARGE (over 4 GiB),
+ * E_NO_MEMORY. */
+UMB_CHECKED enum umb_status
+umbw_encode_volume_query_request(const struct umbw_volume_query_request *request,
+                                 struct umbw_buffer *buffer, struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbw_encode_volume_query_reply(const struct umbw_volume_query_reply *reply,
+                               struct umbw_buffer *buffer, struct umb_error *error);
+
+#endif

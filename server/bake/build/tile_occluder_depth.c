@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Cutting a tile into squares of 64x64 texels and gathering those where something is undefined. */
+#include "bake/build/tile_occluder_depth.h"
+
+#include <string.h>
+
+#define BLOCKS 8 /* of 8x8 texels along a square's side */
+
+/* What a square's texels are gathered into. */
+struct square {
+    int32_t lit[BLOCKS * BLOCKS][64], end[BLOCKS * BLOCKS][64];
+    int undefined; /* somewhere end > lit */
+};
+
+/* Takes block (x, y) of the tile. Texels of a block of background may never have been written. */
+static void take_block(const struct umbb_tile *tile, size_t x, size_t y, int32_t lit[64],
+                       int32_t end[64], int *undefined)
+{
+    const size_t at = y * (size_t)(tile->size >> 3) + x;
+    if (tile->min_end[UMB_LEVEL_BRICK][at] >= tile->background) {
+        for (int i = 0; i < 64; i++) {
+            lit[i] = end[i] = tile->background;
+        }
+        return;
+    }
+    memcpy(lit, tile->lit + at * 64, 64 * sizeof *lit);
+    memcpy(end, tile->end + at * 64, 64 * sizeof *end);
+    *undefined |= memcmp(lit, end, 64 * sizeof *lit) != 0;
+}
+
+enum umb_status umbb_tile_occluder_depth(const struct umbb_tile *tile,
+                                         struct umb__occluder_depth *occluder_depth,
+                                         struct umb_error *error)
+{
+    static const size_t side = UMB__OCCLUDER_DEPTH_SIDE;
+    const size_t across = (size_t)tile->size / side;
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < across * across && status == UMB_OK; i++) {
+        struct square square;
+        square.undefined = 0;
+        for (size_t block = 0; block < BLOCKS * BLOCKS; block++) {
+            take_block(tile, i % across * BLOCKS + block % BLOCKS,
+                       i / across * BLOCKS + block / BLOCKS, square.lit[block], square.end[block],
+                       &square.undefined);
+        }
+        if (square.undefined) {
+            status = umb__occluder_depth_add(
+                occluder_depth, (uint32_t)((size_t)tile->x0 / side + i % across),
+                (uint32_t)((size_t)tile->y0 / side + i / across), (const int32_t(*)[64])square.lit,
+                (const int32_t(*)[64])square.end, error);
+        }
+    }
+    return status;
+}

@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Key, code and cache put together. */
+#include "bake/tiles/tile_folder.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "bake/tiles/tile_key.h"
+
+enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_folder,
+                                      enum umbb_tile_folder_mode mode, const char *folder,
+                                      uint64_t max_bytes, struct umb_error *error)
+{
+    memset(tile_folder, 0, sizeof *tile_folder);
+    tile_folder->mode = mode;
+    if (mode == UMBB_TILE_FOLDER_MERGE && access(folder, R_OK | X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "--from: cannot read '%.200s'", folder);
+    }
+    return umbb_tile_cache_open(&tile_folder->cache, folder, max_bytes, error);
+}
+
+void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder)
+{
+    umbb_tile_cache_close(&tile_folder->cache);
+}
+
+void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
+                              const struct umbb_tile_shape *shape, const struct umbb_depth *depth)
+{
+    tile_folder->depth = depth;
+    tile_folder->shape = *shape;
+    tile_folder->frustum = frustum;
+    tile_folder->first = (uint64_t)frustum << (2 * (shape->log2_size - shape->tile_log2));
+    tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
+}
+
+/* Says once that the cache does not help. */
+static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error *error)
+{
+    if (!tile_folder->quiet && !tile_folder->silent) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error->message);
+    }
+    tile_folder->silent = 1;
+}
+
+/* Turns to a tile. */
+static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile_place *place)
+{
+    tile_folder->shape.occluder_depth_x = (uint32_t)place->x0 / UMB__OCCLUDER_DEPTH_SIDE;
+    tile_folder->shape.occluder_depth_y = (uint32_t)place->y0 / UMB__OCCLUDER_DEPTH_SIDE;
+}
+
+/* Reads and decodes; found stays 0 if there is nothing whole. */
+static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t *key,
+                            size_t max_bytes, struct umb_pool *pool, struct umbb_runs *runs,
+                            struct umbb_tile_result *result, int *found, struct umb_error *error)
+{
+    struct umb_error cause = {0};
+    uint8_t *bytes;
+    size_t size;
+    enum umb_status status =
+        umbb_tile_cache_read(&tile_folder->cache, key, max_bytes, &bytes, &size, &cause);
+    if (status != UMB_OK) {
+        if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
+            return umb_fail(error, status, "%s", cause.message);
+        }
+        notice(tile_folder, &cause);
+        return UMB_OK;
+    }
+    if (bytes != NULL) {
+        status = umbb_tile_decode(&tile_folder->shape, bytes, size, pool, runs, result, error);
+        *found = status == UMB_OK;
+        if (status == UMB_E_CORRUPT) {
+            umbb_tile_cache_drop(&tile_folder->cache, key);
+            status = UMB_OK;
+        }
+    }
+    free(bytes);
+    return status;
+}
+
+static enum umb_status find(void *user, const struct umbb_tile_place *place, size_t max_bytes,
+                            struct umb_pool *pool, struct umbb_runs *runs,
+                            struct umbb_tile_result *result, int *found, struct umb_error *error)
+{
+    struct umbb_tile_folder *tile_folder = user;
+    uint8_t key[UMB_ID_BYTES];
+    *found = 0;
+    turn_to(tile_folder, place);
+    umbb_tile_key(tile_folder->depth, &tile_folder->shape, place, key);
+    const enum umb_status status =
+        take(tile_folder, key, max_bytes, pool, runs, result, found, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    tile_folder->found += *found != 0;
+    if (!*found && tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
+        return umb_fail(error, UMB_E_BUSY,
+                        "tile %llu is not in '%.200s', or was damaged: bake it with "
+                        "umbrage-bake tile --only %llu",
+                        (unsigned long long)(tile_folder->first + place->number),
+                        tile_folder->cache.folder,
+                        (unsigned long long)(tile_folder->first + place->number));
+    }
+    if (!*found) {
+        const unsigned slot = tile_folder->next_missed++ & 1;
+        tile_folder->missed[slot].number = place->number;
+        memcpy(tile_folder->missed[slot].key, key, sizeof key);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status keep(void *user, const struct umbb_tile_place *place, size_t max_bytes,
+                            const struct umb_pool *pool, const struct umbb_runs *runs,
+                            const struct umbb_tile_result *result, struct umb_error *error)
+{
+    struct umbb_tile_folder *tile_folder = user;
+    const unsigned slot = tile_folder->missed[0].number == place->number ? 0 : 1;
+    struct umb_error cause = {0};
+    uint8_t *bytes;
+    size_t size;
+    tile_folder->baked++;
+    turn_to(tile_folder, place);
+    if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
+        return UMB_OK;
+    }
+    enum umb_status status =
+        umbb_tile_encode(&tile_folder->shape, pool, runs, result, max_bytes, &bytes, &size, &cause);
+    if (status == UMB_OK) {
+        status = umbb_tile_cache_write(&tile_folder->cache, tile_folder->missed[slot].key, bytes,
+                                       size, &cause);
+    }
+    free(bytes);
+    if (status != UMB_OK && tile_folder->mode == UMBB_TILE_FOLDER_TILE) {
+        return umb_fail(error, status, "%s", cause.message);
+    }
+    if (status != UMB_OK) {
+        notice(tile_folder, &cause);
+    }
+    return UMB_OK;
+}
+
+struct umbb_cached_tiles umbb_tile_folder_cached_tiles(struct umbb_tile_folder *tile_folder)
+{
+    return (struct umbb_cached_tiles){.user = tile_folder, .find = find, .keep = keep};
+}

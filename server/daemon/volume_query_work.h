@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_VOLUME_QUERY_WORK_H
+#define UMBRAGE_SERVER_DAEMON_VOLUME_QUERY_WORK_H
+/*
+ * Segments, columns and boxes of one request, answered by workers in slices: what a slice does
+ * (volume_query_work.c), between the service that makes and ends the work (service_volume_queries.c).
+ */
+#include <stdatomic.h>
+#include "daemon/pool.h"
+#include "umbrage/volume.h"
+#include "wire/volume_queries.h"
+
+/* Steps after which a box is given up (umbrage/volume.h): most of a second, since a brick that
+ * its sides cut, 64 of them, takes 1 to 3 us. The slice of a worker that holds it ends no earlier.
+ */
+#define UMBD_BOX_STEPS_MAX (1U << 24)
+
+struct umbd_volume_query {
+    struct umbw_volume_query_request request; /* its records lie in: */
+    uint8_t *message;                         /* owned */
+    struct umbs_entry *entry;                 /* owned: the version that answers */
+    struct umb_volume volume;
+    uint8_t *answers;                    /* owned: all of */
+    uint8_t *fields[UMBW_ANSWER_FIELDS]; /* arrays as a reply has them; but of each segment there
+                                            is room for as many intervals as are asked for */
+    atomic_uint_fast64_t nodes, bricks, nanoseconds;
+    struct umbw_buffer reply; /* owned; its prefix too */
+};
+
+/* The records as the library wants them. */
+struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request);
+
+/* umbd_work_fn. Fails: E_ARGUMENT (a number that is not finite), E_TOO_LARGE (a box that takes too
+ * many steps), E_DEADLINE, E_CANCELLED; as umbs_entry_read. */
+UMB_CHECKED enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t first,
+                                                  size_t count, struct umb_error *error);
+
+/* Makes the reply of all answers, once. Fails: E_NO_MEMORY, E_TOO_LARGE. */
+UMB_CHECKED enum umb_status umbd_volume_query_end(struct umbd_batch *batch,
+                                                  struct umb_error *error);
+
+#endif

@@ -1,0 +1,371 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The snapshot, see status_snapshot.h. Two hash tables by the first byte of id: jobs, and (asset, owner) pairs.
+ */
+#include "jobs/status_snapshot.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BUCKETS 1024 /* a power of 2 */
+
+struct entry {
+    struct entry *next;
+    struct entry *older; /* of those that are over: in the order of their end */
+    struct umbj_standing standing;
+    char *plan, *notices;
+    int64_t phase_at_ms; /* when the phase began; 0 = not known */
+    int is_over;
+};
+
+struct owned {
+    struct owned *next;
+    uint8_t asset[UMBJ_HASH_BYTES];
+    char owner[UMBJ_OWNER_SIZE];
+};
+
+struct umbj_snapshot {
+    pthread_mutex_t mutex;
+    struct entry *jobs[BUCKETS];
+    struct owned *assets[BUCKETS];
+    struct entry *over_first, *over_last;
+    size_t over_count;
+    uint64_t version;
+};
+
+enum umb_status umbj_snapshot_create(struct umbj_snapshot **out, struct umb_error *error)
+{
+    *out = calloc(1, sizeof **out);
+    if (*out == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs' board");
+    }
+    pthread_mutex_init(&(*out)->mutex, NULL);
+    return UMB_OK;
+}
+
+static void entry_free(struct entry *entry)
+{
+    free(entry->plan);
+    free(entry->notices);
+    free(entry);
+}
+
+void umbj_snapshot_destroy(struct umbj_snapshot *snapshot)
+{
+    if (snapshot == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < BUCKETS; i++) {
+        while (snapshot->jobs[i] != NULL) {
+            struct entry *entry = snapshot->jobs[i];
+            snapshot->jobs[i] = entry->next;
+            entry_free(entry);
+        }
+        while (snapshot->assets[i] != NULL) {
+            struct owned *owned = snapshot->assets[i];
+            snapshot->assets[i] = owned->next;
+            free(owned);
+        }
+    }
+    pthread_mutex_destroy(&snapshot->mutex);
+    free(snapshot);
+}
+
+/* Ids are random hexadecimal digits. */
+static size_t bucket_of_job(const char *id)
+{
+    size_t bucket = 0;
+    for (int i = 0; i < 8 && id[i] != '\0'; i++) {
+        bucket = bucket * 31 + (unsigned char)id[i];
+    }
+    return bucket % BUCKETS;
+}
+
+static size_t bucket_of_asset(const uint8_t *asset)
+{
+    return ((size_t)asset[0] << 8 | asset[1]) % BUCKETS;
+}
+
+static struct entry *find(struct umbj_snapshot *snapshot, const char *id)
+{
+    struct entry *entry = snapshot->jobs[bucket_of_job(id)];
+    while (entry != NULL && strcmp(entry->standing.job.id, id) != 0) {
+        entry = entry->next;
+    }
+    return entry;
+}
+
+static struct entry *find_or_add(struct umbj_snapshot *snapshot, const char *id)
+{
+    struct entry *entry = find(snapshot, id);
+    if (entry == NULL) {
+        entry = calloc(1, sizeof *entry);
+        if (entry != NULL) {
+            struct entry **bucket = &snapshot->jobs[bucket_of_job(id)];
+            entry->next = *bucket;
+            *bucket = entry;
+            entry->standing.left_ms = -1;
+        }
+    }
+    return entry;
+}
+
+static void drop_oldest(struct umbj_snapshot *snapshot)
+{
+    struct entry *oldest = snapshot->over_first;
+    struct entry **at = &snapshot->jobs[bucket_of_job(oldest->standing.job.id)];
+    snapshot->over_first = oldest->older;
+    snapshot->over_last = snapshot->over_first != NULL ? snapshot->over_last : NULL;
+    snapshot->over_count--;
+    while (*at != oldest) {
+        at = &(*at)->next;
+    }
+    *at = oldest->next;
+    entry_free(oldest);
+}
+
+static void note_end(struct umbj_snapshot *snapshot, struct entry *entry)
+{
+    if (entry->is_over) {
+        return;
+    }
+    entry->is_over = 1;
+    if (snapshot->over_last != NULL) {
+        snapshot->over_last->older = entry;
+    } else {
+        snapshot->over_first = entry;
+    }
+    snapshot->over_last = entry;
+    if (++snapshot->over_count > UMBJ_SNAPSHOT_MAX) {
+        drop_oldest(snapshot);
+    }
+}
+
+static void clear_progress(struct umbj_standing *standing)
+{
+    standing->done = standing->total = 0;
+    standing->rate = 0;
+    standing->left_ms = -1;
+    standing->unit[0] = '\0';
+}
+
+void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *job, int loading)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    struct entry *entry = find_or_add(snapshot, job->id);
+    if (entry != NULL) {
+        struct umbj_standing *standing = &entry->standing;
+        if (standing->job.epoch != job->epoch || job->state != UMBJ_RUNNING || loading) {
+            clear_progress(standing);
+            standing->phase[0] = '\0';
+        }
+        standing->job = *job;
+        standing->loading = loading;
+        if (loading) {
+            memcpy(standing->phase, "load", sizeof "load");
+        }
+        standing->version = ++snapshot->version;
+        if (umbj_is_over(job->state) && !loading) {
+            note_end(snapshot, entry);
+        }
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+}
+
+/* Adds a line to a text of lines; what is over the limit, or the memory, is left out. */
+static void add_line(char **text, const char *line)
+{
+    const size_t have = *text != NULL ? strlen(*text) : 0, more = strlen(line);
+    if (have + more + 2 > UMBJ_PLAN_MAX) {
+        return;
+    }
+    char *longer = realloc(*text, have + more + 2);
+    if (longer != NULL) {
+        memcpy(longer + have, line, more);
+        memcpy(longer + have + more, "\n", 2);
+        *text = longer;
+    }
+}
+
+static void copy_word(char out[UMBJ_PHASE_SIZE], const char *text)
+{
+    size_t length = strlen(text);
+    length = length < UMBJ_PHASE_SIZE ? length : UMBJ_PHASE_SIZE - 1;
+    memcpy(out, text, length);
+    out[length] = '\0';
+}
+
+static void take_progress(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
+{
+    struct umbj_standing *standing = &entry->standing;
+    const double seconds = 1e-3 * (double)(now_ms - entry->phase_at_ms);
+    standing->done = report->done < report->total ? report->done : report->total;
+    standing->total = report->total;
+    copy_word(standing->unit, report->text);
+    standing->rate = seconds > 0 ? (double)standing->done / seconds : 0;
+    standing->left_ms =
+        standing->rate > 0
+            ? (int64_t)(1e3 * (double)(standing->total - standing->done) / standing->rate)
+            : -1;
+}
+
+/* What a worker says of its tiles; it may say anything. */
+static struct umbj_tiles take_tiles(struct entry *entry, const struct umbj_report *report)
+{
+    const struct umbj_tiles before = entry->standing.tiles;
+    struct umbj_tiles *now = &entry->standing.tiles;
+    now->total = report->total;
+    now->done = report->done < report->total ? report->done : report->total;
+    now->found = report->found < now->done ? report->found : now->done;
+    return (struct umbj_tiles){.done = now->done > before.done ? now->done - before.done : 0,
+                               .found = now->found > before.found ? now->found - before.found : 0};
+}
+
+static void take_report(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
+{
+    switch (report->kind) {
+    case UMBJ_REPORT_PHASE:
+        copy_word(entry->standing.phase, report->text);
+        clear_progress(&entry->standing);
+        entry->phase_at_ms = now_ms;
+        break;
+    case UMBJ_REPORT_PROGRESS:
+        take_progress(entry, report, now_ms);
+        break;
+    case UMBJ_REPORT_TILES: /* umbj_snapshot_report */
+    case UMBJ_REPORT_TASK:
+        break;
+    case UMBJ_REPORT_PLAN:
+        add_line(&entry->plan, report->text);
+        break;
+    case UMBJ_REPORT_NOTICE:
+        add_line(&entry->notices, report->text);
+        break;
+    case UMBJ_REPORT_ENDED:
+        break;
+    }
+    entry->standing.plan = entry->plan;
+    entry->standing.notices = entry->notices;
+}
+
+/* A further try begins with its own plan, notices and tiles. */
+static void forget_try(struct entry *entry)
+{
+    entry->standing.tiles = (struct umbj_tiles){0, 0, 0};
+    free(entry->plan);
+    free(entry->notices);
+    entry->plan = entry->notices = NULL;
+}
+
+struct umbj_tiles umbj_snapshot_report(struct umbj_snapshot *snapshot,
+                                       const struct umbj_report *report, int64_t now_ms)
+{
+    struct umbj_tiles more = {0, 0, 0};
+    pthread_mutex_lock(&snapshot->mutex);
+    struct entry *entry = find(snapshot, report->job);
+    if (entry != NULL && entry->standing.job.epoch == report->epoch) {
+        if (report->kind == UMBJ_REPORT_PHASE && entry->standing.phase[0] == '\0') {
+            forget_try(entry);
+        }
+        if (report->kind == UMBJ_REPORT_TILES) {
+            more = take_tiles(entry, report);
+        } else {
+            take_report(entry, report, now_ms);
+        }
+        entry->standing.version = ++snapshot->version;
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+    return more;
+}
+
+struct umbj_tiles umbj_snapshot_tiles(struct umbj_snapshot *snapshot)
+{
+    struct umbj_tiles sum = {0, 0, 0};
+    pthread_mutex_lock(&snapshot->mutex);
+    for (size_t i = 0; i < BUCKETS; i++) {
+        for (const struct entry *at = snapshot->jobs[i]; at != NULL; at = at->next) {
+            const int running = at->standing.job.state == UMBJ_RUNNING;
+            sum.done += running ? at->standing.tiles.done : 0;
+            sum.total += running ? at->standing.tiles.total : 0;
+            sum.found += running ? at->standing.tiles.found : 0;
+        }
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+    return sum;
+}
+
+int umbj_snapshot_look(struct umbj_snapshot *snapshot, const char *id, const char *owner,
+                       void (*look)(void *user, const struct umbj_standing *standing), void *user)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    const struct entry *entry = find(snapshot, id);
+    const int found =
+        entry != NULL && (owner == NULL || strcmp(owner, entry->standing.job.owner) == 0);
+    if (found) {
+        look(user, &entry->standing);
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+    return found;
+}
+
+uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    const struct entry *entry = find(snapshot, id);
+    const uint64_t version = entry != NULL ? entry->standing.version : 0;
+    pthread_mutex_unlock(&snapshot->mutex);
+    return version;
+}
+
+/* The link that leads to the pair, or to the end of its list. */
+static struct owned **find_owned(struct umbj_snapshot *snapshot, const uint8_t *asset,
+                                 const char *owner)
+{
+    struct owned **at = &snapshot->assets[bucket_of_asset(asset)];
+    while (*at != NULL && (memcmp((*at)->asset, asset, UMBJ_HASH_BYTES) != 0 ||
+                           strcmp((*at)->owner, owner) != 0)) {
+        at = &(*at)->next;
+    }
+    return at;
+}
+
+void umbj_snapshot_own(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    struct owned **at = find_owned(snapshot, asset, owner);
+    if (*at == NULL) {
+        *at = calloc(1, sizeof **at);
+        if (*at != NULL) {
+            memcpy((*at)->asset, asset, UMBJ_HASH_BYTES);
+            memcpy((*at)->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+        }
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+}
+
+void umbj_snapshot_disown(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    struct owned **at = owner != NULL ? find_owned(snapshot, asset, owner)
+                                      : &snapshot->assets[bucket_of_asset(asset)];
+    while (*at != NULL) {
+        struct owned *owned = *at;
+        if (memcmp(owned->asset, asset, UMBJ_HASH_BYTES) == 0 &&
+            (owner == NULL || strcmp(owned->owner, owner) == 0)) {
+            *at = owned->next;
+            free(owned);
+        } else {
+            at = &owned->next;
+        }
+    }
+    pthread_mutex_unlock(&snapshot->mutex);
+}
+
+int umbj_snapshot_owns(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
+{
+    pthread_mutex_lock(&snapshot->mutex);
+    const int owns = *find_owned(snapshot, asset, owner) != NULL;
+    pthread_mutex_unlock(&snapshot->mutex);
+    return owns;
+}

@@ -1,0 +1,357 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Segments, columns and boxes against rays: what each says about points, or about voxels, is held
+ * against what rays say there (verify.h). What is undefined inside closed solids is left out as
+ * for points.
+ */
+#include "rays/verify_block.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+
+enum {
+    KEPT = 64,           /* intervals looked at of a segment */
+    SAMPLES = 4,         /* of each segment */
+    NEAR_VOXELS = 2,     /* how far from an interval's end */
+    TRIES_A_RECORD = 64, /* draws for each, before giving up */
+    BOX_VOXELS = 5,      /* longest side */
+    BOX_ROOM = (BOX_VOXELS + 2) * (BOX_VOXELS + 2) * (BOX_VOXELS + 2),
+    OFFSETS = 5, /* of the grid around a column, half texels */
+    RINGS = 4,
+};
+
+/* A point in voxel space: through a boundary if `near`, else anywhere. Returns 0 if none was found
+ * within *walks. */
+static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks, double voxel[3])
+{
+    if (near) {
+        return *walks > 0 && umbr_verify_boundary(block, walks, voxel);
+    }
+    for (int k = 0; k < 3; k++) {
+        voxel[k] = umbr_next_unit(block) * block->light_frame->size;
+    }
+    return 1;
+}
+
+/* Ends of a segment around a voxel: of any direction, and of all lengths alike by their order. */
+static int draw_segment(struct umbr_verify_block *block, const double voxel[3], double ends[2][3])
+{
+    double direction[3], square = 0, along;
+    do {
+        square = 0;
+        for (int k = 0; k < 3; k++) {
+            direction[k] = 2 * umbr_next_unit(block) - 1;
+            square += direction[k] * direction[k];
+        }
+    } while (square > 1 || square < 0.01);
+    along = umbr_next_unit(block);
+    const double length =
+        exp2(log2(block->light_frame->size) * umbr_next_unit(block)) / sqrt(square);
+    for (int e = 0; e < 2; e++) {
+        double end[3];
+        for (int k = 0; k < 3; k++) {
+            end[k] = voxel[k] + (e - along) * length * direction[k];
+            /* Cut to the frustum, axis by axis: the direction may change. */
+            end[k] = fmin(fmax(end[k], 0), block->light_frame->size);
+        }
+        if (!umbr_light_frame_local(block->light_frame, end, ends[e])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* 1 if a parameter lies in one of the intervals. */
+static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, double t)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (t >= intervals[i].begin && t < intervals[i].end) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* A parameter of a segment, one of two next to the end of an interval. */
+static double draw_parameter(struct umbr_verify_block *block, const struct umb_interval *intervals,
+                             size_t count, int which, double voxels)
+{
+    if (which % 2 == 0 || count == 0 || !(voxels > 0)) {
+        return umbr_next_unit(block);
+    }
+    const uint64_t pick = umbr_next_random(block) % (2 * count);
+    const double end = pick % 2 ? intervals[pick / 2].end : intervals[pick / 2].begin;
+    return end + (2 * umbr_next_unit(block) - 1) * NEAR_VOXELS / voxels;
+}
+
+/* Asks one segment and judges what its intervals say. */
+static void judge_segment(struct umbr_verify_block *block, const double ends[2][3])
+{
+    struct umb_interval intervals[KEPT];
+    struct umb_segment_answer answer;
+    struct umb_segment_answers answers = {
+        .segments = &answer, .intervals = intervals, .interval_max = KEPT};
+    const double *o = block->job->origin;
+    const struct umb_segments segment = {
+        .ends = ends, .format = UMB_POINT_F64, .origin = {o[0], o[1], o[2]}, .count = 1};
+    struct umbr_sample samples[SAMPLES];
+    uint8_t lit[SAMPLES];
+    double from[3], to[3], voxels = 0;
+    size_t count = 0;
+    umb_segments_run(&block->job->volume, &segment, 0, 1, &answers);
+    block->result.records++;
+    const size_t kept = answer.interval_count < KEPT ? (size_t)answer.interval_count : KEPT;
+    const double known = answer.interval_count > KEPT ? intervals[KEPT - 1].end : 1;
+    if (umbr_light_frame_voxel(block->light_frame, ends[0], from) &&
+        umbr_light_frame_voxel(block->light_frame, ends[1], to)) {
+        voxels = hypot(hypot(to[0] - from[0], to[1] - from[1]), to[2] - from[2]);
+    }
+    for (int i = 0; i < SAMPLES; i++) {
+        struct umbr_sample *sample = &samples[count];
+        const double t = draw_parameter(block, intervals, kept, i, voxels);
+        double local[3];
+        for (int k = 0; k < 3; k++) {
+            local[k] = ends[0][k] + t * (ends[1][k] - ends[0][k]);
+        }
+        if (t >= 0 && t < known &&
+            umbr_light_frame_voxel(block->light_frame, local, sample->voxel) &&
+            umbr_verify_place(block, sample)) {
+            lit[count++] = is_lit_at(intervals, kept, t);
+        }
+    }
+    (void)umbr_verify_judge_answers(block, samples, lit, count);
+}
+
+void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
+{
+    uint64_t walks = count * TRIES_A_RECORD;
+    for (uint64_t i = 0; i < count; i++) {
+        double voxel[3], ends[2][3];
+        int found = draw_voxel(block, i % 2 == 0, &walks, voxel);
+        while (!found && walks > 0) {
+            found = draw_voxel(block, 1, &walks, voxel);
+        }
+        if ((found || draw_voxel(block, 0, &walks, voxel)) && draw_segment(block, voxel, ends)) {
+            judge_segment(block, (const double(*)[3])ends);
+        }
+    }
+}
+
+/* Depth in voxels of the first thing that the light ray through (x, y) meets, beyond the frustum's
+ * last voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves
+ * what the frustum sees. */
+static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
+{
+    const double size = block->light_frame->size;
+    struct umbr_exact_ray ray;
+    struct umbr_exact_hit hit;
+    double z_first;
+    if (!umbr_verify_column(block, x, y, &ray, &z_first)) {
+        return 0;
+    }
+    umbr_verify_nearest(block, &ray, &hit);
+    const double step_m = ray.far_m / (size - z_first); /* linear along a column */
+    *depth = hit.distance < 0 ? 2 * size : z_first + hit.distance / step_m;
+    return step_m;
+}
+
+/* Voxels whose centre lies before a depth. */
+static double lit_before(const struct umbr_verify_block *block, double depth)
+{
+    return fmin(fmax(ceil(depth - 0.5), 0), block->light_frame->size);
+}
+
+/*
+ * 1 if a number of lit voxels lies within one voxel of those that rays find within one texel: on a
+ * grid, and on rings around the centre, since a rod may be thinner than the grid and its edge run
+ * through the centre.
+ */
+static int is_near_column(const struct umbr_verify_block *block, const double texel[2], double lit)
+{
+    static const double rings[RINGS] = {0.001, 0.01, 0.1, 0.25};
+    double least = INFINITY, most = -INFINITY;
+    for (int i = 0; i < OFFSETS * OFFSETS + 8 * RINGS; i++) {
+        const int on_ring = i - OFFSETS * OFFSETS;
+        double offset[2] = {0.5 * (i % OFFSETS) - 1, 0.5 * (i / OFFSETS) - 1};
+        double depth;
+        if (on_ring >= 0) {
+            offset[0] = rings[on_ring / 8] * cos(atan(1) * (on_ring % 8));
+            offset[1] = rings[on_ring / 8] * sin(atan(1) * (on_ring % 8));
+        }
+        if (traced_depth(block, texel[0] + offset[0], texel[1] + offset[1], &depth) > 0) {
+            least = fmin(least, lit_before(block, depth));
+            most = fmax(most, lit_before(block, depth));
+        }
+    }
+    return lit >= least - 1 && lit <= most + 1;
+}
+
+/* 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
+static int column_verdict(const struct umbr_verify_block *block, const double voxel[3],
+                          const struct umb_column_answer *answer)
+{
+    double depth;
+    const double step_m = traced_depth(block, voxel[0], voxel[1], &depth);
+    const double lit = (double)answer->lit, expected = lit_before(block, depth);
+    const int none = lit >= block->light_frame->size;
+    /* The occluder is half a voxel off at most; rays have floats. */
+    const int is_told =
+        none ? isinf(answer->distance_m)
+             : fabs(answer->distance_m - (depth - voxel[2]) * step_m) <= 0.51 * step_m;
+    if (answer->outside || none != isinf(answer->distance_m)) {
+        return 0; /* the texel is the frustum's own */
+    }
+    if (lit != expected) {
+        return is_near_column(block, voxel, lit) ? 2 : 0;
+    }
+    return is_told;
+}
+
+static void judge_column(struct umbr_verify_block *block, const double texel[2], double z)
+{
+    struct umbr_sample sample = {.voxel = {texel[0], texel[1], z}};
+    struct umb_column_answer answer;
+    struct umb_column_answers answers = {.columns = &answer};
+    const double *o = block->job->origin;
+    const struct umb_points point = {.positions = sample.local,
+                                     .format = UMB_POINT_F64,
+                                     .origin = {o[0], o[1], o[2]},
+                                     .count = 1};
+    if (!umbr_verify_place(block, &sample)) { /* a column is one face's from end to end */
+        return;
+    }
+    umb_columns_run(&block->job->volume, &point, 0, 1, &answers);
+    block->result.records++;
+    block->result.points++;
+    int verdict = column_verdict(block, sample.voxel, &answer);
+    if (verdict == 0 && umbr_verify_look_again(block)) {
+        verdict = column_verdict(block, sample.voxel, &answer);
+        block->exact = NULL;
+    }
+    block->result.inside_band += verdict == 2;
+    if (verdict == 0) {
+        umbr_verify_note(block, sample.local);
+    }
+}
+
+void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count)
+{
+    const double size = block->light_frame->size;
+    for (uint64_t i = 0; i < count; i++) {
+        double texel[2];
+        for (int k = 0; k < 2; k++) {
+            texel[k] = floor(umbr_next_unit(block) * size) + 0.5;
+        }
+        judge_column(block, texel, umbr_next_unit(block) * size);
+    }
+}
+
+/* The voxels whose centres a box may hold, in the block's frustum. Returns their number. */
+static size_t list_voxels(const struct umbr_verify_block *block, const struct umb_box *box,
+                          const double middle[3], struct umbr_sample samples[BOX_ROOM])
+{
+    size_t count = 0;
+    for (int i = 0; i < BOX_ROOM; i++) {
+        const int side = BOX_VOXELS + 2, half = side / 2;
+        const int step[3] = {i % side - half, i / side % side - half, i / (side * side) - half};
+        struct umbr_sample *sample = &samples[count];
+        for (int k = 0; k < 3; k++) {
+            sample->voxel[k] = floor(middle[k]) + step[k] + 0.5;
+        }
+        int inside = umbr_verify_place(block, sample);
+        for (int k = 0; inside && k < 3; k++) {
+            const double centre = sample->centre[k] + block->job->origin[k];
+            inside = centre >= box->min[k] && centre < box->max[k];
+        }
+        count += (size_t)inside;
+    }
+    return count;
+}
+
+/* Verdict on a box's answer. */
+enum box_verdict {
+    BOX_RIGHT,
+    BOX_SAYS_NOTHING,
+    BOX_IN_BAND,
+    BOX_WRONG
+};
+
+static enum box_verdict box_verdict(const struct umbr_verify_block *block,
+                                    const struct umb_box_answer *answer,
+                                    const struct umbr_sample *samples, size_t count)
+{
+    uint8_t truths[BOX_ROOM], burieds[BOX_ROOM];
+    uint64_t lit = 0, buried = 0, unsure = 0, sure = 0;
+    for (size_t i = 0; i < count; i++) {
+        int is_buried;
+        truths[i] = (uint8_t)umbr_verify_trace(block, samples[i].local, &is_buried);
+        burieds[i] = (uint8_t)is_buried;
+        lit += truths[i];
+        buried += burieds[i];
+    }
+    if (count > 0 && buried == count) {
+        return BOX_SAYS_NOTHING;
+    }
+    if (answer->voxels == count && answer->lit >= lit && answer->lit <= lit + buried) {
+        return BOX_RIGHT;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const int either = burieds[i] || umbr_verify_is_unsure(block, &samples[i], truths[i]);
+        unsure += (uint64_t)either;
+        sure += (uint64_t)(truths[i] && !either);
+    }
+    return answer->voxels == count && answer->lit >= sure && answer->lit <= sure + unsure
+               ? BOX_IN_BAND
+               : BOX_WRONG;
+}
+
+/* Judges a box whose voxels are listed. */
+static void judge_box(struct umbr_verify_block *block, const struct umb_box *box,
+                      const struct umbr_sample *samples, size_t count)
+{
+    struct umb_box_answer answer;
+    struct umb_box_answers answers = {.boxes = &answer};
+    umb_boxes_run(&block->job->volume, box, 0, 1, &answers);
+    block->result.records++;
+    enum box_verdict verdict = box_verdict(block, &answer, samples, count);
+    if (verdict == BOX_WRONG && umbr_verify_look_again(block)) {
+        verdict = box_verdict(block, &answer, samples, count);
+        block->exact = NULL;
+    }
+    block->result.skipped_inside += verdict == BOX_SAYS_NOTHING;
+    block->result.points += verdict != BOX_SAYS_NOTHING;
+    block->result.inside_band += verdict == BOX_IN_BAND;
+    if (verdict == BOX_WRONG) {
+        double corner[3];
+        umb__subtract(box->min, block->job->origin, corner);
+        umbr_verify_note(block, corner);
+    }
+}
+
+void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
+{
+    uint64_t walks = count * TRIES_A_RECORD;
+    for (uint64_t i = 0; i < count; i++) {
+        struct umbr_sample samples[BOX_ROOM];
+        struct umb_box box;
+        double middle[3], world[3], edge = INFINITY;
+        int found = draw_voxel(block, i % 2 == 0, &walks, middle);
+        if ((!found && !draw_voxel(block, 0, &walks, middle)) ||
+            !umbr_light_frame_world(block->light_frame, middle, world)) {
+            continue;
+        }
+        for (int axis = 0; axis < 3; axis++) {
+            const double *step = block->light_frame->step[axis];
+            edge = fmin(edge, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
+        }
+        /* No side, and so no extent of the box in voxels, is longer than its diagonal. */
+        for (int k = 0; k < 3; k++) {
+            const double side = umbr_next_unit(block) * BOX_VOXELS * edge / sqrt(3);
+            box.min[k] = world[k] - 0.5 * side;
+            box.max[k] = world[k] + 0.5 * side;
+        }
+        judge_box(block, &box, samples, list_voxels(block, &box, middle, samples));
+    }
+}

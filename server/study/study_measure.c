@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Every setting against the same samples (study.h).
+ *
+ * Errors come from answers that are the same bits in every run, and are summed in the order of the
+ * samples, so that a report's errors can be reproduced exactly.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "study/parallel_for.h"
+#include "study/study_progress.h"
+#include "study/study_errors.h"
+#include "study/study_probe.h"
+#include "study/study_truth.h"
+#include "umbrage/curve.h"
+
+#define BLOCK    64
+#define JUDGED_M 0.01F /* of visibility: answers farther off are looked at for undefined space */
+
+static const uint32_t taps_quick[] = {1, 3, 9};
+static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
+static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
+
+/* What all settings share, and what one is judged by. */
+struct judging {
+    const struct umbt_probe *probe;
+    const float *area;
+    float *answers;     /* [points] */
+    float *wrong;       /* [points], scratch */
+    uint8_t *undefined; /* [points] */
+    struct umbt_peers peers;
+    struct umbt_study_truths truths;
+};
+
+/* ---- errors ---- */
+
+static enum umb_status undefined_block(void *user, size_t first, size_t count,
+                                       struct umb_error *error)
+{
+    struct judging *judging = user;
+    const struct umbt_study_points *points = &judging->probe->study->points;
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        double normal[3];
+        umbt_study_normal(points, i, normal);
+        judging->undefined[i] =
+            (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
+                      umbt_truth_is_undefined(&judging->probe->truth, points->positions[i],
+                                              normal));
+    }
+    return UMB_OK;
+}
+
+/* What an asset reads for a point of the view. */
+static void reads_count(const struct umbt_probe *probe, float *values)
+{
+    const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
+    const struct umb_points points = umbt_study_points_all(probe->study);
+    struct umb_answers answers = {.values = values};
+    umb_query_run(&probe->query, &points, 0, view, &answers);
+    probe->result->nodes = (double)answers.stats.nodes / (double)view;
+    probe->result->bricks = (double)answers.stats.bricks / (double)view;
+}
+
+static enum umb_status errors_find(struct judging *judging, const struct umbt_probe *probe,
+                                   struct umb_error *error)
+{
+    const struct umbt_study_points *points = &probe->study->points;
+    const size_t surface = points->first[UMBT_STUDY_FREE];
+    const struct umbt_study_truth *truth = NULL;
+    if (probe->peer == NULL) {
+        reads_count(probe, judging->answers);
+    }
+    umbt_probe_answer(probe, 0, points->count, judging->answers);
+    enum umb_status status = umbt_truths_get(&judging->truths, probe, &truth, error);
+    if (status == UMB_OK) {
+        judging->probe = probe;
+        judging->area = truth->values;
+        status = umbt_parallel_for((unsigned)probe->study->options.threads, surface, BLOCK,
+                                   undefined_block, judging, error);
+    }
+    if (status == UMB_OK) {
+        const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
+                                           points->lit, points->boundary_m, judging->undefined};
+        umbt_errors_area(&judged, probe->result);
+        umbt_errors_edges(&judged, judging->wrong, probe->result);
+        probe->result->truth_error = truth->error;
+    }
+    return status;
+}
+
+/* ---- all settings ---- */
+
+static void add_setting(struct umbt_study *study, const struct umbt_study_result *setting)
+{
+    if (study->result_count < UMBT_STUDY_SETTINGS_MAX) {
+        study->results[study->result_count++] = *setting;
+    }
+}
+
+/* The filters, coarse levels and half shadows of an asset. */
+static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *taps, size_t count)
+{
+    const struct umbt_study_bake *bake = &study->bakes[b];
+    struct umbt_study_result setting = {.name = "dag", .bake = b, .bytes = bake->info.memory_bytes};
+    for (size_t t = 0; t < count; t++) {
+        setting.taps = taps[t];
+        add_setting(study, &setting);
+    }
+    setting.taps = 1;
+    for (size_t l = 0; l < sizeof levels / sizeof *levels; l++) {
+        setting.level = levels[l];
+        if (levels[l] <= umb_level_max(bake->frustum.log2_size)) {
+            add_setting(study, &setting);
+        }
+    }
+    if (!bake->frustum.closed && bake->light.extent > 0.0) {
+        setting.level = 0;
+        setting.method = UMBT_STUDY_PENUMBRA;
+        setting.name = "penumbra";
+        add_setting(study, &setting);
+    }
+}
+
+/* Bound and cache lines as the asset states them. */
+static void curve_read(const struct umbt_study *study, struct umbt_study_result *result)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    const size_t count = result->method == UMBT_STUDY_DAG
+                             ? umb_curve_get(study->bakes[result->bake].asset, 0, rows)
+                             : 0;
+    result->bound_m = (double)NAN;
+    result->lines = (double)NAN;
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].taps == result->taps && rows[i].level == result->level) {
+            result->bound_m = rows[i].bound_m;
+            result->lines = rows[i].lines;
+        }
+    }
+}
+
+static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, const uint32_t *taps,
+                      size_t count)
+{
+    struct umbt_study_result setting = {.method = peer->method,
+                                        .name = peer->name,
+                                        .bake = peer->bake,
+                                        .bytes = peer->bytes,
+                                        .build_s = peer->build_s,
+                                        .taps = UMBT_PEER_DERIVED_TAPS};
+    if (peer->method == UMBT_STUDY_DERIVED) {
+        add_setting(study, &setting);
+        return;
+    }
+    for (size_t t = 0; t < count; t++) {
+        setting.taps = taps[t];
+        add_setting(study, &setting);
+    }
+}
+
+/* Lists all settings, those of assets first. Out: peer_of: which peer a setting asks, or NULL. */
+static void list_settings(struct umbt_study *study, const struct umbt_peers *peers,
+                          const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX])
+{
+    const uint32_t *taps = study->options.quick ? taps_quick : taps_full;
+    const size_t count = study->options.quick ? sizeof taps_quick / sizeof *taps_quick
+                                              : sizeof taps_full / sizeof *taps_full;
+    study->result_count = 0;
+    for (uint32_t b = 0; b < study->bake_count; b++) {
+        if (study->bakes[b].asset != NULL) {
+            list_asset(study, b, taps, count);
+        }
+    }
+    memset(peer_of, 0, UMBT_STUDY_SETTINGS_MAX * sizeof(const struct umbt_peer *));
+    for (uint32_t p = 0; p < peers->count; p++) {
+        const uint32_t first = study->result_count;
+        list_peer(study, &peers->list[p], taps, count);
+        for (uint32_t i = first; i < study->result_count; i++) {
+            peer_of[i] = &peers->list[p];
+        }
+    }
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        curve_read(study, &study->results[i]);
+    }
+}
+
+static enum umb_status probes_run(struct umbt_study *study, struct umbt_probe *probes,
+                                  struct judging *judging, struct umb_error *error)
+{
+    const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX];
+    struct umbt_progress progress;
+    enum umb_status status = UMB_OK;
+    list_settings(study, &judging->peers, peer_of);
+    umbt_progress_start(&progress, "settings", study->options.quiet);
+    for (uint32_t i = 0; status == UMB_OK && i < study->result_count; i++) {
+        probes[i] = (struct umbt_probe){.study = study,
+                                        .result = &study->results[i],
+                                        .peers = &judging->peers,
+                                        .peer = peer_of[i]};
+        status = umbt_probe_prepare(&probes[i], error);
+        if (status == UMB_OK) {
+            status = errors_find(judging, &probes[i], error);
+        }
+        umbt_progress_show(&progress, i + 1, study->result_count);
+    }
+    umbt_progress_end(&progress);
+    return status == UMB_OK ? umbt_study_times(study, probes, error) : status;
+}
+
+enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *error)
+{
+    const struct umb_points points = umbt_study_points_all(study);
+    struct umbt_probe *probes = calloc(UMBT_STUDY_SETTINGS_MAX, sizeof *probes);
+    struct judging *judging = calloc(1, sizeof *judging);
+    enum umb_status status = umb_points_check(&points, error);
+    if (judging != NULL) {
+        judging->answers = calloc(points.count, sizeof *judging->answers);
+        judging->wrong = calloc(points.count, sizeof *judging->wrong);
+        judging->undefined = calloc(points.count, 1);
+    }
+    if (probes == NULL || judging == NULL || judging->answers == NULL || judging->wrong == NULL ||
+        judging->undefined == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", points.count);
+    }
+    if (status == UMB_OK) {
+        status = umbt_peers_make(study, &judging->peers, error);
+    }
+    if (status == UMB_OK) {
+        status = probes_run(study, probes, judging, error);
+    }
+    for (uint32_t i = 0; probes != NULL && i < study->result_count; i++) {
+        umbt_probe_finish(&probes[i]);
+    }
+    free(probes);
+    if (judging != NULL) {
+        umbt_peers_finish(&judging->peers);
+        umbt_truths_finish(&judging->truths);
+        free(judging->answers);
+        free(judging->wrong);
+        free(judging->undefined);
+        free(judging);
+    }
+    return status;
+}

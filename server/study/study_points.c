@@ -1,0 +1,286 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The samples of a study and what is true of them (study.h).
+ *
+ * How far a surface point is from the true shadow boundary: rays from points in its tangent plane,
+ * in 16 directions and ever further out, until one sees something else; then the distance is
+ * halved in. Where the surface bends away from its tangent plane the distance is an estimate from
+ * below, as any other surface close by counts too.
+ */
+#include "study/study.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "study/parallel_for.h"
+#include "study/point_sampler.h"
+#include "study/study_vec.h"
+
+#define DIRECTIONS   16
+#define RINGS        12   /* reach / 2^11 .. reach */
+#define HALVINGS     6    /* a boundary's distance to 1.6 % */
+#define REACH_SHARE  0.02 /* of the scene's diagonal */
+#define SURFACE_LIFT 2e-6 /* of the diagonal, as traced_shadow.h says */
+#define BORDER_SHARE 0.1  /* of the reach: points nearer a boundary are the border set */
+#define BORDER_DRAWS 8    /* surface points drawn for each border point wanted */
+#define BLOCK        256
+#define VIEWS        3
+
+const char *const umbt_study_set_names[UMBT_STUDY_SET_COUNT] = {"view", "border", "free"};
+
+/* Work of the threads. */
+struct tracing {
+    const struct umbt_study *study;
+    struct umbt_study_points *points;
+    size_t first;
+};
+
+static int sees_light(const struct umbt_study *study, const double from[3])
+{
+    return !umbr_occluded(study->scene.rays, from, study->points.to_light, 0.0,
+                          2.0 * study->scene.diagonal_m);
+}
+
+/* Two unit vectors that span the plane across a unit normal. */
+static void tangents(const double normal[3], double u[3], double v[3])
+{
+    const int least = fabs(normal[0]) < fabs(normal[1])
+                          ? (fabs(normal[0]) < fabs(normal[2]) ? 0 : 2)
+                          : (fabs(normal[1]) < fabs(normal[2]) ? 1 : 2);
+    double axis[3] = {0.0, 0.0, 0.0};
+    axis[least] = 1.0;
+    umb__cross(normal, axis, u);
+    (void)umbt_normalize(u);
+    umb__cross(normal, u, v);
+}
+
+/* Truth at a distance from a surface point, along a direction of its tangent plane. */
+static int lit_at(const struct umbt_study *study, const double from[3], const double along[3],
+                  double distance)
+{
+    double at[3];
+    umbt_along(from, distance, along, at);
+    return sees_light(study, at);
+}
+
+/* The least distance at which a direction shows another truth; infinite if none does. */
+static double distance_along(const struct umbt_study *study, const double from[3],
+                             const double along[3], int lit, double nearest)
+{
+    double low = 0.0, high = study->points.reach_m / (double)(1 << (RINGS - 1));
+    while (high < nearest && high <= study->points.reach_m &&
+           lit_at(study, from, along, high) == lit) {
+        low = high;
+        high *= 2.0;
+    }
+    if (high >= nearest || high > study->points.reach_m) {
+        return INFINITY;
+    }
+    for (int i = 0; i < HALVINGS; i++) {
+        const double middle = 0.5 * (low + high);
+        if (lit_at(study, from, along, middle) == lit) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return high;
+}
+
+static void trace_point(const struct umbt_study *study, struct umbt_study_points *points, size_t i)
+{
+    double normal[3], from[3], u[3], v[3];
+    for (int k = 0; k < 3; k++) {
+        normal[k] = (double)points->normals[i][k];
+    }
+    points->boundary_m[i] = INFINITY;
+    if (!(umbt_normalize(normal) > 0.0)) {
+        points->lit[i] = (uint8_t)sees_light(study, points->positions[i]);
+        return;
+    }
+    if (!(umb__dot(normal, points->to_light) > 0.0)) {
+        points->lit[i] = 0;
+        return;
+    }
+    umbt_along(points->positions[i], SURFACE_LIFT * study->scene.diagonal_m, normal, from);
+    points->lit[i] = (uint8_t)sees_light(study, from);
+    tangents(normal, u, v);
+    double nearest = INFINITY;
+    for (int d = 0; d < DIRECTIONS; d++) {
+        const double angle = 6.283185307179586 * d / DIRECTIONS;
+        double along[3] = {0.0, 0.0, 0.0};
+        umbt_along(along, cos(angle), u, along);
+        umbt_along(along, sin(angle), v, along);
+        const double distance = distance_along(study, from, along, points->lit[i], nearest);
+        nearest = distance < nearest ? distance : nearest;
+    }
+    points->boundary_m[i] = (float)nearest;
+}
+
+static enum umb_status trace_block(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    struct tracing *tracing = user;
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        trace_point(tracing->study, tracing->points, tracing->first + i);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status trace_range(struct umbt_study *study, size_t first, size_t count,
+                                   struct umb_error *error)
+{
+    struct tracing tracing = {study, &study->points, first};
+    return umbt_parallel_for((unsigned)study->options.threads, count, BLOCK, trace_block, &tracing,
+                             error);
+}
+
+static enum umb_status room_make(struct umbt_study_points *points, size_t count,
+                                 struct umb_error *error)
+{
+    points->positions = calloc(count, sizeof *points->positions);
+    points->normals = calloc(count, sizeof *points->normals);
+    points->lit = calloc(count, sizeof *points->lit);
+    points->boundary_m = calloc(count, sizeof *points->boundary_m);
+    if (points->positions == NULL || points->normals == NULL || points->lit == NULL ||
+        points->boundary_m == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", count);
+    }
+    return UMB_OK;
+}
+
+static void append(struct umbt_study_points *points, const struct umbt_point_set *set, size_t count)
+{
+    memcpy(points->positions[points->count], set->positions, count * sizeof *set->positions);
+    memcpy(points->normals[points->count], set->normals, count * sizeof *set->normals);
+    points->count += count;
+}
+
+/* What three cameras around the scene see; a camera that sees nothing is left out. */
+static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
+{
+    const struct umbs_scene_view *scene = &study->scene.scene->view;
+    struct umbt_camera_subject subject = {
+        .points = (const double(*)[3])study->scene.corners,
+        .count = 3 * study->scene.count,
+        .box = study->scene.box,
+        .z_up = study->options.up != NULL ? study->options.up[0] == 'z' : scene->z_up,
+    };
+    memcpy(subject.to_light, study->points.to_light, sizeof subject.to_light);
+    const double base = umbt_compass_azimuth(subject.to_light, subject.z_up, 0.0);
+    enum umb_status status = UMB_E_BAD_SCENE;
+    for (int i = 0; i < VIEWS; i++) {
+        const struct umbt_camera_request camera = {.has_azimuth = 1,
+                                                   .azimuth_deg =
+                                                       fmod(base + 80.0 + 120.0 * i, 360.0),
+                                                   .has_elevation = 1,
+                                                   .elevation_deg = 25.0 + 20.0 * i};
+        const struct umbt_point_view view = {
+            .scene = &study->scene,
+            .camera = &camera,
+            .subject = &subject,
+            .width = 320,
+            .height = 180,
+            .count = wanted / VIEWS,
+            .threads = (unsigned)study->options.threads,
+        };
+        struct umbt_point_set set = {0};
+        const enum umb_status seen = umbt_points_view(&view, &set, error);
+        if (seen == UMB_OK) {
+            append(&study->points, &set, set.count < wanted / VIEWS ? set.count : wanted / VIEWS);
+            status = UMB_OK;
+        }
+        umbt_point_set_finish(&set);
+        if (seen == UMB_E_NO_MEMORY) {
+            return seen;
+        }
+    }
+    return status;
+}
+
+static enum umb_status random_draw(struct umbt_study *study, enum umbt_point_kind kind,
+                                   size_t wanted, struct umb_error *error)
+{
+    const struct umbt_point_request request = {
+        .scene = &study->scene,
+        .kind = kind,
+        .count = wanted,
+        .seed = study->options.seed + (uint64_t)kind,
+        .threads = (unsigned)study->options.threads,
+        .quiet = 1,
+    };
+    struct umbt_point_set set = {0};
+    const enum umb_status status = umbt_points_sample(&request, &set, error);
+    if (status == UMB_OK) {
+        append(&study->points, &set, set.count < wanted ? set.count : wanted);
+    }
+    umbt_point_set_finish(&set);
+    return status;
+}
+
+/* Keeps those surface points from `first` on that lie close to a boundary, at most `wanted`. */
+static void border_keep(struct umbt_study_points *points, size_t first, size_t wanted)
+{
+    size_t kept = first;
+    for (size_t i = first; i < points->count && kept < first + wanted; i++) {
+        if ((double)points->boundary_m[i] <= BORDER_SHARE * points->reach_m) {
+            memmove(points->positions[kept], points->positions[i], sizeof points->positions[i]);
+            memmove(points->normals[kept], points->normals[i], sizeof points->normals[i]);
+            points->lit[kept] = points->lit[i];
+            points->boundary_m[kept] = points->boundary_m[i];
+            kept++;
+        }
+    }
+    points->count = kept;
+}
+
+static enum umb_status sets_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
+{
+    struct umbt_study_points *points = &study->points;
+    enum umb_status status = views_draw(study, wanted, error);
+    points->first[UMBT_STUDY_BORDER] = points->count;
+    if (status == UMB_OK) {
+        status = trace_range(study, 0, points->count, error);
+    }
+    if (status == UMB_OK) {
+        status = random_draw(study, UMBT_POINT_SURFACE, BORDER_DRAWS * wanted, error);
+    }
+    const size_t border = points->first[UMBT_STUDY_BORDER];
+    if (status == UMB_OK) {
+        status = trace_range(study, border, points->count - border, error);
+    }
+    border_keep(points, border, wanted);
+    points->first[UMBT_STUDY_FREE] = points->count;
+    if (status == UMB_OK) {
+        status = random_draw(study, UMBT_POINT_FREE, wanted, error);
+    }
+    const size_t free_first = points->first[UMBT_STUDY_FREE];
+    if (status == UMB_OK) {
+        status = trace_range(study, free_first, points->count - free_first, error);
+    }
+    points->first[UMBT_STUDY_SET_COUNT] = points->count;
+    return status;
+}
+
+enum umb_status umbt_study_points_make(struct umbt_study *study, struct umb_error *error)
+{
+    struct umbt_study_points *points = &study->points;
+    const size_t wanted = (size_t)study->options.points;
+    memset(points, 0, sizeof *points);
+    points->reach_m = REACH_SHARE * study->scene.diagonal_m;
+    for (int k = 0; k < 3; k++) {
+        points->to_light[k] = -study->bakes[0].light.direction[k];
+    }
+    enum umb_status status = room_make(points, (2 + BORDER_DRAWS) * wanted, error);
+    return status == UMB_OK ? sets_draw(study, wanted, error) : status;
+}
+
+void umbt_study_points_finish(struct umbt_study_points *points)
+{
+    free(points->positions);
+    free(points->normals);
+    free(points->lit);
+    free(points->boundary_m);
+    memset(points, 0, sizeof *points);
+}

@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Times of every setting and of rays (study_probe.h): runs interleaved over the settings, so that a
+ * machine's mood falls on all of them alike, and again for those whose runs differ too much; CPU
+ * time of the one thread where one thread is meant, wall time where all are.
+ */
+#include "study/study_probe.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "study/parallel_for.h"
+#include "study/study_progress.h"
+#include "study/study_vec.h"
+
+#define AREA_RAYS   9 /* a side: 81 rays a point */
+#define AREA_POINTS 2000
+#define ALL_BLOCK   4096
+/* What all threads do: so much that starting them hardly counts, but no more than so many points,
+ * views and seconds of one thread. */
+#define ALL_POINTS 1000000U
+#define ALL_PASSES 32U
+#define ALL_S      0.02
+#define ATTEMPTS   4 /* at times that do not spread too far */
+
+/* Times of one setting, a run each. */
+struct times {
+    double view[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS], all[UMBT_STUDY_RUNS];
+};
+
+static int compare_doubles(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double values[UMBT_STUDY_RUNS])
+{
+    qsort(values, UMBT_STUDY_RUNS, sizeof *values, compare_doubles);
+    return values[UMBT_STUDY_RUNS / 2];
+}
+
+/* After median: the values are in order. */
+static double spread(const double values[UMBT_STUDY_RUNS])
+{
+    const double middle = values[UMBT_STUDY_RUNS / 2];
+    /* The two outermost runs of each side are the machine's, not the setting's. */
+    return middle > 0.0 ? (values[UMBT_STUDY_RUNS - 2] - values[1]) / middle : 0.0;
+}
+
+static enum umb_status all_block(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    const struct umbt_probe *probe = user;
+    const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
+    float values[ALL_BLOCK];
+    (void)error;
+    while (count > 0) { /* the view over and over */
+        const size_t at = first % view;
+        const size_t room = view - at < count ? view - at : count;
+        umbt_probe_run(probe, at, room, values);
+        first += room;
+        count -= room;
+    }
+    return UMB_OK;
+}
+
+/* How often all threads answer the view: for ALL_S on one of them, or as many points as that. */
+static size_t all_passes(size_t view, double ns)
+{
+    const double wanted = fmin((double)ALL_POINTS, 1e9 * ALL_S / fmax(ns, 1.0)) / (double)view;
+    return wanted >= (double)ALL_PASSES ? ALL_PASSES : 1 + (size_t)wanted;
+}
+
+/* values: scratch, float[points]. */
+static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
+                                 float *values, struct umb_error *error)
+{
+    const struct umbt_study_points *points = &probe->study->points;
+    const size_t view = points->first[UMBT_STUDY_BORDER];
+    const size_t first_free = points->first[UMBT_STUDY_FREE];
+    double start = umbt_cpu_s();
+    umbt_probe_run(probe, 0, view, values);
+    times->view[run] = 1e9 * (umbt_cpu_s() - start) / (double)view;
+    start = umbt_cpu_s();
+    umbt_probe_run(probe, first_free, points->count - first_free, values);
+    times->free[run] = 1e9 * (umbt_cpu_s() - start) / (double)(points->count - first_free);
+    const size_t passes = all_passes(view, times->view[run]);
+    start = umbt_now_s();
+    const enum umb_status status = umbt_parallel_for(
+        (unsigned)probe->study->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
+    times->all[run] = 1e9 * (umbt_now_s() - start) / (double)(passes * view);
+    return status;
+}
+
+/* Times of the rays, a run each. */
+struct ray_times {
+    double view[UMBT_STUDY_RUNS], eight[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS];
+    double area[UMBT_STUDY_RUNS], area8[UMBT_STUDY_RUNS];
+};
+
+/* Eight samples a call; the last few are left out. Out: how many were stopped. */
+static int rays_by_eight(const struct umbt_study *study, size_t count, double reach)
+{
+    const struct umbt_study_points *points = &study->points;
+    int sum = 0;
+    for (size_t i = 0; i + 8 <= count; i += 8) {
+        uint8_t stopped[8];
+        umbr_occluded8(study->scene.rays, (const double(*)[3])points->positions + i,
+                       points->to_light, 1e-5 * reach, reach, stopped);
+        for (int k = 0; k < 8; k++) {
+            sum += stopped[k];
+        }
+    }
+    return sum;
+}
+
+/* A window's rays of one sample, eight a call, the last call with fewer new ones. Out: how many
+ * were stopped. */
+static int window_by_eight(const struct umbt_study *study, const struct umbt_truth *window,
+                           size_t i)
+{
+    enum {
+        RAYS = AREA_RAYS * AREA_RAYS,
+        CALLS = (RAYS + 7) / 8
+    };
+    const double pitch = (double)window->settings.taps / AREA_RAYS,
+                 reach = 2.0 * window->diagonal_m;
+    double normal[3], moved[3], starts[8 * CALLS][3];
+    int sum = 0;
+    umbt_study_normal(&study->points, i, normal);
+    if (!(umb__dot(normal, study->points.to_light) > 0.0)) {
+        return 0;
+    }
+    umbt_along(study->points.positions[i],
+               umbt_truth_bias(&window->settings, &window->frustum, normal), normal, moved);
+    for (int k = 0; k < 8 * CALLS; k++) {
+        const int ray = k < RAYS ? k : RAYS - 1;
+        const double x = pitch * (ray % AREA_RAYS - AREA_RAYS / 2);
+        const double y = pitch * (ray / AREA_RAYS - AREA_RAYS / 2);
+        umbt_along(moved, x, window->frustum.voxel_step[0], starts[k]);
+        umbt_along(starts[k], y, window->frustum.voxel_step[1], starts[k]);
+    }
+    for (int call = 0; call < CALLS; call++) {
+        uint8_t stopped[8];
+        umbr_occluded8(study->scene.rays, (const double(*)[3])starts + 8 * call,
+                       study->points.to_light, 0.0, reach, stopped);
+        for (int k = 0; k < 8; k++) {
+            sum += stopped[k];
+        }
+    }
+    return sum;
+}
+
+/* Rays on the same samples: one a point, and a window of them. Out: how many were stopped, so that
+ * the compiler cannot leave them out. */
+static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
+                     const struct umbt_truth *truth)
+{
+    const struct umbt_study_points *points = &study->points;
+    const size_t counts[2] = {points->first[UMBT_STUDY_BORDER],
+                              points->count - points->first[UMBT_STUDY_FREE]};
+    const size_t firsts[2] = {0, points->first[UMBT_STUDY_FREE]};
+    const double reach = 2.0 * study->scene.diagonal_m;
+    int sum = 0;
+    for (int set = 0; set < 2; set++) {
+        double start = umbt_cpu_s();
+        for (size_t i = firsts[set]; i < firsts[set] + counts[set]; i++) {
+            sum += umbr_occluded(study->scene.rays, points->positions[i], points->to_light,
+                                 1e-5 * reach, reach);
+        }
+        (set == 0 ? times->view : times->free)[run] =
+            1e9 * (umbt_cpu_s() - start) / (double)counts[set];
+    }
+    double start = umbt_cpu_s();
+    sum += rays_by_eight(study, counts[0], reach);
+    times->eight[run] = 1e9 * (umbt_cpu_s() - start) / (double)counts[0];
+    const size_t some = counts[0] < AREA_POINTS ? counts[0] : AREA_POINTS;
+    start = umbt_cpu_s();
+    for (size_t i = 0; i < some; i++) {
+        double normal[3];
+        umbt_study_normal(points, i, normal);
+        sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
+    }
+    times->area[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
+    start = umbt_cpu_s();
+    for (size_t i = 0; i < some; i++) {
+        sum += window_by_eight(study, truth, i);
+    }
+    times->area8[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
+    return sum;
+}
+
+/* Keeps a time if its runs are steadier than those of the one before. */
+static void keep_steadier(double runs[UMBT_STUDY_RUNS], double *ns, double *spread_kept)
+{
+    const double middle = median(runs), apart = spread(runs);
+    if (apart < *spread_kept) {
+        *ns = middle;
+        *spread_kept = apart;
+    }
+}
+
+static void setting_conclude(struct umbt_study_result *result, struct times *times)
+{
+    keep_steadier(times->view, &result->ns_view, &result->spread);
+    keep_steadier(times->free, &result->ns_free, &result->spread_free);
+    keep_steadier(times->all, &result->ns_view_all, &result->spread_all);
+}
+
+static void rays_conclude(struct umbt_study_rays *rays, struct ray_times *times)
+{
+    const double ns_view = median(times->view), view = spread(times->view);
+    if (view < rays->spread) {
+        rays->ns_view = ns_view;
+        rays->ns_view8 = median(times->eight);
+        rays->ns_free = median(times->free);
+        rays->ns_area = median(times->area);
+        rays->ns_area8 = median(times->area8);
+        rays->spread = view;
+    }
+}
+
+static int is_noisy(const struct umbt_study_result *result)
+{
+    return fmax(result->spread, fmax(result->spread_free, result->spread_all)) >
+           UMBT_STUDY_SPREAD_MAX;
+}
+
+/* One attempt: the runs of all settings whose times are not steady yet, interleaved. */
+static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe *probes,
+                                     struct times *times, const struct umbt_truth *window,
+                                     float *values, struct umb_error *error)
+{
+    struct ray_times rays;
+    const int rays_too = study->rays.spread > UMBT_STUDY_SPREAD_MAX;
+    for (int run = 0; run < UMBT_STUDY_RUNS; run++) {
+        for (uint32_t i = 0; i < study->result_count; i++) {
+            const enum umb_status status =
+                is_noisy(&study->results[i]) ? time_once(&probes[i], &times[i], run, values, error)
+                                             : UMB_OK;
+            if (status != UMB_OK) {
+                return status;
+            }
+        }
+        if (rays_too) {
+            study->rays.stopped += rays_once(study, &rays, run, window);
+        }
+    }
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        if (is_noisy(&study->results[i])) {
+            setting_conclude(&study->results[i], &times[i]);
+        }
+    }
+    if (rays_too) {
+        rays_conclude(&study->rays, &rays);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *probes,
+                                 struct umb_error *error)
+{
+    struct times *times = calloc(study->result_count, sizeof *times);
+    float *values = malloc(study->points.count * sizeof *values);
+    if (times == NULL || values == NULL) {
+        free(times);
+        free(values);
+        return umb_fail(error, UMB_E_NO_MEMORY, "times of %u settings do not fit in memory",
+                        study->result_count);
+    }
+    struct umbt_truth window = probes[0].truth;
+    enum umb_status status = UMB_OK;
+    window.samples = AREA_RAYS;
+    study->rays.spread = INFINITY;
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        struct umbt_study_result *result = &study->results[i];
+        result->spread = result->spread_free = result->spread_all = INFINITY;
+    }
+    for (int attempt = 0; attempt < ATTEMPTS && status == UMB_OK; attempt++) {
+        status = times_attempt(study, probes, times, &window, values, error);
+    }
+    free(times);
+    free(values);
+    return status;
+}
