@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # libumbrage-core (pure), libumbrage (rpc) and the umbrage command.
-INC_client = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
+INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 CORE_SRC := $(wildcard client/core/*/*.c)
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
@@ -23,19 +23,22 @@ RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
+LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c))
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
+LOAD_LIB := $(BUILD)/libumbrage-load.a
 CLI_LIBS := -lcurl
 
 # Numerics: the sanitizers also watch floats that do not fit an integer and divisions by zero.
 FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
-$(foreach part,base deep format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+$(foreach part,base format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(CORE_LIB): $(CORE_OBJ)
 $(RPC_LIB): $(RPC_OBJ)
+$(LOAD_LIB): $(LOAD_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 

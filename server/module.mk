@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# umbraged, umbrage-bake and umbrage-study. common, jobs and rays are libraries that they share.
+# umbraged, umbrage-bake and umbrage-study. common, scene, store, jobs and rays are
+# libraries that they share.
 INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
 
 COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
+SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/scene/*.c))
+STORE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/store/*.c))
 RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
 JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
@@ -37,6 +40,8 @@ $(IPSEC_MB_BUILT):
 $(BUILD)/server/common/sha256_lanes.o: $(IPSEC_MB_BUILT)
 
 COMMON_LIB := $(BUILD)/libumbrage-common.a
+SCENE_LIB  := $(BUILD)/libumbrage-scene.a
+STORE_LIB  := $(BUILD)/libumbrage-store.a
 RAYS_LIB   := $(BUILD)/libumbrage-rays.a
 JOBS_LIB   := $(BUILD)/libumbrage-jobs.a
 BAKE_LIB   := $(BUILD)/libumbrage-bake.a
@@ -58,24 +63,26 @@ $(BUILD)/gen/study_template.o: $(BUILD)/gen/study_template.c
 	$(Q)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
 # As in the core.
-$(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(BUILD)/server/common/%.o: CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
+$(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(foreach part,common scene store,$(BUILD)/server/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(COMMON_LIB): $(COMMON_OBJ)
+$(SCENE_LIB): $(SCENE_OBJ)
+$(STORE_LIB): $(STORE_OBJ)
 $(RAYS_LIB): $(RAYS_OBJ)
 $(JOBS_LIB): $(JOBS_OBJ)
 $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
 $(STUDY_LIB): $(filter-out %/study_main.o,$(STUDY_OBJ))
 $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ)) $(NET_OBJ)
 
-$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
-$(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
+$(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS) -o $@
 
-$(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS) -o $@
 

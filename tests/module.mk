@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
-INC_tests = -Iclient/include -Iclient/core -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
+INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
@@ -8,26 +8,32 @@ TEST_LIBS_core   = $(CORE_LIB)
 TEST_LIBS_maps   = $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_rays   = $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_scene  = $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_store  = $(STORE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_rays   = $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
+TEST_SYS_load   = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
-TEST_SYS_common = -luv $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_common = $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_scene  = $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_store  = -luv $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_bake   = -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc cli common rays study bake jobs daemon
+UNIT_PARTS := core maps wire rpc cli load common scene store rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part
@@ -72,9 +78,9 @@ release-tests: release-needs
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
-QUESTIONS := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
-questions: $(QUESTIONS) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
-	@for t in $(QUESTIONS); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
+VOLUME_QUERIES := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
+volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, columns, boxes: 10^6 random cases each, and against rays
+	@for t in $(VOLUME_QUERIES); do UMBRAGE_CASES=350000 timeout 900 $$t || exit 1; done
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && for scene in "city 12" "bridge 30"; do \
 		file=$$folder/$${scene% *} && \
 		$(BUILD)/scenegen $${scene% *} --size $${scene#* } --format ply -o $$file.ply && \
@@ -112,9 +118,9 @@ determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for t
 .PHONY: numerics same-bits determinism
 
 # Light behind translucent casters of a bake against products over all that the light meets.
-$(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_common)
+$(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_scene)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_common) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_scene) -o $@
 
 # Kernels, slices and threads at 16384 voxels a side, 10^7 points of a scene for each window.
 $(BUILD)/kernel_bits: $(BUILD)/tests/agreement/kernel_bits.o $(CORE_LIB)
@@ -223,7 +229,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check questions accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

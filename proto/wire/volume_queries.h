@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_WIRE_VOLUME_QUERIES_H
 #define UMBRAGE_WIRE_VOLUME_QUERIES_H
 /*
- * The messages of umbrage.v1.Questions as plain structs. The three volume queries are alike on the wire:
- * fields of one number mean the same in each, so that there is one codec.
+ * The messages of umbrage.v1.Questions as plain structs. The three volume queries are alike on the
+ * wire: fields of one number mean the same in each, so that there is one codec.
  *
  * Records and answers stay in the message when it is decoded, as in messages.h.
  * Trust: decoders are safe on hostile bytes.

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage.v1.Questions between its bytes and the structs of volume_queries.h. All fields are numbers and
- * byte strings, so that they are written by hand, without a struct of protobuf-c for each message.
+ * umbrage.v1.Questions between its bytes and the structs of volume_queries.h. All fields are
+ * numbers and byte strings, so that they are written by hand, without a struct of protobuf-c for
+ * each message.
  */
 #include "wire/volume_queries.h"
 

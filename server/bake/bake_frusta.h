@@ -26,9 +26,9 @@ struct umbb_frusta_job {
     struct umbb_occluder_depth_words
         *occluder_depth;             /* gets the occluder depth map; NULL: not wanted */
     size_t occluder_depth_max_bytes; /* for it: umbb_head_occluder_depth_bytes */
-    uint64_t *
-        receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] gets the cells that hold receivers,
-                           * and the static rule holds; NULL: off */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] gets the cells that hold receivers, and the static
+     * rule holds; NULL: off */
+    uint64_t *receiver_mask_cells;
 };
 
 /* Tiles of all frusta together; frustum by frustum, row by row is how they are numbered. */
@@ -38,9 +38,9 @@ uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log
  * Bakes.
  *
  * Out:   octree: canonical, a root for each frustum; the caller finishes it. With task tile it
- *        stays empty: the results are with `keeping`. figures: sums.
- * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the tile cache says
- *        (tile_folder.h).
+ *        stays empty: the results are with `tile_folder`. figures: sums.
+ * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the tile cache
+ *        says (tile_folder.h).
  */
 UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
                                              struct umb_octree *octree,

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
 #define UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
 /*
- * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head holds
- * them.
+ * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head
+ * holds them.
  *
  * Every reader of an asset has its head, so that the maps are kept small: at most 2048 texels a
  * side, no more than the frustum has voxels, and fewer, for all frusta alike, while the maps take

@@ -11,8 +11,9 @@
 /*
  * Finds what first occluders may take: 48 MiB, or what all else can leave of the head.
  *
- * In:    content: counts of lights and frusta and both texts are read, receiver_mask_cells for being there;
- *        the curve counts as whole. translucent: 1 if maps of translucent casters are to come.
+ * In:    content: counts of lights and frusta and both texts are read, receiver_mask_cells for
+ *        being there; the curve counts as whole. translucent: 1 if maps of translucent casters are
+ *        to come.
  * Fails: E_BAD_SCENE: so many lights and frusta do not even fit without an occluder depth map.
  */
 UMB_CHECKED enum umb_status umbb_head_occluder_depth_bytes(const struct umb_content *content,

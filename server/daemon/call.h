@@ -114,8 +114,8 @@ struct umbd_call {
     unsigned pushback_ms;      /* tell the client when to come again; 0 = do not */
     struct umbw_buffer out;    /* body that is made and not all sent */
     size_t sent;               /* of out */
-    uint64_t optimistic_turn;  /* optimistic_reads.h: the turn in which it last owed one, */
-    unsigned optimistic_reads; /* for which versions (bits), */
+    uint64_t optimistic_turn;  /* optimistic_reads.h: turn of its last optimistic read, */
+    unsigned optimistic_reads; /* of which versions (bits), */
     size_t unvalidated_bytes;  /* and how many bytes at the end of out wait for it */
 #ifdef UMBRAGE_TEST_SERVICE
     struct umbd_echo echo;
@@ -187,7 +187,7 @@ size_t umbd_call_unsent(const struct umbd_call *call);
 /* 1 if the call's deadline has passed. */
 int umbd_call_expired(const struct umbd_call *call);
 
-/* Gives up the replies that are owed a proof (optimistic_reads.h), and fails. */
+/* Discards the replies that are not revalidated (optimistic_reads.h), and fails. */
 void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_error *error);
 
 /* Copies `count` body bytes that are to be sent now. */

@@ -4,9 +4,10 @@
  *
  * One message is served at a time, so replies come in order. A message that comes meanwhile waits
  * in a queue. Three things hold a stream up: a batch that is with the workers (or a job request,
- * job_request.h), replies that the client does not take (UMBD_BACKLOG_BYTES), and its share of this turn
- * of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not opened again, so
- * a client that writes ahead or does not read is stopped by flow control at one window beyond that.
+ * job_request.h), replies that the client does not take (UMBD_BACKLOG_BYTES), and its share of
+ * this turn of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not
+ * opened again, so a client that writes ahead or does not read is stopped by flow control at one
+ * window beyond that.
  *
  * Invariants: queue_bytes is the sum of the sizes in the queue; what is given back to the window
  * and what is in window_held add up to what was received; a failed call has an empty queue.

@@ -194,7 +194,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     head(out, "umbrage_volume_queries_total", "counter", "Segments, columns and boxes answered.");
     for (size_t q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
         static const char *const names[] = {"segments", "columns", "boxes"};
-        fprintf(out, "umbrage_volume_queries_total{question=\"%s\"} %llu\n", names[q],
+        fprintf(out, "umbrage_volume_queries_total{kind=\"%s\"} %llu\n", names[q],
                 get(&metrics->volume_queries[q]));
     }
     single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",

@@ -6,13 +6,14 @@
  * job request. It is either at home, with the call, or away, with those threads:
  *
  *     umbd_job_request_create(call, &error)              for the owner of the call
- *     umbd_job_request_send(call, files, work, answer)   files runs on a thread for files, then work on
- *                                                   the jobs' thread, then answer on the loop
+ *     umbd_job_request_send(call, files, work, answer)   files runs on a thread for files, then
+ *                                                        work on the jobs' thread, then answer
+ *                                                        on the loop
  *     umbd_job_request_drop(call)                        the call ends
  *
- * A call finds its job request again by (connection serial, stream id), never by pointer, since it may
- * be gone; a job request that comes home to nobody is only freed. While it is away neither the call
- * nor the loop touches what it holds.
+ * A call finds its job request again by (connection serial, stream id), never by pointer, since it
+ * may be gone; a job request that comes home to nobody is only freed. While it is away neither the
+ * call nor the loop touches what it holds.
  */
 #include "daemon/call.h"
 #include "jobs/service.h"

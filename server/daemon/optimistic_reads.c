@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Owing and settling proofs.
+ * Noting and revalidating optimistic reads.
  *
- * Invariant: bytes of a body that are not proven are its last `owed_bytes`, and there are some only
- * while the call's optimistic_turn is the loop's: frames are made in a flush, which settles first.
+ * Invariant: the unvalidated bytes of a body are its last `unvalidated_bytes`, and there are some
+ * only while the call's optimistic_turn is the loop's: HTTP/2 frames are made in a flush, which
+ * revalidates first.
  */
 #include "daemon/optimistic_reads.h"
 
@@ -18,8 +19,8 @@ struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_loop *loop, cons
         return NULL;
     }
     for (size_t i = 0; i < optimistic->count; i++) {
-        if (strcmp(optimistic->optimistic_reads[i].asked, asked) == 0) {
-            return optimistic->optimistic_reads[i].entry;
+        if (strcmp(optimistic->reads[i].asked, asked) == 0) {
+            return optimistic->reads[i].entry;
         }
     }
     return NULL;
@@ -36,12 +37,12 @@ static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const c
     struct umbd_optimistic_reads *optimistic = &loop->optimistic;
     struct umbs_entry *entry = batch->parts[0].entry;
     size_t i = 0;
-    while (i < optimistic->count && optimistic->optimistic_reads[i].entry != entry) {
+    while (i < optimistic->count && optimistic->reads[i].entry != entry) {
         i++;
     }
     if (i == optimistic->count) {
-        optimistic->optimistic_reads[i].entry = entry;
-        memcpy(optimistic->optimistic_reads[i].asked, asked, strlen(asked) + 1);
+        optimistic->reads[i].entry = entry;
+        memcpy(optimistic->reads[i].asked, asked, strlen(asked) + 1);
         batch->is_borrowed = 1; /* its reference is ours now */
         if (optimistic->count++ == 0) {
             optimistic->at_ms = uv_now(&loop->uv);
@@ -86,9 +87,9 @@ void umbd_optimistic_reads_revalidate(struct umbd_loop *loop)
     const uint64_t turn = optimistic->turn++;
     optimistic->count = 0;
     for (size_t i = 0; i < count; i++) {
-        if (umbs_entry_revalidate(optimistic->optimistic_reads[i].entry, &error) != UMB_OK) {
+        if (umbs_entry_revalidate(optimistic->reads[i].entry, &error) != UMB_OK) {
             fail_calls(loop, turn, 1U << i, &error);
         }
-        umbs_entry_release(optimistic->optimistic_reads[i].entry);
+        umbs_entry_release(optimistic->reads[i].entry);
     }
 }

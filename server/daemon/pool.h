@@ -35,7 +35,8 @@ struct umbd_part {
     double expected_ns;   /* a point, by the calibration of a budget; else 0 */
     struct umb_query query;
     struct umb_query_settings asked; /* what the query was made of, */
-    uint64_t turn; /* and the turn (optimistic_reads.h) in which entry was known to live; 0 = never */
+    uint64_t
+        turn; /* and the turn (optimistic_reads.h) in which entry was known to live; 0 = never */
 };
 
 struct umbd_batch;
@@ -60,12 +61,13 @@ struct umbd_batch {
     uint8_t *reply; /* owned: room for a head, then values; NULL if values lie elsewhere */
     size_t head_room;
     int want_stats, with_targets;
-    int is_borrowed;         /* the one part's entry is not the batch's own */
-    int is_optimistic;               /* what it reads is proven later (optimistic_reads.h) */
-    struct umbd_picture_work picture_work; /* a picture instead of points, and how answers are packed */
-    uint64_t deadline_ns;    /* CLOCK_MONOTONIC, 0 = none */
-    uint64_t lane;           /* serial of the connection */
-    uint64_t slice_turns;    /* that a slice takes, about; 0 counts as 1 */
+    int is_borrowed;   /* the one part's entry is not the batch's own */
+    int is_optimistic; /* what it reads is revalidated later (optimistic_reads.h) */
+    struct umbd_picture_work
+        picture_work;     /* a picture instead of points, and how answers are packed */
+    uint64_t deadline_ns; /* CLOCK_MONOTONIC, 0 = none */
+    uint64_t lane;        /* serial of the connection */
+    uint64_t slice_turns; /* that a slice takes, about; 0 counts as 1 */
     int32_t stream_id;
     size_t charged;                         /* bytes the maker counted for it */
     void (*done)(struct umbd_batch *batch); /* any thread; must not block */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes.Submit and Fetch: the calls that carry files. Each message of a Submit is one job request, so
- * that at most one is written at a time and flow control holds the client; a Fetch reads the next
- * piece when the client took most of what was sent.
+ * Bakes.Submit and Fetch: the calls that carry files. Each message of a Submit is one job request,
+ * so that at most one is written at a time and flow control holds the client; a Fetch reads the
+ * next piece when the client took most of what was sent.
  */
 #include <errno.h>
 #include <stdlib.h>

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Questions.Segments, Columns and Boxes: admitted here, answered by the workers (volume_query_work.h)
- * under the queue, turns, deadlines and rates of queries. Never on the loop: what a segment or a
- * box takes is not known before.
+ * Questions.Segments, Columns and Boxes: admitted here, answered by the workers
+ * (volume_query_work.h) under the queue, turns, deadlines and rates of queries. Never on the loop:
+ * what a segment or a box takes is not known before.
  */
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See volume_query_work.h. A slice is answered in chunks: the library's structs on the stack, then each
- * of their fields into its array. Between chunks it is looked whether anybody still waits.
+ * See volume_query_work.h. A slice is answered in chunks: the library's structs on the stack, then
+ * each of their fields into its array. Between chunks it is looked whether anybody still waits.
  */
 #include "daemon/volume_query_work.h"
 

@@ -3,7 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_VOLUME_QUERY_WORK_H
 /*
  * Segments, columns and boxes of one request, answered by workers in slices: what a slice does
- * (volume_query_work.c), between the service that makes and ends the work (service_volume_queries.c).
+ * (volume_query_work.c), between the service that makes and ends the work
+ * (service_volume_queries.c).
  */
 #include <stdatomic.h>
 #include "daemon/pool.h"

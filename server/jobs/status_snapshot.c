@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The snapshot, see status_snapshot.h. Two hash tables by the first byte of id: jobs, and (asset, owner) pairs.
+ * The snapshot, see status_snapshot.h. Two hash tables by the first byte of id: jobs, and (asset,
+ * owner) pairs.
  */
 #include "jobs/status_snapshot.h"
 
@@ -38,7 +39,7 @@ enum umb_status umbj_snapshot_create(struct umbj_snapshot **out, struct umb_erro
 {
     *out = calloc(1, sizeof **out);
     if (*out == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs' board");
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs' snapshot");
     }
     pthread_mutex_init(&(*out)->mutex, NULL);
     return UMB_OK;

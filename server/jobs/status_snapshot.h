@@ -47,8 +47,8 @@ void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *jo
 struct umbj_tiles umbj_snapshot_report(struct umbj_snapshot *snapshot,
                                        const struct umbj_report *report, int64_t now_ms);
 
-/* Calls look(user, standing) under the lock; returns 0 if the job is not in the snapshot. owner: NULL
- * = anybody's. */
+/* Calls look(user, standing) under the lock; returns 0 if the job is not in the snapshot. owner:
+ * NULL = anybody's. */
 int umbj_snapshot_look(struct umbj_snapshot *snapshot, const char *id, const char *owner,
                        void (*look)(void *user, const struct umbj_standing *standing), void *user);
 

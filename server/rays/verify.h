@@ -39,8 +39,8 @@ enum umbr_verify_kind {
     /* Points, as above. */
     UMBR_VERIFY_POINTS = 0,
     /* Segments of all lengths, half of them through a boundary: at four parameters of each, two of
-     * them next to the end of an interval, the intervals say lit or shadowed, and that is judged as a
-     * point's answer is. */
+     * them next to the end of an interval, the intervals say lit or shadowed, and that is judged
+     * as a point's answer is. */
     UMBR_VERIFY_SEGMENTS,
     /* Columns: the first occluder against the nearest hit of the light ray through the texel's
      * centre. Inside the band: not the same voxel, but within one of those that the rays of a 5x5

@@ -167,8 +167,9 @@ static int is_unchanged(const struct umbs_asset_map *map)
            same_time(&now.st_mtim, &map->stamp.modified);
 }
 
-enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map, void (*read)(void *user),
-                                    void *user, struct umb_error *error)
+enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
+                                               void (*read)(void *user), void *user,
+                                               struct umb_error *error)
 {
     if (map->fd < 0) {
         read(user);

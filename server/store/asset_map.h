@@ -95,8 +95,8 @@ UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map
                                                 struct umb_error *error);
 
 /*
- * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
- * after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
+ * The same in two steps, for many small reads: what optimistic reads gave may be used once a
+ * revalidation after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
                                                            void (*read)(void *user), void *user,

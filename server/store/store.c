@@ -4,9 +4,9 @@
  *
  * Invariants: a table holds one reference to each of its entries; an entry with no references is in
  * no table, and in the free list or being freed by who emptied that; the store itself lives until
- * it is closed and its last entry is gone. Whoever pushes something onto a stack of the dead and
- * may find the store closed meanwhile holds the store while it does, because another thread may
- * free what was pushed at once.
+ * it is closed and its last entry is gone. A thread that pushes onto a free list and may
+ * find the store closed meanwhile holds the store while it does, because another thread may free
+ * what was pushed at once.
  */
 #include "store/store_internal.h"
 

@@ -201,9 +201,9 @@ UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*rea
                                             void *user, struct umb_error *error);
 
 /*
- * The same in two steps, for many small reads: what peeks gave may be used once a proof that came
- * after all of them succeeded. Each of the two fails as umbs_entry_read does.
- * Cost:  peek 10 ns, prove 0.2 us.
+ * The same in two steps, for many small reads: what optimistic reads gave may be used once a
+ * revalidation after all of them succeeded. Each of the two fails as umbs_entry_read does.
+ * Cost:  read 10 ns, revalidate 0.2 us.
  */
 UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,
                                                        void (*read)(void *user), void *user,

@@ -4,11 +4,11 @@
 /*
  * The study proper: what accuracy costs in time and bytes, for one scene and one light.
  *
- *     ladder    bakes the scene at each resolution, open and closed     (study_resolutions.c)
+ *     bake      bakes the scene at each resolution, open and closed     (study_resolutions.c)
  *     points    draws samples and traces what is true of them           (study_points.c)
  *     measure   asks every setting about the same points, interleaved   (study_measure.c)
- *     report    report.json, report.csv, report.html, the verdict       (study_report.c,
- *                                                                        study_page.c)
+ *     report    report.json, report.csv, report.html, the summary       (study_report.c,
+ *                                                                       study_page.c)
  *
  * Data flows in that order; each step reads what the earlier ones filled and nothing else.
  *
@@ -31,14 +31,14 @@
 struct umbt_study_options {
     const char *scene, *folder, *light, *sun, *up;
     char named[288];         /* where `folder` is if none was given */
-    uint64_t max_resolution; /* of the ladder */
+    uint64_t max_resolution; /* the highest one */
     uint64_t points;         /* a set */
     uint64_t threads, seed;
     uint64_t truth_side; /* rays a side of the area truth */
     int quick, json, quiet, help;
 };
 
-/* One asset of the ladder. */
+/* The asset of one resolution, open or closed. */
 struct umbt_study_bake {
     char name[UMBT_STUDY_NAME]; /* "4096-closed" */
     uint32_t resolution;
@@ -144,9 +144,9 @@ struct umbt_study {
     double started_s, seconds; /* of the whole study, known when it reports */
 };
 
-/* Bakes the ladder into FOLDER/assets, or takes what an earlier run left there. A resolution that
- * does not fit in memory ends the ladder and says so. Fails: E_UNAVAILABLE, E_CANNOT_CREATE, or as
- * the bake of the lowest rung. */
+/* Bakes each resolution into FOLDER/assets, or takes what an earlier run left there. A resolution
+ * that does not fit in memory is the last and says so. Fails: E_UNAVAILABLE, E_CANNOT_CREATE, or as
+ * the bake of the lowest resolution. */
 UMB_CHECKED enum umb_status umbt_study_bake_all(struct umbt_study *study, struct umb_error *error);
 void umbt_study_bakes_finish(struct umbt_study *study);
 

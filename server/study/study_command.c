@@ -32,7 +32,7 @@ static const char help[] =
     "\n"
     "  -o, --output DIR     made if it is not there (default: the scene's name and -study, here)\n"
     "  --quick              up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes\n"
-    "  --max-resolution N   of the ladder that starts at 512 (quick: 4096, else 16384)\n"
+    "  --max-resolution N   last of the resolutions from 512 on (quick: 4096, else 16384)\n"
     "  --sun AZ,EL          the sun, as umbrage-bake takes it\n"
     "  --light NAME         the file's directional light of that name\n"
     "  --up y|z             the scene's up axis (default: by its format)\n"
@@ -161,12 +161,12 @@ static enum umb_status study_run(struct umbt_study *study, struct umb_error *err
 
 static void report(const struct umbt_study *study)
 {
-    char verdict[4096];
+    char summary[4096];
     if (study->options.json) {
         umbt_study_json(stdout, study);
     } else if (!study->options.quiet) {
-        umbt_study_summary(study, verdict, sizeof verdict);
-        printf("%s%s/report.html\n", verdict, study->options.folder);
+        umbt_study_summary(study, summary, sizeof summary);
+        printf("%s%s/report.html\n", summary, study->options.folder);
     }
 }
 

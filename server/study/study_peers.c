@@ -249,7 +249,7 @@ static enum umb_status volume_add(const struct umbt_study *study, struct umbt_pe
     return UMB_OK;
 }
 
-/* The shadow map of a rung, and its volume. */
+/* The shadow map of a resolution, and its volume. */
 static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peers *peers,
                                 uint32_t bake, struct umb_error *error)
 {
@@ -324,7 +324,7 @@ static void say_missing(struct umbt_study *study)
     }
 }
 
-/* The rung whose maps are derived: a map for a GPU, not for a film, and below the finest rung. */
+/* The resolution whose maps are derived: a map for a GPU, not for a film, and below the finest. */
 static uint32_t derived_resolution(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;
@@ -334,7 +334,7 @@ static uint32_t derived_resolution(const struct umbt_study_options *options)
     return resolution;
 }
 
-/* Peers of a rung: a map, a volume, five derived maps. */
+/* Peers of a resolution: a map, a volume, five derived maps. */
 #define PEERS_OF_RESOLUTION 7
 
 static enum umb_status resolutions_add(const struct umbt_study *study, struct umbt_peers *peers,

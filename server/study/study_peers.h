@@ -43,8 +43,8 @@ struct umbt_peers {
 };
 
 /*
- * Makes them for the rungs that they can be made for; study->missing says which could not be and
- * why. Fails: E_NO_MEMORY, and as umb_derive.
+ * Makes them for the resolutions that they can be made for; study->missing says which could not
+ * be and why. Fails: E_NO_MEMORY, and as umb_derive.
  */
 UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
                                             struct umb_error *error);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One view by every rung (study_pictures.h). */
+/* One view by every resolution (study_pictures.h). */
 #include "study/study_pictures.h"
 
 #include <errno.h>
@@ -50,7 +50,7 @@ enum umb_status umbt_study_camera(const struct umbt_study *study, uint32_t width
     return umbt_camera_make(&fitted, &subject, width, height, camera, error);
 }
 
-/* A rung's asset as the frame renderer takes it. */
+/* A resolution's asset as the picture renderer takes it. */
 static enum umb_status source_make(const struct umbt_study *study,
                                    const struct umbt_study_result *result,
                                    struct umbt_source *source, struct umb_error *error)

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_PICTURES_H
 #define UMBRAGE_SERVER_STUDY_STUDY_PICTURES_H
-/* The pictures of a study: one view with the shadows of each rung, and how they differ from rays.
- */
+/* The pictures of a study: one view with the shadows of each resolution, and how they differ from
+ * rays. */
 #include "study/study.h"
 
 #define UMBT_STUDY_PICTURE_WIDTH  640

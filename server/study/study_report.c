@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* report.json, report.csv and the verdict of a study (study.h). */
+/* report.json, report.csv and the summary of a study (study.h). */
 #include "study/study_report.h"
 
 #include <inttypes.h>
@@ -131,7 +131,7 @@ static void json_head(FILE *to, const struct umbt_study *study)
 
 void umbt_study_json(FILE *to, const struct umbt_study *study)
 {
-    char verdict[4096];
+    char summary[4096];
     json_head(to, study);
     fputs(",\"plan\":", to);
     umbs_json_text(to, study->bakes[0].info.plan);
@@ -154,9 +154,9 @@ void umbt_study_json(FILE *to, const struct umbt_study *study)
         fputs(i > 0 ? "," : "", to);
         json_result(to, &study->results[i]);
     }
-    umbt_study_summary(study, verdict, sizeof verdict);
+    umbt_study_summary(study, summary, sizeof summary);
     fputs("],\"verdict\":", to);
-    umbs_json_text(to, verdict);
+    umbs_json_text(to, summary);
     fputs(",\"missing\":", to);
     umbs_json_text(to, study->missing);
     fputs("}\n", to);

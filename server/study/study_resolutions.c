@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The ladder of assets (study.h): one umbrage-bake a rung, in a process of its own, so that its
- * time and memory are those a user would see. Its own comparison with rays is off: the study
+ * The assets of a study (study.h): one umbrage-bake a resolution, in a process of its own, so that
+ * its time and memory are those a user would see. Its own comparison with rays is off: the study
  * compares more.
  *
  * An asset that an earlier run left in FOLDER/assets is taken if it was baked from this scene at
@@ -30,7 +30,7 @@
 #define TALK_BYTES   200
 #define EXIT_NO_ROOM 75 /* of umbrage-bake: memory, limits */
 
-/* Files of one rung. */
+/* Files of one asset. */
 struct asset_paths {
     char asset[PATH_BYTES], times[PATH_BYTES], talk[PATH_BYTES];
 };
@@ -66,7 +66,7 @@ static enum umb_status find_bake(char path[PATH_BYTES], struct umb_error *error)
     return UMB_OK;
 }
 
-/* The command line of a rung; texts are borrowed. */
+/* The command line of one bake; texts are borrowed. */
 static void fill_arguments(const struct umbt_study *study, const struct umbt_study_bake *bake,
                            const struct asset_paths *paths, char *numbers, const char **arguments)
 {
@@ -175,7 +175,7 @@ static int times_load(const char *path, struct umbt_study_bake *bake)
     return good;
 }
 
-/* Opens a rung's asset and reads what the study needs of it. */
+/* Opens an asset and reads what the study needs of it. */
 static enum umb_status resolution_open(struct umbt_study_bake *bake, const char *path,
                                        struct umb_error *error)
 {
@@ -236,7 +236,7 @@ static enum umb_status status_of(int code)
     return UMB_E_UNAVAILABLE;
 }
 
-/* Bakes one rung, or says in bake->reason why it cannot be. */
+/* Bakes one asset, or says in bake->reason why it cannot be. */
 static enum umb_status resolution_bake(const struct umbt_study *study, struct umbt_study_bake *bake,
                                        struct umb_error *error)
 {
@@ -275,7 +275,7 @@ static enum umb_status folders_make(const char *folder, struct umb_error *error)
     return UMB_OK;
 }
 
-/* One rung of the ladder, open or closed. Out: 0 when the ladder ends here. */
+/* One resolution, open or closed. Out: 0 when it is the last. */
 static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution, int closed,
                                       int *more, struct umb_error *error)
 {

@@ -106,7 +106,7 @@ static void say_error(struct writer *writer, const struct umbt_study *study, dou
     say(writer, ".\n");
 }
 
-/* The best that this ladder reached. */
+/* The best that these resolutions reached. */
 static const struct umbt_study_result *sharpest(const struct umbt_study *study)
 {
     const struct umbt_study_result *best = NULL;
@@ -237,7 +237,7 @@ void umbt_study_summary(const struct umbt_study *study, char *text, size_t size)
     if (best == NULL) {
         return;
     }
-    say(&writer, "Sharpest of this ladder: edges within %.3g m: ", best->off_p95_m);
+    say(&writer, "Sharpest of these resolutions: edges within %.3g m: ", best->off_p95_m);
     say_setting(&writer, study, best);
     say(&writer, ".\n");
     /* 1, 2, 5 a decade, from what was reached on. */

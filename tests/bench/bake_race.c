@@ -102,7 +102,7 @@ static double resident_mib(void)
 }
 
 /* What a child process is sent for. */
-struct errand {
+struct task {
     const struct bench_scene *scene;
     int closed_rule;
     unsigned threads;
@@ -110,14 +110,14 @@ struct errand {
     double embree_s; /* of rays */
 };
 
-static void bake_here(struct errand *errand)
+static void bake_here(struct task *task)
 {
     struct umb_octree octree;
     struct rusage usage;
-    struct run *run = &errand->run;
+    struct run *run = &task->run;
     const double before = resident_mib(), wall = bench_wall_s(), cpu = bench_cpu_s();
-    octree_make(errand->scene, errand->closed_rule, errand->threads, &octree);
-    run->packed_bytes = octree_pack(errand->scene, errand->closed_rule, errand->threads, &octree);
+    octree_make(task->scene, task->closed_rule, task->threads, &octree);
+    run->packed_bytes = octree_pack(task->scene, task->closed_rule, task->threads, &octree);
     run->cpu_s = bench_cpu_s() - cpu;
     run->wall_s = bench_wall_s() - wall;
     umb_octree_finish(&octree);
@@ -126,7 +126,7 @@ static void bake_here(struct errand *errand)
 }
 
 /* Does it in a child, so that no party is left memory that another one has asked for. */
-static void do_apart(void (*it)(struct errand *errand), struct errand *errand)
+static void do_apart(void (*it)(struct task *task), struct task *task)
 {
     int pipe_ends[2], status;
     (void)fflush(NULL);
@@ -135,22 +135,22 @@ static void do_apart(void (*it)(struct errand *errand), struct errand *errand)
     }
     const pid_t child = fork();
     if (child == 0) {
-        it(errand);
-        _exit(write(pipe_ends[1], errand, sizeof *errand) == (ssize_t)sizeof *errand ? 0 : 1);
+        it(task);
+        _exit(write(pipe_ends[1], task, sizeof *task) == (ssize_t)sizeof *task ? 0 : 1);
     }
     (void)close(pipe_ends[1]);
-    if (child < 0 || read(pipe_ends[0], errand, sizeof *errand) != (ssize_t)sizeof *errand ||
+    if (child < 0 || read(pipe_ends[0], task, sizeof *task) != (ssize_t)sizeof *task ||
         waitpid(child, &status, 0) != child || status != 0) {
-        bench_fail("%s: the child process failed", errand->scene->name);
+        bench_fail("%s: the child process failed", task->scene->name);
     }
     (void)close(pipe_ends[0]);
 }
 
 static struct run bake_apart(const struct bench_scene *scene, int closed_rule, unsigned threads)
 {
-    struct errand errand = {.scene = scene, .closed_rule = closed_rule, .threads = threads};
-    do_apart(bake_here, &errand);
-    const struct run run = errand.run;
+    struct task task = {.scene = scene, .closed_rule = closed_rule, .threads = threads};
+    do_apart(bake_here, &task);
+    const struct run run = task.run;
     bench_say("%s %s at %u, threads %u: %.2f s CPU of the first, %.2f s wall, %.0f MiB, %llu bytes",
               scene->name, closed_rule ? "closed" : "open", 1U << scene->frustum.log2_size, threads,
               run.cpu_s, run.wall_s, run.peak_mib, (unsigned long long)run.packed_bytes);
@@ -206,9 +206,9 @@ static void window_cover(const struct umbb_depth *depth, struct umbb_tile *tile,
 }
 
 /* CPU seconds that Embree would take for every covered texel of the map. */
-static void embree_here(struct errand *errand)
+static void embree_here(struct task *task)
 {
-    const struct bench_scene *scene = errand->scene;
+    const struct bench_scene *scene = task->scene;
     const struct umbb_casters casters = bench_casters(scene, 0);
     const struct umbb_depth_options options = {.tile_log2 = WINDOW_LOG2, .threads = 1};
     const double share = covered_share(scene->name);
@@ -243,16 +243,16 @@ static void embree_here(struct errand *errand)
     free(covered);
     free(depths);
     const double texels = share * (double)casters.size * (double)casters.size;
-    errand->embree_s = seconds / (double)rays * texels;
+    task->embree_s = seconds / (double)rays * texels;
     bench_say("%s at %d: Embree %.1f Mrays/s, %.0f s for %.0f million covered texels", scene->name,
-              (int)casters.size, 1e-6 * (double)rays / seconds, errand->embree_s, 1e-6 * texels);
+              (int)casters.size, 1e-6 * (double)rays / seconds, task->embree_s, 1e-6 * texels);
 }
 
 static double embree_apart(const struct bench_scene *scene)
 {
-    struct errand errand = {.scene = scene};
-    do_apart(embree_here, &errand);
-    return errand.embree_s;
+    struct task task = {.scene = scene};
+    do_apart(embree_here, &task);
+    return task.embree_s;
 }
 
 void bake_race(const struct bench_scene *scene, int closed_rule, const char *name, int with_threads)

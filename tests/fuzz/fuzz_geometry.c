@@ -18,7 +18,7 @@
 #include "fuzz.h"
 
 #define OPTION_BYTES         2U
-#define COUNTS_AT            40U /* in a scene buffer: number of items, then offset, of each section */
+#define COUNTS_AT            40U /* in a scene buffer: each section's number of items and offset */
 #define OFFSETS_AT           120U
 #define HEAD_BYTES           200U
 #define SECTIONS             10U

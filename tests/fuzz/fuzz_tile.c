@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Hostile tile results: what decoding accepts can be encoded, and decodes and encodes to the same
- * bytes from then on; what it refuses leaves pool and occluder depth map alone. The first two bytes choose the
- * sizes and whether there are first occluders.
+ * bytes from then on; what it refuses leaves pool and occluder depth map alone. The first two
+ * bytes choose the sizes and whether there are first occluders.
  */
 #include <string.h>
 

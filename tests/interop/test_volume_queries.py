@@ -238,7 +238,7 @@ with test.check("a deadline ends the work, a cancelled call stops it, and the se
 with test.check("what was asked is counted"):
     text = daemon.admin("/metrics")[1]
     for kind in ("segments", "columns", "boxes"):
-        line, = [x for x in text.splitlines() if x.startswith(f'umbrage_volume_queries_total{{question="{kind}"}}')]
+        line, = [x for x in text.splitlines() if x.startswith(f'umbrage_volume_queries_total{{kind="{kind}"}}')]
         assert int(line.split()[1]) > 0, line
     assert 'grpc_server_handled_total{grpc_service="umbrage.v1.Questions",grpc_method="Boxes"' in text
 

@@ -13,10 +13,11 @@ import subprocess
 import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-SEARCHED = ["client/include", "client/core", "proto", "server"]  # as in the module.mk files
+SEARCHED = ["client/include", "client/core", "client", "proto", "server"]  # as in the module.mk files
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*["<]([^">]+)[">]', re.MULTILINE)
 
 CORE = ["client/include", "client/core"]
+# A part, and the parts or single headers of parts that it may include.
 PARTS = {
     "client/include": [],
     "client/core": ["client/include"],
@@ -24,12 +25,17 @@ PARTS = {
     "proto/wire": CORE,
     "client/rpc": [*CORE, "proto/net", "proto/wire"],
     "client/cli": [*CORE, "client/rpc"],
+    # The load test is a command of the same program: it shares the CLI's session, points and output.
+    "client/load": [*CORE, "client/rpc", *(f"client/cli/cli_{name}.h" for name in ("json", "output", "points", "session"))],
     "server/common": CORE,
-    "server/jobs": [*CORE, "server/common"],
-    "server/rays": [*CORE, "server/common"],
-    "server/bake": [*CORE, "server/common", "server/rays"],
-    "server/daemon": [*CORE, "proto/net", "proto/wire", "server/common", "server/jobs"],
-    "server/study": [*CORE, "proto/wire", "client/rpc", "server/common", "server/rays"],
+    "server/scene": [*CORE, "server/common"],
+    "server/store": [*CORE, "server/common"],
+    # Bundles may not be scene files: their magic is all that jobs see of scenes.
+    "server/jobs": [*CORE, "server/common", "server/scene/scene_file.h"],
+    "server/rays": [*CORE, "server/common", "server/scene"],
+    "server/bake": [*CORE, "server/common", "server/scene", "server/rays"],
+    "server/daemon": [*CORE, "proto/net", "proto/wire", "server/common", "server/store", "server/jobs"],
+    "server/study": [*CORE, "proto/wire", "client/rpc", "server/common", "server/scene", "server/rays"],
 }
 
 LIBRARIES = {
@@ -37,7 +43,7 @@ LIBRARIES = {
     "assimp/*": ["server/bake/import/*"],
     "png.h": ["server/bake/import/*", "server/study/*"],
     "curl/*": ["client/cli/*"],
-    "uv.h": ["client/rpc/*", "server/common/*", "server/daemon/*"],
+    "uv.h": ["client/rpc/*", "server/daemon/*"],
     "nghttp2/*": ["client/rpc/*", "server/daemon/*"],
     "openssl/*": ["proto/net/*", "client/rpc/*", "server/common/*", "server/jobs/*", "server/daemon/*"],
     "sqlite3.h": ["server/jobs/*"],
@@ -52,7 +58,7 @@ LIBRARIES = {
 FLOORS = {
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/* deep/*"],
     "server/bake": [
-        "progress interrupt option_text print_text build/job_pool",
+        "progress interrupt option_text print_text build/slice_pool",
         "sandbox/*",
         "import/*",
         "bake_options effect_options light_options",
@@ -66,9 +72,9 @@ FLOORS = {
     "server/daemon": [
         "net_address config_file daemon_options daemon_metrics rate_limit tokens box_price h2_filter h2_guard",
         "tls_context calibrations store_watch service_manager",
-        "pool batch batch_slice frame question_work",
+        "pool batch batch_slice picture_work volume_query_work",
         "acceptor listener conn conn_* loop loop_*",
-        "call call_* errand proof query_budget",
+        "call call_* job_request optimistic_reads query_budget",
         "service_*",
         "*",
     ],
@@ -83,9 +89,9 @@ KNOWN = {
     "server/daemon/conn_room.c -> server/daemon/call_rights.h": DAEMON,
     "server/daemon/loop.c -> server/daemon/admin.h": "the loop calls the admin port's tick",
     "server/daemon/loop.c -> server/daemon/call.h": DAEMON,
-    "server/daemon/loop.c -> server/daemon/errand.h": DAEMON,
+    "server/daemon/loop.c -> server/daemon/job_request.h": DAEMON,
     "server/daemon/loop.h -> server/daemon/daemon.h": "each loop reaches the daemon through itself",
-    "server/daemon/loop.h -> server/daemon/proof.h": DAEMON,
+    "server/daemon/loop.h -> server/daemon/optimistic_reads.h": DAEMON,
     "server/daemon/daemon_options.c -> server/daemon/loop_group.h": "the highest number of loops",
 }
 
@@ -129,7 +135,7 @@ def fault_of(path, target):
     """What is wrong with this include, or None."""
     part, other = part_of(path), part_of(target)
     if part != other:
-        return None if other in PARTS[part] else f"{part} may not include {other}"
+        return None if other in PARTS[part] or target in PARTS[part] else f"{part} may not include {other}"
     if part in FLOORS and floor_of(target, part) > floor_of(path, part):
         floor = FLOORS[part][floor_of(target, part)]
         return f"{floor if floor != '*' else 'the top of ' + part} stands above it"

@@ -36,12 +36,13 @@ struct umb_content {
     char *notes;                    /* outside the identity */
     struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
-    uint32_t *occluder_depth;        /* [occluder_depth_words] first occluders (format/occluder_depth.h), or NULL */
-    uint64_t occluder_depth_words;   /* 0 if not kept */
-    uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
+    uint32_t *occluder_depth;      /* [occluder_depth_words] format/occluder_depth.h, or NULL */
+    uint64_t occluder_depth_words; /* 0 if not kept */
+    uint8_t *transmittance;        /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
-    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
-                             rule; or NULL */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
+     * rule; or NULL */
+    uint64_t *receiver_mask_cells;
 };
 
 /* 1 if rays of a frustum start in one point (spot, point), 0 if they are parallel. */

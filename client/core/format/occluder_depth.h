@@ -2,7 +2,8 @@
 #ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 #define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 /*
- * The occluder depth map of a closed asset: `lit` of the texels behind which something is undefined.
+ * The occluder depth map of a closed asset: `lit` of the texels behind which something is
+ * undefined.
  *
  * Under the closed rule a column of the DAG turns from lit to shadowed anywhere between `lit` and
  * `end`. Where the two are equal the DAG says it all; the rest is kept here, exact to the voxel,

@@ -2,17 +2,20 @@
 #ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_BUILD_H
 #define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_BUILD_H
 /*
- * Making an occluder depth map (format/occluder_depth.h) from texels, 64x64 at a time and in any order.
+ * Making an occluder depth map (format/occluder_depth.h) from texels, 64x64 at a time and in any
+ * order.
  *
- *     umb__occluder_depth_init(&occluder_depth, NULL, log2_size, max_bytes, &error);     one a frustum
- *     umb__occluder_depth_add(&occluder_depth, x, y, lit, end, &error);                  each square with end > lit
- *     umb__occluder_depth_join(occluder_depths, count, &words, &word_count, &error);
- *     umb__occluder_depth_finish(&occluder_depth);                                       also after a failure
+ *     umb__occluder_depth_init(&depths, NULL, log2_size, max_bytes, &error);   one a frustum
+ *     umb__occluder_depth_add(&depths, x, y, lit, end, &error);    each square with end > lit
+ *     umb__occluder_depth_join(all, count, &words, &word_count, &error);
+ *     umb__occluder_depth_finish(&depths);                         also after a failure
  *
- * A square that was coded once can be kept as words and added to another occluder depth map of that size:
+ * A square that was coded once can be kept as words and added to another occluder depth map of
+ * that size:
  *
- *     umb__occluder_depth_square(&occluder_depth, x, y)                                  -> words, words[0] of them
- *     if (umb__occluder_depth_square_fits(log2_size, words, count)) umb__occluder_depth_add_square(&other, x, y, words)
+ *     umb__occluder_depth_square(&depths, x, y)                    -> words, words[0] of them
+ *     if (umb__occluder_depth_square_fits(log2_size, words, count))
+ *         umb__occluder_depth_add_square(&other, x, y, words, &error);
  *
  * Equal texels give equal words, whatever the order.
  */
@@ -60,8 +63,8 @@ UMB_API const uint32_t *umb__occluder_depth_square(const struct umb__occluder_de
                                                    uint32_t x, uint32_t y);
 
 /*
- * Returns 1 if words are what umb__occluder_depth_square could have given for an occluder depth map of 2^log2_size texels a
- * side, else 0.
+ * Returns 1 if words are what umb__occluder_depth_square could have given for an occluder depth
+ * map of 2^log2_size texels a side, else 0.
  *
  * In:    words: uint32[count].
  * Trust: safe on hostile words. Cost: linear, no allocation.
@@ -82,8 +85,10 @@ umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth, uint3
 /*
  * Puts the occluder depth maps of all frusta together.
  *
- * Out:   words: of the first occluder depth map's allocator; the caller frees them with umb__occluder_depth_words_free.
- * Fails: E_NO_MEMORY, E_LIMIT (more than all occluder depth maps' max_bytes, more words than references reach).
+ * Out:   words: of the first occluder depth map's allocator; the caller frees them with
+ * umb__occluder_depth_words_free.
+ * Fails: E_NO_MEMORY, E_LIMIT (more than all occluder depth maps' max_bytes, more words than
+ * references reach).
  */
 UMB_API UMB_CHECKED enum umb_status
 umb__occluder_depth_join(const struct umb__occluder_depth *occluder_depths, uint32_t count,

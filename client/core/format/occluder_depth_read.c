@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading an occluder depth map in the order it was written: what comes next is known, so that nothing is read
- * twice and the walk ends. */
+/* Reading an occluder depth map in the order it was written: what comes next is known, so that
+ * nothing is read twice and the walk ends. */
 #include "format/occluder_depth_build.h"
 
 #include "base/bytes.h"

@@ -86,8 +86,10 @@ struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the frustum. */
-uint64_t umb__transmittance_lost(const struct umb__trans *trans, const struct umb__transmittance_map *map,
-                         uint32_t n, const struct umb__transmittance_window *window);
+/* Sums what all voxels of a window lose, each UMB__TRANSMITTANCE_ONE at most. In: n: of the
+ * frustum. */
+uint64_t umb__transmittance_lost(const struct umb__trans *trans,
+                                 const struct umb__transmittance_map *map, uint32_t n,
+                                 const struct umb__transmittance_window *window);
 
 #endif

@@ -2,7 +2,8 @@
 /*
  * The first occluder of a column: down the light's axis from cube to cube, over lit ones in one
  * step, to the first shadowed voxel. Ends: each step goes at least one brick further. In closed
- * frusta the occluder depth map knows the columns where something undefined comes before that voxel.
+ * frusta the occluder depth map knows the columns where something undefined comes before that
+ * voxel.
  */
 #include "format/occluder_depth.h"
 #include "query/volume_parts.h"

@@ -8,7 +8,8 @@
  * answer.
  *
  * Columns are those of open bakes: lit down to their first occluder, then shadowed. Under the
- * closed rule the occluder depth map tells where that is (format/occluder_depth.h), and no proof by a single voxel holds.
+ * closed rule the occluder depth map tells where that is (format/occluder_depth.h), and no proof
+ * by a single voxel holds.
  */
 #include "query/query_parts.h"
 

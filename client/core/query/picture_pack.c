@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed answers, see umbrage/picture.h: what did not change XORs to zeros, which zstd makes nothing
- * of. */
+/* Packed answers, see umbrage/picture.h: what did not change XORs to zeros, which zstd makes
+ * nothing of. */
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>

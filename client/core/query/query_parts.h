@@ -47,7 +47,7 @@ struct umb__query {
     /* Penumbras (penumbra.h). */
     double reach[2];             /* texels on x and y that half of the light's cone gains over one
                                     voxel of depth */
-    const uint32_t *occluder_depth;       /* format/occluder_depth.h; NULL: open, columns stay shadowed */
+    const uint32_t *occluder_depth;       /* NULL: open, columns stay shadowed */
     uint32_t occluder_depth_root;         /* of the frustum */
     /* Footprints (footprint.h). */
     double footprint_m;          /* of points without one of their own, where pixel_rad is 0 */
@@ -62,12 +62,12 @@ struct umb__query {
     double position[3];                   /* of the light, relative to the asset's origin */
     /* Translucent casters (transmittance_stage.h). */
     const struct umb__trans *trans;       /* NULL: none; then the stage is left out */
-    int32_t transmittance_taps;                   /* voxels across that the light left is a mean over */
-    int32_t transmittance_bias_taps;              /* taps for whose bias points move before that look-up */
-    double transmittance_no_normal_m;             /* no_normal_m of that bias */
+    int32_t transmittance_taps;           /* voxels across that the light left is a mean over */
+    int32_t transmittance_bias_taps;      /* taps for whose bias points move before that */
+    double transmittance_no_normal_m;     /* no_normal_m of that bias */
     /* The static rule (receiver_mask_stage.h). */
-    const uint64_t *receiver_mask_cells;           /* of the frustum; NULL: off, the stage is left out */
-    umb__kernel_fn receiver_mask_inner;            /* what answers */
+    const uint64_t *receiver_mask_cells;  /* of the frustum; NULL: off, the stage is left out */
+    umb__kernel_fn receiver_mask_inner;   /* what answers */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");

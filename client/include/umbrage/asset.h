@@ -112,8 +112,7 @@ struct umb_asset_info {
     uint64_t brick_bytes;
     uint64_t occluder_depth_bytes; /* of first occluders behind closed fronts, or 0 */
     uint64_t transmittance_bytes;  /* of translucent casters, or 0 */
-    uint64_t
-        receiver_mask_bytes; /* of cells that hold receivers; above 0: baked under the static rule */
+    uint64_t receiver_mask_bytes;  /* of cells that hold receivers; 0: no static rule */
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* unique nodes of each level; [3] are the bricks */

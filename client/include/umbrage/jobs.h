@@ -128,9 +128,9 @@ UMB_API UMB_CHECKED enum umb_status umb_client_jobs(struct umb_client *client, u
                                                     struct umb_error *error);
 UMB_API void umb_client_jobs_free(struct umb_job_status *jobs); /* NULL is allowed */
 
-/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns UMB_OK, or
- * why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what got
- * returns. */
+/* Gets an asset's packed file from an offset on. on_bytes: takes the next bytes and returns
+ * UMB_OK, or why the fetch ends. size: of the whole file. Fails: E_NOT_FOUND, what
+ * on_bytes returns. */
 typedef enum umb_status (*umb_job_bytes_fn)(void *user, uint64_t offset, const void *bytes,
                                           size_t count, uint64_t size);
 UMB_API UMB_CHECKED enum umb_status umb_client_fetch(struct umb_client *client,

@@ -128,8 +128,8 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
  * t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above, that of z at
  * s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then t = a + (b - a) s Wa / (Wb - s (Wb - Wa)),
  * or a + (b - a) s if Wa = Wb, and b at most. Wk = c k + (w3 - c z3), c = w.w / w.z, with the third
- * and fourth row of the frustum's transform, (z, z3) and (w, w3). An interval that vanishes there by
- * rounding is left out.
+ * and fourth row of the frustum's transform, (z, z3) and (w, w3). An interval that vanishes there
+ * by rounding is left out.
  *
  * Not guaranteed: a batch that umb_segments_check refuses is answered without harm, but those
  * answers mean nothing. A segment whose voxel coordinates overflow a double is lit.

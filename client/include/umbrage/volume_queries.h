@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_VOLUME_QUERIES_H
 #define UMBRAGE_VOLUME_QUERIES_H
 /*
- * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in batches. The
- * answers are those that umb_segments_run and its like give for the same asset, bit for bit.
+ * The volume queries of umbrage/volume.h, asked of a daemon: segments, columns and boxes in
+ * batches. The answers are those that umb_segments_run and its like give for the same asset, bit
+ * for bit.
  *
  *     const struct umb_volume_query question = {.asset = "city"};
  *     umb_client_columns(client, &volume_query, &points, columns, &reply, &error);

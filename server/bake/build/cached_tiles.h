@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_CACHED_TILES_H
 #define UMBRAGE_SERVER_BAKE_BUILD_CACHED_TILES_H
 /*
- * Somebody who keeps results of tiles between bakes. The tile loop asks for each tile before it
- * draws it, and hands over what it has built.
+ * A cache of tiles' results between bakes, as two functions. The tile loop asks for each tile
+ * before it draws it, and hands over what it has built.
  *
  * A tile's result is all that the levels above the tile and the pool need of it: the greatest lit,
  * the least end, the column and the nodes that its runs lead to.

@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_SLICE_POOL_H
 #define UMBRAGE_SERVER_BAKE_BUILD_SLICE_POOL_H
 /*
- * Threads that work off a numbered set of equal jobs while their owner does something else.
+ * Threads that work off a numbered set of slices while their owner does something else.
  *
- *     umbb_slice_pool_create(4, &jobs, &error);          three threads; the owner is the fourth
- *     umbb_slice_pool_start(jobs, run, user, 256);       returns at once
+ *     umbb_slice_pool_create(4, &pool, &error);          three threads; the owner is the fourth
+ *     umbb_slice_pool_start(pool, run, user, 256);       returns at once
  *     ... something else ...
- *     umbb_slice_pool_wait(jobs, tick, tick_user);       helps until all are done
- *     umbb_slice_pool_destroy(jobs);
+ *     umbb_slice_pool_wait(pool, tick, tick_user);       helps until all are done
+ *     umbb_slice_pool_destroy(pool);
  *
- * Jobs are handed out in order and finish in any; they must not depend on one another.
+ * Slices are handed out in order and finish in any; they must not depend on one another.
  * Threads: only the owner calls these functions. What it wrote before start is visible to the
- * jobs; what they wrote is visible to it after wait.
+ * slices; what they wrote is visible to it after wait.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -21,10 +21,10 @@
 
 struct umbb_slice_pool; /* opaque */
 
-/* One job. thread: 0 (the owner) .. threads - 1; no two jobs under way have the same. */
-typedef void (*umbb_slice_fn)(void *user, uint32_t job, unsigned thread);
+/* One slice. thread: 0 (the owner) .. threads - 1; no two slices under way have the same. */
+typedef void (*umbb_slice_fn)(void *user, uint32_t slice, unsigned thread);
 
-/* Called by the owner between jobs. */
+/* Called by the owner between slices. */
 typedef void (*umbb_slice_pool_tick_fn)(void *user);
 
 /*
@@ -35,34 +35,34 @@ typedef void (*umbb_slice_pool_tick_fn)(void *user);
 UMB_CHECKED enum umb_status umbb_slice_pool_create(unsigned threads, struct umbb_slice_pool **out,
                                                    struct umb_error *error);
 
-/* Starts jobs 0 .. count - 1. Those before must have been waited for. */
-void umbb_slice_pool_start(struct umbb_slice_pool *jobs, umbb_slice_fn run, void *user,
+/* Starts slices 0 .. count - 1. Those before must have been waited for. */
+void umbb_slice_pool_start(struct umbb_slice_pool *pool, umbb_slice_fn run, void *user,
                            uint32_t count);
 
-/* Helps and waits until all started jobs are done. tick may be NULL. */
-void umbb_slice_pool_wait(struct umbb_slice_pool *jobs, umbb_slice_pool_tick_fn tick,
+/* Helps and waits until all started slices are done. tick may be NULL. */
+void umbb_slice_pool_wait(struct umbb_slice_pool *pool, umbb_slice_pool_tick_fn tick,
                           void *tick_user);
 
 /*
- * Helps until something that a job does has been done, or all jobs are done. is_done may be
- * asked while the job is still under way, so it reads with acquire what the job wrote last, with
- * release. It must be quick and call nothing of these jobs.
+ * Helps until something that a slice does has been done, or all slices are done. is_done may be
+ * asked while the slice is still under way, so it reads with acquire what the slice wrote last,
+ * with release. It must be quick and call nothing of this pool.
  */
-void umbb_slice_pool_wait_until(struct umbb_slice_pool *jobs, int (*is_done)(void *user),
+void umbb_slice_pool_wait_until(struct umbb_slice_pool *pool, int (*is_done)(void *user),
                                 void *user);
 
 /*
  * The same threads as helpers of the core, while they have nothing else to do.
  *
- * In: jobs: borrowed as long as the result is used.
+ * In: pool: borrowed as long as the result is used.
  */
-struct umb_workers umbb_slice_pool_workers(struct umbb_slice_pool *jobs);
+struct umb_workers umbb_slice_pool_workers(struct umbb_slice_pool *pool);
 
-/* Runs jobs 0 .. count - 1 and waits for them. workers: NULL or one: the caller does them all. */
+/* Runs slices 0 .. count - 1 and waits for them. workers: NULL or one: the caller does them all. */
 void umbb_workers_run(const struct umb_workers *workers, umbb_slice_fn run, void *user,
                       uint32_t count);
 
-/* Waits for started jobs and ends the threads. NULL is allowed. */
-void umbb_slice_pool_destroy(struct umbb_slice_pool *jobs);
+/* Waits for started slices and ends the threads. NULL is allowed. */
+void umbb_slice_pool_destroy(struct umbb_slice_pool *pool);
 
 #endif

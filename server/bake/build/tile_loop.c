@@ -262,7 +262,8 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     if (status != UMB_OK) {
         return status;
     }
-    /* A quarter of what is left for the tile cache's work, the rest for what it adds to the pool. */
+    /* A quarter of what is left for the tile cache's work, the rest for what it adds to the
+     * pool. */
     loop->pool->max_bytes -= loop->spare_bytes / 4;
     loop->runs.count = 0;
     status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4, loop->pool,

@@ -32,19 +32,20 @@ struct umbb_bake_options {
     /* For the octree, the columns kept for the levels above the tiles, and the depth path's lists
      * of triangles together; 0 = no limit. */
     size_t shared_max_bytes;
-    /* With end above first: only tiles first .. end - 1 are baked, for the tile cache; the pool holds
-     * nothing afterwards, and there is no root. */
+    /* With end above first: only tiles first .. end - 1 are baked, for the tile cache; the pool
+     * holds nothing afterwards, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_cached_tiles *cached_tiles; /* may be NULL; borrowed */
     struct umb__occluder_depth
         *occluder_depth; /* gets the first occluders; NULL: not kept. With it no square is
                               * proven from bounds, and the tile cache, if any, keeps them too */
-    /* The static rule, begun; NULL: receivers may be anywhere. With it no tile cache, no occluder depth map, no
-     * square proven from bounds, and all tiles; the depth path draws each tile twice. */
+    /* The static rule, begun; NULL: receivers may be anywhere. With it no tile cache, no occluder
+     * depth map, no square proven from bounds, and all tiles; the depth path draws each tile
+     * twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
-    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the tile cache had,
-     * which were no work; texels_done does not count them. */
+    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the tile cache
+     * had, which were no work; texels_done does not count them. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
 };
@@ -55,8 +56,8 @@ struct umbb_bake_options {
  * In:    depth: created for the same casters, tile size and threads. pool: holds what frusta baked
  *        before have left; its limit is replaced by the options'.
  * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the tile cache says. The pool then
- * holds more than its roots reach: give it up.
+ * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the tile cache says. The pool
+ * then holds more than its roots reach: give it up.
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            const struct umbb_bake_options *options,

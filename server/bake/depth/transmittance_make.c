@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See transmittance_make.h. A job is a row of squares, drawn square by square from lists of which triangle
- * touches which; results stand in the order of rows.
+ * See transmittance_make.h. A job is a row of squares, drawn square by square from lists of which
+ * triangle touches which; results stand in the order of rows.
  */
 #include "bake/depth/transmittance_make.h"
 

@@ -56,7 +56,8 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *poo
  *
  * In:    bytes: as umbb_tile_encode wrote them; checked in full before the pool is touched.
  * Out:   result: its column's runs are the last of `runs`.
- * Fails: E_CORRUPT (pool, runs and occluder depth map as before), as umb_pool_brick and umb__occluder_depth_add_square.
+ * Fails: E_CORRUPT (pool, runs and occluder depth map as before), as umb_pool_brick and
+ * umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
  * Cost:  linear in the bytes.
  */

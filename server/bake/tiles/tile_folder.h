@@ -2,10 +2,11 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_FOLDER_H
 #define UMBRAGE_SERVER_BAKE_TILES_TILE_FOLDER_H
 /*
- * A folder of tile results as the tile loop's tile cache (build/cached_tiles.h).
+ * A folder of tile results as the tile loop's cache (build/cached_tiles.h).
  *
- *     umbb_tile_folder_open(&tile_folder, folder, max_bytes, &error);
- *     for each frustum: umbb_tile_folder_frustum(&tile_folder, ...); umbb_tile_folder_cached_tiles(...)
+ *     umbb_tile_folder_open(&tile_folder, mode, folder, max_bytes, &error);
+ *     for each frustum: umbb_tile_folder_frustum(&tile_folder, ...);
+ *                       umbb_tile_folder_cached_tiles(&tile_folder)
  *     umbb_tile_folder_close(&tile_folder);
  */
 #include "bake/tiles/tile_cache.h"
@@ -42,8 +43,8 @@ UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_
                                                   struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
-/* Turns to the next frustum. In: depth: one with reach; it and shape's occluder depth map are borrowed until the
- * next call. */
+/* Turns to the next frustum. In: depth: one with reach; it and shape's occluder depth map are
+ * borrowed until the next call. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
 

@@ -158,8 +158,8 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
     free(bytes);
 }
 
-/* Decodes a copy in a block of its exact size, first occluders included, into an occluder depth map of 16 tiles.
- * A refusal must leave it alone. */
+/* Decodes a copy in a block of its exact size, first occluders included, into an occluder depth
+ * map of 16 tiles. A refusal must leave it alone. */
 static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
                                              struct umb__occluder_depth *occluder_depth)
 {

@@ -21,7 +21,8 @@ struct kept_bake {
     struct umb_error error;
 };
 
-/* Bakes a soup with a folder of tiles. In: only_end: 0 = all, and an octree. occluder_depth: may be NULL. */
+/* Bakes a soup with a folder of tiles. In: only_end: 0 = all, and an octree. occluder_depth: may
+ * be NULL. */
 static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_rule,
                                             uint32_t tile_log2, enum umbb_tile_folder_mode mode,
                                             const char *folder, uint32_t only_end,

@@ -6,7 +6,9 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "store_fixture.h"
+#include "common/file.h"
+#include "common/sha256.h"
+#include "folder_fixture.h"
 
 static size_t count_files(const char *path)
 {

@@ -16,7 +16,7 @@
 
 #include "common/clock.h"
 #include "common/owner_lock.h"
-#include "store_fixture.h"
+#include "folder_fixture.h"
 
 #define WATCH_MS 600
 

@@ -59,7 +59,8 @@ static int column_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t
     return z < columns->depth(x, y) + (columns->depth(x, y) < SIZE ? columns->undefined : 0);
 }
 
-/* The occluder depth map of columns behind which something is undefined. Returns its words, to be freed. */
+/* The occluder depth map of columns behind which something is undefined. Returns its words, to be
+ * freed. */
 static uint32_t *occluder_depth_of(const struct columns *columns, uint64_t *count)
 {
     struct umb__occluder_depth occluder_depth;
@@ -269,8 +270,8 @@ static void penumbras_are_those_of_a_march_through_every_voxel(void **state)
     assert_true(half > POINTS / 10);
 }
 
-/* Behind all that is undefined, a closed asset answers as the open one: its occluder depth map says where the
- * occluders are, and its columns alone would put them three voxels deeper. */
+/* Behind all that is undefined, a closed asset answers as the open one: its occluder depth map
+ * says where the occluders are, and its columns alone would put them three voxels deeper. */
 static void the_front_of_a_closed_asset_gives_the_penumbras_of_the_open_one(void **state)
 {
     struct scene open, closed;

@@ -303,7 +303,7 @@ static void segments_columns_and_boxes_are_held_against_rays(void **state)
         assert_int_equal(result.outside_band, 0);
         assert_true(verify_question(bad, kind, NULL).outside_band > 0);
         if (kind == UMBR_VERIFY_COLUMNS) {
-            continue; /* a closed asset has none without its front: tests/system/test_occluder_depth.sh */
+            continue; /* a closed asset has none: tests/system/test_occluder_depth.sh */
         }
         result = verify_question(closed, kind, world.closed);
         assert_int_equal(result.outside_band, 0);

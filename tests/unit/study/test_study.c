@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The study's samples against a scene whose shadow is known, and its verdict on made-up results. */
+/* The study's samples against a scene whose shadow is known, and its summary of made-up results. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
