@@ -1,27 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Which test runs when. The table of times has a line "SECONDS PROCESSOR_SECONDS NAME" for each test.
-From it come the order (longest first) and the number of processors that a test keeps busy: tests
-that wait run beside tests that compute.
+Which test runs when. The table of times has a line "SECONDS PROCESSOR_SECONDS NAME" for each test
+that takes a second or more. From it come the order (longest first) and the number of processors
+that a test keeps busy: tests that wait run beside tests that compute.
 """
 import os
 import threading
 
 TABLE = os.environ.get("TEST_TIMES") or os.path.join(os.path.dirname(os.path.abspath(__file__)), "times.txt")
-NEW = (20.0, 20.0)     # a test without a line: begins early, takes one processor
+SHORTEST = 1.0         # second: tests that take less have no line
+NEW = (1.0, 1.0)       # what a test without a line takes
 MOST_AT_ONCE = 4       # tests a processor
 LEAST_SHARE = 0.1      # processors
 WAITING_SHARE = 0.5    # processors: at most so much has a test that may overtake a larger one
 OVERLAP = 0.25         # processors above those that there are
 
 
-def name_of(test, root, build):
-    """A test's name in the table: its path in the tree or in the build folder; elsewhere its file's."""
-    path = os.path.abspath(test)
-    for folder in (os.path.join(root, build), root):
-        if path.startswith(folder + os.sep):
-            return os.path.relpath(path, folder)
-    return os.path.basename(path)
+def name_of(test):
+    """A test's name in the table: the same for all builds and folders."""
+    return os.path.basename(test)
 
 
 def read():
@@ -39,7 +36,7 @@ def read():
 
 def write(measured):
     """Replaces the lines of the measured tests; the others stay."""
-    times = {**read(), **measured}
+    times = {name: pair for name, pair in {**read(), **measured}.items() if max(pair) >= SHORTEST}
     with open(TABLE, "w", encoding="utf-8") as file:
         for name in sorted(times):
             file.write("%.1f %.1f %s\n" % (*times[name], name))

@@ -119,10 +119,6 @@ def source_of(test):
     return os.path.join(ROOT, os.path.relpath(os.path.abspath(test), build) + ".c")
 
 
-def name_of(test):
-    return run_order.name_of(test, ROOT, os.environ.get("BUILD", "build/release"))
-
-
 def is_alone(test):
     try:
         with open(source_of(test), encoding="utf-8") as file:
@@ -199,7 +195,7 @@ def run_all(tests, tally):
 
     alone = [test for test in tests if is_alone(test)]
     times = run_order.read()
-    room = run_order.Room(JOBS, lambda test: times.get(name_of(test), run_order.NEW))
+    room = run_order.Room(JOBS, lambda test: times.get(run_order.name_of(test), run_order.NEW))
     room.run([test for test in tests if test not in alone], one)
     for test in alone:
         one(test)
@@ -225,7 +221,7 @@ def main():
     tally = Tally()
     run_all(sys.argv[1:], tally)
     if os.environ.get("TEST_RECORD"):
-        run_order.write({name_of(test): (run.seconds, run.busy)
+        run_order.write({run_order.name_of(test): (run.seconds, run.busy)
                              for test, run in tally.runs.items() if run.code == 0})
     return tally.finish()
 

@@ -83,8 +83,11 @@ SCRIPT
 done
 TEST_TIMES=$folder/times TEST_JOBS=2 closing 0 "3 passed, 0 failed, 0 skipped" ./short.sh ./longest.sh ./long.sh
 same "the longest begins first" "longest long short" "$(tr '\n' ' ' <order | sed 's/ $//')"
-TEST_TIMES=$folder/new TEST_RECORD=1 closing 0 "1 passed, 0 failed, 0 skipped" ./good.sh
-check "a run's times are written" grep -qE '^[0-9]+\.[0-9] [0-9]+\.[0-9] .*good\.sh$' new
+echo 'sleep 1' | make_test sleeps
+echo "3.0 1.0 sleeps.sh" >new
+TEST_TIMES=$folder/new TEST_RECORD=1 closing 0 "2 passed, 0 failed, 0 skipped" ./good.sh ./sleeps.sh
+check "times of a second and more are written" grep -qE '^[12]\.[0-9] 0\.[0-9] sleeps\.sh$' new
+same "and no others" 1 "$(wc -l <new)"
 
 # A marked test begins when all others have ended, and marked ones take turns.
 for name in first second third; do
