@@ -221,7 +221,7 @@ prose-sample: ## 60 comments and 24 paragraphs drawn at random (SEED=1)
 	@/usr/bin/python3 tests/lint/prose_sample.py $(or $(SEED),1)
 
 tidy: $(PROTO_GEN_C) ## clang-tidy's checks of .clang-tidy: under a minute
-	@GEN=$(BUILD)/gen sh tests/lint/tidy.sh
+	@INCLUDES="$(INC_tests)" sh tests/lint/tidy.sh
 
 lint: ## banned functions, names, lengths
 	@sh tests/lint/lint.sh
