@@ -37,9 +37,9 @@ ifeq ($(opt_$(config)),)
 $(error config=$(config) is not one of release debug asan tsan ubsan)
 endif
 
-# Hardening of release builds: docs/testing.md says what each flag is for, tests/system/test_hardening.py
-# reads it back from the built programs. Debug builds have no optimiser for FORTIFY, and sanitizers see
-# more than it does.
+# Hardening of release builds: docs/explained/testing.md says what each flag is for,
+# tests/system/test_hardening.py reads it back from the built programs. Debug builds have no
+# optimiser for FORTIFY, and sanitizers see more than it does.
 harden ?= yes
 ifeq ($(config)$(harden),releaseyes)
 takes = $(shell $(CC) -Werror $(1) -fsyntax-only -x c /dev/null 2>/dev/null && echo $(1))

@@ -43,7 +43,7 @@ $(UNIT): deploy/systemd/umbraged.service.in FORCE
 
 # The pages lie to one another as they do here, with what they link to, so that every link leads
 # somewhere.
-DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/decisions/* docs/pictures/* docs/examples/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
+DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/*/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
 install-docs:
 	for file in $(DOC_FILES); do install -D -m 0644 $$file $(DESTDIR)$(docdir)/$$file || exit 1; done
 

@@ -154,7 +154,7 @@ file-sweeps: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/file_sweep ## every prefix a
 .PHONY: file-sweeps
 
 # False shadow and false light at full size.
-accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
+accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/results/accuracy.md and study.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
@@ -168,7 +168,7 @@ study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
-effects-table: $(PROGRAMS) ## tables of docs/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
+effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
@@ -209,7 +209,7 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
+test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
 	@$(MAKE) --no-print-directory lint layers
 	@$(MAKE) --no-print-directory -j$(CORES) release-tests
 	@$(MAKE) --no-print-directory sanitize-short

@@ -62,8 +62,8 @@ static const struct umbc_command COMMAND = {
     .usage = "umbrage derive FILE|ASSET [-o OUT.ktx2] [options]",
     .summary =
         "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
-        "cascades of a camera. docs/techniques.md tells how to sample them. Closed assets need to\n"
-        "be baked with --effect front=on.",
+        "cascades of a camera. docs/guide/gpu-maps.md tells how to sample them. Closed assets\n"
+        "need to be baked with --effect front=on.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .min_words = 1,

@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_BAKE_HEAD_ROOM_H
 /*
  * What an asset's head holds beside lights and texts, divided before the work: readers take
- * canonical blocks of 64 MiB (docs/umb-format.md), and a bake that finds out at its end that its
- * own is longer has worked for nothing.
+ * canonical blocks of 64 MiB (docs/reference/umb-format.md), and a bake that finds out at its end
+ * that its own is longer has worked for nothing.
  */
 #include "format/content.h"
 

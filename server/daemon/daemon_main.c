@@ -2,7 +2,8 @@
 /*
  * umbraged: answers shadow queries over gRPC on the assets of a folder.
  *
- * Exit codes: 0 drained or asked to, 2 bad arguments, else those of docs/operations.md by status.
+ * Exit codes: 0 drained or asked to, 2 bad arguments, else those of docs/reference/operations.md by
+ * status.
  */
 #include <signal.h>
 #include <stdio.h>

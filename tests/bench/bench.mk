@@ -122,6 +122,6 @@ $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 
-paging-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/streaming.md: bytes and seconds until a view is known (SIZE=quick|full)
+paging-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/results/paging.md: bytes and seconds until a view is known (SIZE=quick|full)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/paging_figures.py --size $(SIZE)
 .PHONY: paging-figures

@@ -36,7 +36,7 @@ find "$installed/share/doc/umbrage" -name '*.md' | while read -r page; do
         [ -e "$(dirname "$page")/$link" ] || echo "$(basename "$page"): $link"
     done
 done >"$folder/dangling"
-check "the installed pages are there" test -s "$installed/share/doc/umbrage/docs/operations.md"
+check "the installed pages are there" test -s "$installed/share/doc/umbrage/docs/reference/operations.md"
 same "each of their links leads somewhere" "" "$(head -n 5 "$folder/dangling")"
 echo changed >>"$folder/root/etc/umbraged/umbraged.conf"
 "$@" >/dev/null 2>&1
@@ -106,15 +106,17 @@ else
     left_out "HAProxy configuration" "haproxy is not installed"
 fi
 
+operations=docs/reference/operations.md
 # Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
 # that list with what is served).
 grep -ohE '(umbrage|grpc_server|process)_[a-z0-9_]+' deploy/prometheus/*.yml deploy/grafana/*.json |
     sed 's/_bucket$//' | grep -v '^umbrage_alerts' | sort -u >"$folder/asked"
-grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' docs/operations.md | tr -d '`' | sort -u >"$folder/listed"
+grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' "$operations" | tr -d '`' |
+    sort -u >"$folder/listed"
 same "alerts and panels ask for metrics that exist" "" "$(comm -23 "$folder/asked" "$folder/listed" | tr '\n' ' ')"
 sed -n 's/.*- alert: //p' deploy/prometheus/umbrage-alerts.yml | sort >"$folder/alerts"
-grep -oE '^\| `Umbrage[A-Za-z]+' docs/operations.md | tr -d '|` ' | sort >"$folder/explained"
-same "every alert is explained in docs/operations.md" "$(cat "$folder/alerts")" "$(cat "$folder/explained")"
+grep -oE '^\| `Umbrage[A-Za-z]+' "$operations" | tr -d '|` ' | sort >"$folder/explained"
+same "every alert is explained in $operations" "$(cat "$folder/alerts")" "$(cat "$folder/explained")"
 /usr/bin/python3 -m json.tool deploy/grafana/umbrage.json >/dev/null
 same "the dashboard is JSON" 0 $?
 finish

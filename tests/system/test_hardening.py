@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Reads the installed programs of a release build for each layer of hardening (docs/testing.md): a flag
+Reads the installed programs of a release build for each layer of hardening (docs/explained/testing.md): a flag
 that goes missing from the Makefile, or from one object, fails here. Needs readelf.
 """
 import glob

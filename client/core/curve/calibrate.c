@@ -73,8 +73,8 @@ static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
     return -1;
 }
 
-/* Cache lines of a voxel's look-up as docs/umb-format.md counts them: the smallest uniform cube
- * around it tells which odd levels above are mixed. */
+/* Cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the smallest
+ * uniform cube around it tells which odd levels above are mixed. */
 static double lines_at(const struct job *job, const double voxel[3])
 {
     const struct umb__tree tree = tree_of(job);

@@ -4,7 +4,7 @@
 /*
  * What an asset says besides its voxels: lights, frusta, origin, plan, settings. The writer takes
  * it, the reader gives it back; both encodings carry it as the same canonical block of bytes,
- * which is part of the identity (docs/umb-format.md, "Canonical block").
+ * which is part of the identity (docs/reference/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
 #include "umbrage/workers.h"
@@ -15,7 +15,7 @@ struct umb_curve_record {
     uint32_t level, taps; /* the settings; one of them says nothing: level 0, or taps 1 */
     uint32_t points;      /* asked: 1 to UMB_CURVE_POINTS_MAX */
     uint64_t nodes;       /* distinct mixed nodes above bricks in each point's window */
-    uint64_t lines;       /* cache lines, as docs/umb-format.md counts them */
+    uint64_t lines;       /* cache lines, as docs/reference/umb-format.md counts them */
     uint64_t squares;     /* of differences, in units of 1 / 2^20, each rounded down */
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See head.h; offsets in layout.h, normative text in docs/umb-format.md. */
+/* See head.h; offsets in layout.h, normative text in docs/reference/umb-format.md. */
 #include "format/head.h"
 
 #include <stdbool.h>

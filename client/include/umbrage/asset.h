@@ -22,8 +22,8 @@
  * those the identity names: that takes SHA-256, which `umbrage verify` and the daemon's store do.
  * Texts (plan, settings, notes, names) are UTF-8 without NUL, but may hold control characters.
  * Caveat: a mapped file (.umbm) that another process truncates or overwrites while it is open
- * breaks that promise; the store's files are never edited in place (docs/operations.md). A packed
- * one is not looked at any more once it is open.
+ * breaks that promise; the store's files are never edited in place (docs/reference/operations.md).
+ * A packed one is not looked at any more once it is open.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -37,7 +37,7 @@
  * themselves. A callback that takes long delays all other calls of its client.
  * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
  * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
- * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-when-to-come-again.md).
+ * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-retry-pushback.md).
  * Limits: one connection to each server.
  * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
  * umb_client_close then waits for it.
@@ -291,7 +291,7 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
 /* Frees such a file. NULL is allowed. */
 UMB_API void umb_client_derived_free(uint8_t *bytes);
 
-/* What a server takes in one call; docs/protocol.md has all of it. */
+/* What a server takes in one call; docs/reference/protocol.md has all of it. */
 struct umb_client_limits {
     uint64_t max_points; /* points times lights, texels of derived maps */
     uint64_t max_message_bytes;

@@ -10,12 +10,13 @@
  *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
  *     umb_query_prepare(asset, &settings, &query, &error);
  *
- * The bound. A voxel's value is the true visibility of its centre (docs/umb-format.md, section 1),
- * so an answer that differs from the truth at a point looked at a place on the other side of a
- * true shadow boundary. How far a look-up is from its point follows from the geometry alone: the
- * bias, and half the diagonal of the window (of a whole cell where look-ups stop at one). The bound
- * is the sum: whatever a query answers, a true boundary is no farther from the point than that, or
- * the answer is true. It holds in defined space, for windows that do not reach into closed solids.
+ * The bound. A voxel's value is the true visibility of its centre (docs/reference/umb-format.md,
+ * section 1), so an answer that differs from the truth at a point looked at a place on the other
+ * side of a true shadow boundary. How far a look-up is from its point follows from the geometry
+ * alone: the bias, and half the diagonal of the window (of a whole cell where look-ups stop at
+ * one). The bound is the sum: whatever a query answers, a true boundary is no farther from the
+ * point than that, or the answer is true. It holds in defined space, for windows that do not reach
+ * into closed solids.
  *
  * The curve. For each level and filter that an asset answers with, measured by the bake on points
  * on the scene's surfaces: how much the answer depends on where in a voxel the point lies, and what

@@ -93,7 +93,8 @@ UMB_API uint64_t umb_derive_bytes(const struct umb_derive_settings *settings);
 /*
  * Lays the maps out as a KTX 2.0 file: a 2D texture, or an array with a layer for each cascade, its
  * mip levels, and under the key "umbrage.map" a JSON text that tells the asset, the technique and
- * how to get from world space to a texel (docs/techniques.md). The same maps give the same bytes.
+ * how to get from world space to a texel (docs/guide/gpu-maps.md). The same maps give the same
+ * bytes.
  *
  * Out:   bytes: [size], the caller frees them with umb_derived_free; NULL on failure.
  * Fails: E_NO_MEMORY.

@@ -13,8 +13,8 @@
  *     umb_map_destroy(map);
  *
  * They are what umbrage's own voxel DAG is measured against, and what a thin client's GPU samples.
- * Which technique promises what stands in docs/techniques.md, the numerical argument of each in
- * docs/numerics.md.
+ * Which technique promises what stands in docs/explained/techniques.md, the numerical argument of
+ * each in docs/explained/numerics-maps.md.
  *
  * Map space: x and y in texels, texel i covers [i, i + 1) and is sampled at its centre; depth 0..1
  * along the light, linear in metres for every projection. Depth 1 in a layer means "no caster".
@@ -165,7 +165,7 @@ struct umb_map_info {
     uint64_t fragments;       /* DEEP: kept in all lists */
     enum umb_map_bound bound; /* of an answer without `reduction`, in exact arithmetic */
     double slack;             /* rounding, of visibility: the stated error of storage and arithmetic
-                                 (docs/numerics.md) */
+                                 (docs/explained/numerics-maps.md) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */

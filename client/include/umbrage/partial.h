@@ -221,7 +221,7 @@ UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
                                    struct umb_partial_stats *stats);
 
 /*
- * Writes what is there as a partial file (docs/umb-format.md, section 7).
+ * Writes what is there as a partial file (docs/reference/umb-format.md, section 7).
  * Fails: E_NO_MEMORY, or what the sink returns.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_save(const struct umb_partial *partial,

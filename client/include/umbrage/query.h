@@ -13,7 +13,7 @@
  * Answers are the fraction of an n x n window of texels, at the depth of the point's voxel, from
  * which the light is visible: 0 shadowed, 1 lit (percentage closer filtering; Sintorn et al. 2014,
  * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
- * closed rule an answer is unspecified ("defined space", docs/accuracy.md).
+ * closed rule an answer is unspecified ("defined space", docs/explained/accuracy.md).
  *
  * Spot and point lights: the answer is whether anything stands between point and light; how the
  * light fades with distance and towards its cone is the caller's. What a spot light's frusta do not
@@ -130,7 +130,7 @@ struct umb_query_settings {
     double light_extent;
     /* 1: translucent casters of assets with the effect `transmittance` take nothing. 0: answers are
      * multiplied by the light that they leave, a mean over a box as wide as the window, but no
-     * narrower than their map's texels (docs/effects.md). */
+     * narrower than their map's texels (docs/explained/effects.md). */
     int opaque_only;
     /* For UMB_FILTER_FOOTPRINT instead of footprint_m: an eye in world space, metres, and the angle
      * of its pixels in radians, up to 1; 0: none. A point's square then has the area that a pixel

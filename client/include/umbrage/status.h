@@ -88,7 +88,7 @@ UMB_API int umb_status_grpc(enum umb_status status);
  */
 UMB_API enum umb_status umb_status_from_grpc(int grpc_code);
 
-/* Returns the process exit code (docs/operations.md, "Exit codes"). */
+/* Returns the process exit code (docs/reference/operations.md, "Exit codes"). */
 UMB_API int umb_status_exit(enum umb_status status);
 
 /*

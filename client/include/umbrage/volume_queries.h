@@ -10,8 +10,8 @@
  *     umb_client_columns(client, &volume_query, &points, columns, &reply, &error);
  *
  * All block until answered, and are tried again as umb_client_query is. What the server takes in
- * one call: Limits (docs/protocol.md); a segment counts as 64 points or as its intervals, a column
- * as 1, a box as 256.
+ * one call: Limits (docs/reference/protocol.md); a segment counts as 64 points or as its intervals,
+ * a column as 1, a box as 256.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"

@@ -23,7 +23,7 @@ struct umbb_cut_plane;
 /* Share of the opaque casters' area that closed parts must have for the closed rule to be worth it.
  * Bytes are those of surfaces, and what the rule saves is about that share of them at most:
  * measured on real scenes at 4096, 0.3 % of the area saves 0.4 %, 1.1 % nothing, 5.7 % 5.6 %, 22 %
- * 10 %, 85 % 54 % (docs/effects.md). */
+ * 10 %, 85 % 54 % (docs/results/effects.md). */
 #define UMBB_CLOSED_SHARE 0.025
 
 /* Bytes a triangle takes at the worst moment (parts found; or traced for verification). */
