@@ -183,7 +183,7 @@ attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attacke
 .PHONY: verify-scenes effects-table larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under ASan and UBSan, those that have threads under TSan, the daemon
-# serving real clients under both. What the short form leaves out is in docs/testing.md.
+# serving real clients under both. What the short form leaves out is in docs/explained/testing.md.
 sanitize: ## unit tests and a serving daemon under ASan with UBSan, then under TSan
 	@$(MAKE) --no-print-directory -j$(CORES) config=asan warn= sanitize-one
 	@$(MAKE) --no-print-directory -j$(CORES) config=tsan warn= sanitize-one
