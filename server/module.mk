@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbraged, umbrage-bake and umbrage-study. common, scene, store, jobs and rays are
 # libraries that they share.
-INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
+INC_server = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -I$(BUILD)/gen
 
 COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
 SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/scene/*.c))

@@ -187,7 +187,7 @@ static struct query_call *make_call(const struct umb_client_query_request *reque
 
 enum umb_status umb_client_query_start(struct umb_client *client,
                                        const struct umb_client_query_request *request,
-                                       umb_client_query_fn done, void *user,
+                                       umb_client_query_fn done, void *user, uint64_t *number,
                                        struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
@@ -201,7 +201,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
     struct umb__call_plan plan = plan_of(request);
-    plan.tag = user;
+    plan.number = number;
     status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
         free(call->base);

@@ -8,6 +8,7 @@
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"
 #include "common/standard_streams.h"
+#include "tool/exit_code.h"
 
 int main(int argc, char **argv)
 {
@@ -34,5 +35,5 @@ int main(int argc, char **argv)
         fprintf(stderr, "umbrage-bake: %s\n",
                 error.message[0] != '\0' ? error.message : umb_status_text(status));
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

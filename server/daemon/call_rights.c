@@ -95,7 +95,7 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
 {
     uint8_t id[UMB_ID_BYTES];
     *out = NULL;
-    if (umb_id_from_text(name_or_id, id) && !umbd_call_sees(call, id)) {
+    if (umb_id_from_text(name_or_id, id) == UMB_OK && !umbd_call_sees(call, id)) {
         return umbs_store_not_found(name_or_id, error); /* nor that it is damaged */
     }
     enum umb_status status = umbs_reader_acquire(call->conn->loop->reader, name_or_id, out, error);

@@ -21,6 +21,7 @@
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
+#include "tool/exit_code.h"
 
 /* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
@@ -96,7 +97,7 @@ static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
 static int complain(enum umb_status status, const struct umb_error *error)
 {
     fprintf(stderr, "umbraged: %s\n", error->message);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }
 
 /* Writes the chosen addresses, one a line, so that whoever waits for the file never reads half. */
@@ -139,7 +140,7 @@ static void take_down(struct umbd_daemon *daemon, enum umb_status status)
     umbs_log_event(&daemon->log, UMB_LOG_INFO, "stopped", NULL);
     if (!umbd_daemon_finish(daemon)) {
         umbs_log_event(&daemon->log, UMB_LOG_WARN, "load_abandoned", NULL);
-        _exit(status == UMB_OK ? 0 : umb_status_exit(status));
+        _exit(status == UMB_OK ? 0 : umbu_exit_code(status));
     }
 }
 
@@ -204,7 +205,7 @@ int main(int argc, char **argv)
         options.argc = argc;
         options.argv = argv;
         status = serve(&options, &error);
-        code = status == UMB_OK ? 0 : umb_status_exit(status);
+        code = status == UMB_OK ? 0 : umbu_exit_code(status);
     }
     umbd_options_finish(&options);
     return code;

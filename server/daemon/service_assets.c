@@ -43,7 +43,7 @@ static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs
 {
     const uint8_t *id = umbs_entry_item(entry)->id;
     struct umb_calibration known;
-    curve->count = umb_curve_get(umbs_entry_asset(entry), light, curve->rows);
+    (void)umb_asset_get_curve(umbs_entry_asset(entry), light, curve->rows, &curve->count);
     if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_SCATTERED, &known) ||
         umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_FEW, &known)) {
         memcpy(curve->scattered_ns, known.ns, sizeof curve->scattered_ns);

@@ -288,7 +288,7 @@ void umbd_service_bakes_fetch(struct umbd_call *call)
     }
     enum umb_status status =
         umbw_decode_fetch_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK && !umb_id_from_text(request.asset, job_request->asset)) {
+    if (status == UMB_OK && umb_id_from_text(request.asset, job_request->asset) != UMB_OK) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           "asset: '%.80s' is not an id of 64 hexadecimal digits", request.asset);
     }

@@ -528,7 +528,7 @@ static void sweep_bundles(struct umbj_service *service)
     if (umbj_names_read(folder, &names) == 0) {
         for (size_t i = 0; i < names.count; i++) {
             uint8_t key[UMBJ_HASH_BYTES];
-            if (umb_id_from_text(names.list[i], key)) {
+            if (umb_id_from_text(names.list[i], key) == UMB_OK) {
                 umbj__drop_bundle(service, key);
             } else {
                 umbj_folder_remove(folder, names.list[i]);

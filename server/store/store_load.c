@@ -265,7 +265,7 @@ static enum umb_status prove(struct umbs_entry *entry, const struct packed *pack
         return umb_fail(error, UMB_E_FORMAT,
                         "a mapped file (.umbm) cannot be published: it proves no identity");
     }
-    return umb_pack_prove(packed->bytes, packed->size, 1, &umbs_sha256, error);
+    return umb_packed_prove(packed->bytes, packed->size, NULL, &umbs_sha256, error);
 }
 
 /* Opens the asset of a proven packed image: mapped from its cache, else expanded. */

@@ -281,7 +281,7 @@ static int cache_file_wanted(const char *name, const struct umbs_table *table)
     }
     memcpy(text, name, UMB_ID_TEXT_SIZE - 1);
     text[UMB_ID_TEXT_SIZE - 1] = '\0';
-    return !umb_id_from_text(text, id) || umbs__table_find_id(table, id) != NULL;
+    return umb_id_from_text(text, id) != UMB_OK || umbs__table_find_id(table, id) != NULL;
 }
 
 static size_t sweep_folder(struct umbs_store *store, const char *path,

@@ -33,6 +33,9 @@ struct umbt_camera {
     double tan_x, tan_y;                /* of half the fields of view */
 };
 
+/* The same camera for the libraries, which sees from near_m to far_m. */
+struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m);
+
 /* The field of view of the picture's height, degrees. */
 double umbt_camera_fov_deg(const struct umbt_camera *camera);
 

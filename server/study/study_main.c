@@ -6,6 +6,7 @@
 #include <string.h>
 #include "study/study_command.h"
 #include "umbrage/status.h"
+#include "tool/exit_code.h"
 
 static const char help[] =
     "usage: umbrage-study SCENE [-o DIR] [options]\n"
@@ -41,7 +42,7 @@ static int output_finish(int code)
 {
     if ((fflush(stdout) != 0 || ferror(stdout)) && code <= 1) {
         fputs("umbrage-study: standard output could not be written\n", stderr);
-        return umb_status_exit(UMB_E_IO);
+        return umbu_exit_code(UMB_E_IO);
     }
     return code;
 }
@@ -53,7 +54,7 @@ int main(int argc, char **argv)
     (void)signal(SIGXFSZ, SIG_IGN); /* so is a file beyond the size limit */
     if (argc < 2) {
         fputs(help, stderr);
-        return umb_status_exit(UMB_E_ARGUMENT);
+        return umbu_exit_code(UMB_E_ARGUMENT);
     }
     for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
         if (strcmp(argv[1], commands[i].name) == 0) {
@@ -74,7 +75,7 @@ int main(int argc, char **argv)
     if (strpbrk(argv[1], "./") == NULL) { /* no scene's name */
         fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n",
                 argv[1]);
-        return umb_status_exit(UMB_E_ARGUMENT);
+        return umbu_exit_code(UMB_E_ARGUMENT);
     }
     return output_finish(umbt_study_command(argc - 1, argv + 1));
 }

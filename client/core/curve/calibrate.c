@@ -212,8 +212,7 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", job->light,
                         content->light_count);
     }
-    job->count = umb_curve_get(job->asset, job->light, job->rows);
-    if (job->count == 0) {
+    if (umb_asset_get_curve(job->asset, job->light, job->rows, &job->count) != UMB_OK) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "calibration: the asset carries no accuracy curve for light %u",
                         job->light);

@@ -7,6 +7,7 @@
  * which is part of the identity (docs/reference/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
+#include "umbrage/file.h"
 #include "umbrage/workers.h"
 
 /* One row of an accuracy curve: sums over the points that the bake asked (umbrage/curve.h). */
@@ -60,26 +61,6 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struct umb_error *error);
-
-/* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
-struct umb_sink {
-    enum umb_status (*write)(void *user, const void *bytes, size_t count);
-    void *user;
-};
-
-/* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake).
- */
-struct umb_sha256 {
-    /* digest of the concatenation of part_count parts; all zeros if it could not be made (out of
-     * memory), which the core takes as E_NO_MEMORY: no input is known to have that digest */
-    void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
-                   uint8_t out[UMB_ID_BYTES]);
-    void *user;
-    /* digests[i] of message i, one part each, as digest makes them, in one go; NULL: there is no
-     * quicker way than one after the other */
-    void (*digest_many)(void *user, const uint8_t *const *messages, const size_t *sizes,
-                        size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
-};
 
 /*
  * Writes a packed asset (.umb) of a canonical octree.
@@ -136,16 +117,5 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *ass
                                                      struct umb_octree *octree,
                                                      struct umb_content *content,
                                                      struct umb_error *error);
-
-/*
- * Proves the identity of a packed asset in memory: the id in its header equals
- * SHA-256(canonical block, block hashes), each block of the directory hashes to its entry there,
- * and with check_pages each page's uncompressed bytes to its entry in the block, and its stored
- * bytes to their checksum, so that a proven file also opens. A mapped file is a cache and proves
- * nothing: E_UNSUPPORTED.
- */
-UMB_API UMB_CHECKED enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
-                                                   const struct umb_sha256 *sha256,
-                                                   struct umb_error *error);
 
 #endif

@@ -239,20 +239,21 @@ void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
     };
 }
 
-int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_level *out)
+enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
+                                  struct umb_map_level *out)
 {
     const struct umb__channels *channels = &map->channels;
     memset(out, 0, sizeof *out);
     if (!map->technique->filterable) {
         if (level > 0 || map->depths.texels == NULL) {
-            return 0;
+            return UMB_E_NOT_FOUND;
         }
         *out = (struct umb_map_level){map->depths.texels, map->depths.width, map->depths.height, 1,
                                       map->depths.format, map->depths.bytes};
-        return 1;
+        return UMB_OK;
     }
     if (level >= channels->level_count) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     const uint32_t w = channels->width >> level, h = channels->height >> level;
     *out = (struct umb_map_level){.texels = channels->levels[level],
@@ -262,7 +263,7 @@ int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_
                                   .format = channels->format};
     out->bytes = (size_t)out->width * out->height * channels->count *
                  (channels->format == UMB_MAP_F32 ? 4 : 2);
-    return 1;
+    return UMB_OK;
 }
 
 struct limit {

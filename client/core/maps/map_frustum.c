@@ -157,11 +157,11 @@ static int paraboloid_point(const struct umb_map_frustum *frustum, double x, dou
     return 1;
 }
 
-int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y, double depth,
-                          double world[3])
+enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y,
+                                      double depth, double world[3])
 {
     if (frustum->projection == UMB_MAP_PARABOLOID) {
-        return paraboloid_point(frustum, x, y, depth, world);
+        return paraboloid_point(frustum, x, y, depth, world) ? UMB_OK : UMB_E_NOT_FOUND;
     }
     /* Three planes meet: (m0 - x m3).p = 0, (m1 - y m3).p = 0, m2.p = depth (Cramer's rule). */
     const double(*m)[4] = frustum->world_to_map;
@@ -184,8 +184,8 @@ int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, doubl
                    (right[0] * cross[0][k] + right[1] * cross[1][k] + right[2] * cross[2][k]) /
                        determinant;
         if (!isfinite(world[k])) {
-            return 0;
+            return UMB_E_NOT_FOUND;
         }
     }
-    return 1;
+    return UMB_OK;
 }

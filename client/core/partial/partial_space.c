@@ -30,17 +30,18 @@ static bool make_planes(struct umb__sight *sight)
 {
     const struct umb_partial_view *view = sight->view;
     double forward[3], right[3], up[3];
-    memcpy(forward, view->forward, sizeof forward);
+    memcpy(forward, view->camera.forward, sizeof forward);
     if (!normalize(forward)) {
         return false;
     }
-    umb__cross(forward, view->up, right);
-    if (!(umb__dot(right, right) > PARALLEL * PARALLEL * umb__dot(view->up, view->up)) ||
+    umb__cross(forward, view->camera.up, right);
+    if (!(umb__dot(right, right) >
+          PARALLEL * PARALLEL * umb__dot(view->camera.up, view->camera.up)) ||
         !normalize(right)) {
         return false;
     }
     umb__cross(right, forward, up);
-    const double tall = tan(view->fov_y / 2), wide = tall * view->aspect;
+    const double tall = tan(view->camera.fov_y / 2), wide = tall * view->camera.aspect;
     for (unsigned side = 0; side < 4; side++) {
         const double *across = side < 2 ? right : up;
         const double slope = side < 2 ? wide : tall, sign = side % 2 ? 1.0 : -1.0;
@@ -51,7 +52,7 @@ static bool make_planes(struct umb__sight *sight)
         if (!normalize(plane)) {
             return false;
         }
-        plane[3] = -umb__dot(plane, view->eye);
+        plane[3] = -umb__dot(plane, view->camera.eye);
     }
     return true;
 }
@@ -81,11 +82,11 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
     memset(sight, 0, sizeof *sight);
     sight->view = view;
     if (!(view->max_error_m >= 0) || !(view->max_error_rad >= 0) || !(view->bias_m >= 0) ||
-        !(view->far_m >= 0)) {
+        !(view->camera.far_m >= 0)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "view: max_error_m %g, max_error_rad %g, bias_m %g "
                         "and far_m %g must be 0 or more",
-                        view->max_error_m, view->max_error_rad, view->bias_m, view->far_m);
+                        view->max_error_m, view->max_error_rad, view->bias_m, view->camera.far_m);
     }
     if (view->taps > UMB_TAPS_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "taps: %u, at most %d", view->taps, UMB_TAPS_MAX);
@@ -99,12 +100,12 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
     if (!view->has_camera) {
         return UMB_OK;
     }
-    if (!finite3(view->eye) || !(view->fov_y > 0 && view->fov_y < 3.14159) ||
-        !(view->aspect > 0 && view->aspect < 1e6) || !make_planes(sight)) {
+    if (!finite3(view->camera.eye) || !(view->camera.fov_y > 0 && view->camera.fov_y < 3.14159) ||
+        !(view->camera.aspect > 0 && view->camera.aspect < 1e6) || !make_planes(sight)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "camera: eye, forward and up must be finite and span a picture, fov_y %g "
                         "must be 0 to pi, aspect %g above 0",
-                        view->fov_y, view->aspect);
+                        view->camera.fov_y, view->camera.aspect);
     }
     return UMB_OK;
 }
@@ -221,7 +222,7 @@ static void see_camera(const struct umb__sight *sight, const double low[3], cons
 {
     double square = 0, reach = 0;
     for (unsigned i = 0; i < 3; i++) {
-        const double eye = sight->view->eye[i];
+        const double eye = sight->view->camera.eye[i];
         const double gap = eye < low[i] ? low[i] - eye : eye > high[i] ? eye - high[i] : 0;
         const double most = fabs(low[i] - eye) > fabs(high[i] - eye) ? low[i] - eye : high[i] - eye;
         square += gap * gap;
@@ -239,7 +240,7 @@ static void see_camera(const struct umb__sight *sight, const double low[3], cons
         cube->out = cube->out || most < 0;
         cube->whole = cube->whole && least >= 0;
     }
-    const double far = sight->view->far_m;
+    const double far = sight->view->camera.far_m;
     if (far > 0) {
         cube->out = cube->out || square > far * far;
         cube->whole = cube->whole && reach <= far * far;

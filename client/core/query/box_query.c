@@ -25,9 +25,8 @@ struct count {
     double origin[3];  /* the asset's */
     struct umb_box_answer *answer;
     struct umb_volume_stats *stats;
-    int (*go_on)(void *user, uint64_t steps);
-    void *go_on_user;
-    uint64_t steps, next_question; /* of this box */
+    const struct umb_box_watch *watch; /* or NULL */
+    uint64_t steps, next_question;     /* of this box */
     bool given_up;
 };
 
@@ -38,7 +37,7 @@ static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
     if (!count->given_up && count->steps >= count->next_question) {
-        count->given_up = !count->go_on(count->go_on_user, count->steps);
+        count->given_up = !count->watch->go_on(count->watch->user, count->steps);
         count->next_question = count->steps + UMB_BOX_STEPS;
     }
     return !count->given_up;
@@ -277,12 +276,10 @@ static void count_range(struct count *count)
     }
 }
 
-static struct count begin_count(const struct umb__tree *tree, struct umb_box_answers *answers)
+static struct count begin_count(const struct umb__tree *tree, const struct umb_box_watch *watch,
+                                struct umb_box_answers *answers)
 {
-    return (struct count){.tree = tree,
-                          .stats = &answers->stats,
-                          .go_on = answers->go_on,
-                          .go_on_user = answers->go_on_user};
+    return (struct count){.tree = tree, .stats = &answers->stats, .watch = watch};
 }
 
 /* Counts the range's voxels that lie in the world box, if there is one. */
@@ -291,7 +288,7 @@ static void count_box(struct count *count, struct umb_box_answer *answer)
     count->answer = answer;
     count->steps = 0;
     count->given_up = false;
-    count->next_question = count->go_on ? UMB_BOX_STEPS : UINT64_MAX;
+    count->next_question = count->watch ? UMB_BOX_STEPS : UINT64_MAX;
     *answer = (struct umb_box_answer){0};
     count_range(count);
     if (count->given_up) {
@@ -330,11 +327,12 @@ static struct range range_around(const struct umb__volume *v, const struct umb_b
     return range;
 }
 
-void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
-                   size_t count, struct umb_box_answers *answers)
+void umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
+                      size_t count, const struct umb_box_watch *watch,
+                      struct umb_box_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = begin_count(&v.tree, answers);
+    struct count job = begin_count(&v.tree, watch, answers);
     memcpy(job.step, v.voxel_step, sizeof job.step);
     memcpy(job.origin, v.origin, sizeof job.origin);
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -349,11 +347,12 @@ void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
     }
 }
 
-void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
-                         size_t first, size_t count, struct umb_box_answers *answers)
+void umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                            size_t first, size_t count, const struct umb_box_watch *watch,
+                            struct umb_box_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = begin_count(&v.tree, answers);
+    struct count job = begin_count(&v.tree, watch, answers);
     const int64_t size = (int64_t)1 << v.tree.log2_size;
     for (size_t i = first; i < first + count; i++) {
         for (unsigned k = 0; k < 3; k++) {
@@ -365,8 +364,8 @@ void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel
     }
 }
 
-void umb_corners_get(const struct umb_segments *corners, size_t first, size_t count,
-                     struct umb_box *boxes)
+void umb_boxes_from_corners(const struct umb_segments *corners, size_t first, size_t count,
+                            struct umb_box *boxes)
 {
     for (size_t i = 0; i < 3 * count; i++) {
         const size_t k = i % 3, at = 6 * (first + i / 3) + k;

@@ -33,13 +33,13 @@ static bool scale_to(double v[3], double length)
 
 static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 {
-    const double tall = tan(picture->fov_y / 2);
-    memcpy(axes->forward, picture->forward, sizeof axes->forward);
+    const double tall = tan(picture->camera.fov_y / 2);
+    memcpy(axes->forward, picture->camera.forward, sizeof axes->forward);
     if (!scale_to(axes->forward, 1)) {
         return false;
     }
-    umb__cross(axes->forward, picture->up, axes->right);
-    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->up)) ||
+    umb__cross(axes->forward, picture->camera.up, axes->right);
+    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->camera.up)) ||
         !scale_to(axes->right, 1)) {
         return false;
     }
@@ -55,12 +55,12 @@ enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %u x %u pixels, must be at least 1 x 1",
                         picture->width, picture->height);
     }
-    if (!(picture->fov_y > 0 && picture->fov_y < 3.14159)) {
+    if (!(picture->camera.fov_y > 0 && picture->camera.fov_y < 3.14159)) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: fov_y %g, must be between 0 and pi",
-                        picture->fov_y);
+                        picture->camera.fov_y);
     }
-    if (!isfinite(picture->eye[0]) || !isfinite(picture->eye[1]) || !isfinite(picture->eye[2]) ||
-        !make_axes(picture, &axes)) {
+    if (!isfinite(picture->camera.eye[0]) || !isfinite(picture->camera.eye[1]) ||
+        !isfinite(picture->camera.eye[2]) || !make_axes(picture, &axes)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "picture: eye, forward and up must be finite and span a picture");
     }

@@ -48,8 +48,8 @@ static void walk_segment(const struct umb__volume *volume, const double p[2][3],
     }
 }
 
-void umb_segments_run(const struct umb_volume *volume, const struct umb_segments *segments,
-                      size_t first, size_t count, struct umb_segment_answers *answers)
+void umb_volume_segments(const struct umb_volume *volume, const struct umb_segments *segments,
+                         size_t first, size_t count, struct umb_segment_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
     for (size_t i = first; i < first + count; i++) {
@@ -96,7 +96,7 @@ enum umb_status umb_segments_check(const struct umb_segments *segments, struct u
     return check_pairs(segments, "segments", error);
 }
 
-enum umb_status umb_corners_check(const struct umb_segments *corners, struct umb_error *error)
+enum umb_status umb__corners_check(const struct umb_segments *corners, struct umb_error *error)
 {
     return check_pairs(corners, "boxes", error);
 }

@@ -11,6 +11,7 @@
  * and closed only. Who calibrates on several threads at once passes one that takes that.
  */
 #include <stddef.h>
+#include "umbrage/status.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,6 +23,10 @@ struct umb_alloc {
     void *(*resize)(void *user, void *block, size_t bytes);
     void *user; /* handed back unchanged */
 };
+
+/* Frees a block that an umbrage function handed over and says to free so: lists, descriptions,
+ * files in memory. NULL is allowed. */
+UMB_API void umb_free(void *block);
 
 #ifdef __cplusplus
 }

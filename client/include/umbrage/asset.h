@@ -180,8 +180,9 @@ UMB_API void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, dou
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */
 UMB_API void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE]);
 
-/* Reads 64 hexadecimal digits; returns 1, or 0 and leaves id alone if text is anything else. */
-UMB_API int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES]);
+/* Reads 64 hexadecimal digits of either case. Fails: E_ARGUMENT (anything else); id is then left
+ * alone. */
+UMB_API UMB_CHECKED enum umb_status umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES]);
 
 #ifdef __cplusplus
 }

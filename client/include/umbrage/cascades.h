@@ -25,13 +25,6 @@ extern "C" {
 
 #define UMB_CASCADES_MAX 8
 
-struct umb_cascade_camera {
-    double eye[3];                      /* metres, world space; within 1e30 */
-    double right[3], up[3], forward[3]; /* orthonormal */
-    double tan_x, tan_y;                /* Tangents of half the fields of view, 1e-6 .. 1000 */
-    double near_m, far_m;               /* along forward, 1e-30 <= near < far <= 1e30 */
-};
-
 enum umb_cascade_fit {
     UMB_CASCADE_SLICE = 0, /* the sphere around the slice, whatever the scene: its size stays when
                               the camera turns, and its texels stay on a grid of the world when it
@@ -49,7 +42,7 @@ struct umb_cascade_settings {
 };
 
 struct umb_cascade_plan {
-    struct umb_cascade_camera camera;
+    double eye[3], forward[3]; /* Origin and unit vector of distances along the view */
     uint32_t count;
     double blend;
     double splits[UMB_CASCADES_MAX + 1]; /* metres along forward: near .. far */
@@ -69,12 +62,14 @@ UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, dou
  * Splits the view and fits a frustum to each slice. Depth runs from the scene's near end, so that
  * casters before a slice are in its map.
  *
- * In:    to_light: any length above 0. scene: of all casters, metres, world space.
+ * In:    camera: eye within 1e30 m, 1e-30 <= near_m < far_m <= 1e30 along forward, tangents of half
+ *        its angles 1e-6 to below 1000. to_light: any length above 0. scene: of all casters,
+ *        metres, world space.
  * Fails: E_ARGUMENT (camera, light, box or settings), naming the field; also an eye that is more
  *        than 2^40 times a slice's size from the scene.
  */
 UMB_API UMB_CHECKED enum umb_status
-umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],
+umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
                   const struct umb_box *scene, const struct umb_cascade_settings *settings,
                   struct umb_cascade_plan *plan, struct umb_error *error);
 

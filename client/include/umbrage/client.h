@@ -160,6 +160,25 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
 
+/* Takes the end of a call: error is NULL if status is UMB_OK, else borrowed during the call.
+ * Threads: called exactly once for each started call, on the client's thread. May start calls. */
+typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
+                                   const struct umb_error *error);
+
+/*
+ * How a call goes on by itself. Functions that take one return at once; NULL instead makes them
+ * wait for the end.
+ *
+ * Memory that such a function writes to is the caller's, must stay until `done` is called, and is
+ * written by then. What it only reads is copied, unless its description says otherwise. If the
+ * function fails at once, `done` is not called.
+ */
+struct umb_client_async {
+    umb_client_done_fn done;
+    void *user;    /* First argument of `done` */
+    uint64_t call; /* Out: the call's number, for umb_client_cancel */
+};
+
 /*
  * Makes a client. Does not connect yet.
  *
@@ -188,6 +207,7 @@ UMB_API void umb_client_close(struct umb_client *client);
  * Starts a query; its end comes to `done`.
  *
  * In:    request: copied whole, points included. user: handed to done.
+ * Out:   call: the query's number, for umb_client_cancel; may be NULL.
  * Fails: at once, and then done is not called: E_ARGUMENT (what the server would refuse without
  *        looking at the points), E_TOO_LARGE (over 4 GiB of points), E_BUSY (max_calls),
  *        E_CANCELLED (closing), E_NO_MEMORY. To done: E_UNAVAILABLE (no connection, or lost),
@@ -198,19 +218,21 @@ UMB_API void umb_client_close(struct umb_client *client);
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query_start(struct umb_client *client, const struct umb_client_query_request *request,
-                       umb_client_query_fn done, void *user, struct umb_error *error);
+                       umb_client_query_fn done, void *user, uint64_t *call,
+                       struct umb_error *error);
 
 /*
- * Cancels every query that was started with this `user`: its call-back gets E_CANCELLED, soon,
- * unless it has ended by then, and comes once in any case. The server is told, and gives up what it
- * has not begun. Of a stream, what else was sent and is not answered yet is asked again.
+ * Cancels a call by its number: its callback gets E_CANCELLED, soon, unless the call has ended by
+ * then, and comes once in any case. The server is told, and gives up what it has not begun. Of a
+ * stream, what else was sent and is not answered yet is asked again.
  *
- * In:    user: as given to umb_client_query_start; not looked into; NULL cancels none. Other
- * queries are not touched, nor are those that are started with it later. Fails: E_NO_MEMORY:
- * nothing was cancelled. Threads: any, call-backs too.
+ * In:    call: as umb_client_query_start or struct umb_client_async gave it. A number whose call
+ *        has ended, and 0, cancel nothing: numbers are not used again.
+ * Fails: E_NO_MEMORY: nothing was cancelled.
+ * Threads: any, callbacks too.
  */
-UMB_API UMB_CHECKED enum umb_status
-umb_client_query_cancel(struct umb_client *client, const void *user, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status umb_client_cancel(struct umb_client *client, uint64_t call,
+                                                      struct umb_error *error);
 
 /*
  * Asks and waits.
@@ -246,39 +268,35 @@ UMB_API void umb_client_stream_close(struct umb_client_stream *stream);
  * Lists the server's assets, by name, and waits for the answer.
  *
  * Out:   assets: [count], NULL and 0 on failure.
- * Owns:  the caller frees them with umb_client_assets_free.
+ * Owns:  the caller frees them with umb_free.
  * Fails: as umb_client_query but for the points.
  */
-UMB_API UMB_CHECKED enum umb_status umb_client_list(struct umb_client *client,
-                                                    struct umb_client_asset **assets, size_t *count,
-                                                    struct umb_error *error);
-
-/* Frees a list. NULL is allowed. */
-UMB_API void umb_client_assets_free(struct umb_client_asset *assets);
+UMB_API UMB_CHECKED enum umb_status umb_client_list_assets(struct umb_client *client,
+                                                           struct umb_client_asset **assets,
+                                                           size_t *count, struct umb_error *error);
 
 /*
- * Describes one asset and waits for the answer.
+ * Describes one asset.
  *
- * In:    asset: name or id.
+ * In:    asset: name or id. async: NULL: waits for the answer.
  * Out:   description: NULL on failure.
- * Owns:  the caller frees it with umb_client_description_free.
- * Fails: as umb_client_list; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8), E_NOT_FOUND.
+ * Owns:  the caller frees it and all it points to with umb_free.
+ * Fails: as umb_client_list_assets; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8),
+ *        E_NOT_FOUND.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *client,
                                                         const char *asset,
                                                         struct umb_client_description **description,
+                                                        struct umb_client_async *async,
                                                         struct umb_error *error);
 
-/* Frees a description and all it points to. NULL is allowed. */
-UMB_API void umb_client_description_free(struct umb_client_description *description);
-
 /*
- * Has the server derive maps of an asset and waits for the KTX 2.0 file, as umb_derived_ktx2 makes
- * it. A texel counts as a point in the server's limits and rates.
+ * Has the server derive maps of an asset, and receives the KTX 2.0 file that umb_derived_ktx2
+ * makes. A texel counts as a point in the server's limits and rates.
  *
  * In:    asset: name or id. settings: as umb_derive takes them; cancelled is not looked at.
  * Out:   bytes: [size], NULL on failure; asset_id: of the version that answered.
- * Owns:  the caller frees bytes with umb_client_derived_free.
+ * Owns:  the caller frees bytes with umb_free.
  * Fails: as umb_client_describe; what umb_derive fails with, as the server says it; E_TOO_LARGE
  *        (over max_reply_bytes).
  */
@@ -286,10 +304,8 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
                                                       const struct umb_derive_settings *settings,
                                                       uint8_t **bytes, size_t *size,
                                                       uint8_t asset_id[UMB_ID_BYTES],
+                                                      struct umb_client_async *async,
                                                       struct umb_error *error);
-
-/* Frees such a file. NULL is allowed. */
-UMB_API void umb_client_derived_free(uint8_t *bytes);
 
 /* What a server takes in one call; docs/reference/protocol.md has all of it. */
 struct umb_client_limits {
@@ -308,7 +324,7 @@ struct umb_client_limits {
  * Asks what the server takes and waits for the answer.
  *
  * Out:   limits: zeroed on failure.
- * Fails: as umb_client_list.
+ * Fails: as umb_client_list_assets.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *client,
                                                           struct umb_client_limits *limits,
@@ -319,7 +335,7 @@ UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *cli
  *
  * In:    service: "umbrage.v1.Shadows"; "" or NULL for the server as a whole.
  * Out:   serving: 1 if it said SERVING, else 0.
- * Fails: as umb_client_list; E_NOT_FOUND (a service it does not know).
+ * Fails: as umb_client_list_assets; E_NOT_FOUND (a service it does not know).
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
                                                       const char *service, int *serving,

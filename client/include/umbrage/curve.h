@@ -69,14 +69,16 @@ struct umb_curve_row {
 /*
  * Copies the curve of a light out of an asset, coarse levels first, then by taps.
  *
- * Returns the number of rows: 0 if the light is unknown or the asset carries no curve.
+ * Out:   count: number of rows, 0 on failure.
+ * Fails: E_NOT_FOUND (no such light, or the asset carries no curve).
  */
-UMB_API size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
-                             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX]);
+UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t light,
+                                            struct umb_curve_row rows[UMB_CURVE_ROWS_MAX],
+                                            size_t *count);
 
 /* What rows cost on this machine; umb_calibrate or umb_calibrate_points fills it in. */
 struct umb_calibration {
-    size_t count;                  /* rows, in the order of umb_curve_get */
+    size_t count;                  /* rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
 };
 
@@ -110,12 +112,10 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
  * Fails: E_ARGUMENT (no points), E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
  * Cost:  about 50 ms of one core; 32 KiB, freed again.
  */
-UMB_API UMB_CHECKED enum umb_status umb_calibrate_points(const struct umb_asset *asset,
-                                                         uint32_t light,
-                                                         const struct umb_points *points,
-                                                         double (*now_s)(void),
-                                                         struct umb_calibration *calibration,
-                                                         struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_calibrate_points(const struct umb_asset *asset, uint32_t light, const struct umb_points *points,
+                     double (*now_s)(void), struct umb_calibration *calibration,
+                     struct umb_error *error);
 
 /* What is wanted of an answer; 0 where nothing is. */
 struct umb_dial {

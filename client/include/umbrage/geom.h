@@ -19,6 +19,19 @@ struct umb_box {
     double max[3];
 };
 
+/*
+ * A camera: where its eye is, where it looks, and the shape of its picture. World space, metres,
+ * radians. Functions name the fields that they do not read.
+ */
+struct umb_camera {
+    double eye[3];     /* Position, finite */
+    double forward[3]; /* Direction of view, of any length above 0 */
+    double up[3];      /* Upward direction, of any length above 0, 1e-9 rad or more off forward */
+    double fov_y;      /* Angle of the picture's height, above 0 and below pi */
+    double aspect;     /* Width of the picture divided by its height, above 0 */
+    double near_m, far_m; /* Distances between which the camera sees */
+};
+
 #ifdef __cplusplus
 }
 #endif

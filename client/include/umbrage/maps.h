@@ -228,12 +228,14 @@ UMB_API UMB_CHECKED enum umb_status umb_map_frustum_spot(const struct umb_map_sp
                                                          struct umb_error *error);
 
 /*
- * World position of a point of map space; a texel's light ray runs from depth 0 to depth 1, and
- * depth grows linearly along it. Returns 0 if there is none (a matrix without inverse, or a corner
- * of a paraboloid map).
+ * Finds the world position of a point of map space. A texel's light ray runs from depth 0 to depth
+ * 1, and depth grows linearly along it.
+ *
+ * Fails: E_NOT_FOUND (a matrix without inverse, or a corner of a paraboloid map).
  */
-UMB_API int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y,
-                                  double depth, double world[3]);
+UMB_API UMB_CHECKED enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum,
+                                                          double x, double y, double depth,
+                                                          double world[3]);
 
 /*
  * Builds a map.
@@ -291,9 +293,10 @@ struct umb_map_level {
     size_t bytes;
 };
 
-/* Fills in level 0, or a mip level. Returns 0 if there is none: beyond the last, or the map is not
- * stored as texels (tables, DEEP). Cost: O(1). */
-UMB_API int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_level *out);
+/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored
+ * as texels: tables, DEEP); out is then zeroed. Cost: O(1). */
+UMB_API enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
+                                          struct umb_map_level *out);
 
 /* Name of a technique: "pcf", "vsm", ...; "unknown" for any other number. */
 UMB_API const char *umb_map_technique_name(enum umb_map_technique technique);

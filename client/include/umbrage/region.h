@@ -30,7 +30,7 @@ extern "C" {
 struct umb_client; /* umbrage/client.h */
 struct umb_region; /* opaque */
 
-/* An interval of the packed file, bytes. */
+/* A byte range of the packed file. */
 struct umb_range {
     uint64_t offset, length;
 };
@@ -135,8 +135,11 @@ UMB_API UMB_CHECKED enum umb_status umb_region_query(struct umb_region *region,
 
 UMB_API void umb_region_get_stats(const struct umb_region *region, struct umb_region_stats *stats);
 
-/* The partial asset inside, borrowed until close: for saving and for its two bounding assets. */
+/* The partial asset inside, borrowed until close: for saving. */
 UMB_API struct umb_partial *umb_region_partial(struct umb_region *region);
+
+/* A SHA-256 without state, by OpenSSL, for umbrage/partial.h and umbrage/file.h. Threads: any. */
+UMB_API const struct umb_sha256 *umb_sha256_openssl(void);
 
 /* A source that reads a local packed file. Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY. Close it
  * after the regions that use it. */

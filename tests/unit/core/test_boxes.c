@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include "volume_fixture.h"
+#include "query/volume_parts.h"
 
 /* The header's words for the centre of a voxel. */
 static double centre_at(const struct volume_fixture *f, unsigned axis, const int64_t voxel[3])
@@ -88,7 +89,7 @@ static void expect_plain_counts(voxel_fn lit, uint32_t log2_size, int turned, ui
             }
         }
         struct umb_box_answer want = count_plainly(&f, &box, low, high);
-        umb_boxes_run(&f.volume, &box, 0, 1, &answers);
+        umb_volume_boxes(&f.volume, &box, 0, 1, NULL, &answers);
         if (got.lit != want.lit || got.voxels != want.voxels) {
             fail_msg("box %zu: %llu of %llu lit, not %llu of %llu", i, (unsigned long long)got.lit,
                      (unsigned long long)got.voxels, (unsigned long long)want.lit,
@@ -129,8 +130,8 @@ static void boxes_side_by_side_share_no_voxel_and_leave_none_out(void **state)
             boxes[i].max[k] = whole.min[k] + side * (at[k] + 1) / CUTS;
         }
     }
-    umb_boxes_run(&f.volume, boxes, 0, CUTS * CUTS * CUTS, &a);
-    umb_boxes_run(&f.volume, &whole, 0, 1, &b);
+    umb_volume_boxes(&f.volume, boxes, 0, CUTS * CUTS * CUTS, NULL, &a);
+    umb_volume_boxes(&f.volume, &whole, 0, 1, NULL, &b);
     struct umb_box_answer sum = {0, 0};
     for (unsigned i = 0; i < CUTS * CUTS * CUTS; i++) {
         sum.lit += parts[i].lit;
@@ -160,7 +161,7 @@ static void voxel_boxes_count_exactly_and_are_clipped_to_the_frustum(void **stat
             box.min[0] = INT64_MIN;
             box.max[2] = INT64_MAX;
         }
-        umb_voxel_boxes_run(&f.volume, &box, 0, 1, &answers);
+        umb_volume_voxel_boxes(&f.volume, &box, 0, 1, NULL, &answers);
         int64_t low[3], high[3];
         for (unsigned k = 0; k < 3; k++) {
             low[k] = box.min[k] < 0 ? 0 : box.min[k];
@@ -191,14 +192,14 @@ static void boxes_that_are_no_boxes_are_named_and_do_no_harm(void **state)
     volume_fixture_open(&f, fixture_noise, 6, 1, 0);
     assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "boxes[1].min.y: 5"));
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers);
     assert_int_equal(got[1].voxels, 0);
     boxes[1].max[1] = NAN;
     assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "boxes[1].max.y: nan"));
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers);
     boxes[1] = (struct umb_box){{-1.7e308, -1.7e308, -INFINITY}, {1.7e308, 1.7e308, INFINITY}};
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers);
     assert_int_equal(got[1].voxels, 64 * 64 * 64);
     volume_fixture_close(&f);
 }
@@ -232,7 +233,8 @@ static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
     struct umb_box boxes[2] = {{{-15, -15, -15}, {15, 15, 15}}, {{0, 0, 0}, {1, 1, 1}}};
     struct umb_box_answer free_of_it[2], got[2];
     struct umb_box_answers plain = {.boxes = free_of_it};
-    struct umb_box_answers answers = {.boxes = got, .go_on = is_patient, .go_on_user = &patience};
+    struct umb_box_answers answers = {.boxes = got};
+    const struct umb_box_watch watch = {is_patient, &patience};
     volume_fixture_open(&f, fixture_noise, 8, 1, 0);
     for (unsigned i = 0; i < 2; i++) {
         for (unsigned k = 0; k < 3; k++) {
@@ -240,14 +242,14 @@ static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
             boxes[i].max[k] += 5 + fixture_origin[k];
         }
     }
-    umb_boxes_run(&f.volume, boxes, 0, 2, &plain);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &plain);
     patience.answer = &got[0];
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, &watch, &answers);
     assert_memory_equal(got, free_of_it, sizeof got);
     assert_true(patience.counted > 0 && patience.counted < got[0].voxels);
     assert_true(patience.asked >= 1 && patience.last >= UMB_BOX_STEPS);
     patience = (struct patience){.limit = 0};
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    umb_volume_boxes(&f.volume, boxes, 0, 2, &watch, &answers);
     assert_int_equal(patience.asked, 1);
     assert_true(got[0].voxels == UINT64_MAX);
     assert_memory_equal(&got[1], &free_of_it[1], sizeof got[1]);
@@ -261,13 +263,13 @@ static void corners_make_boxes_in_either_order(void **state)
     struct umb_box boxes[1];
     float ends[12] = {0, 0, 0, 0, 0, 0, 1, 5, 3, 2, 4, 6};
     struct umb_segments corners = {.ends = ends, .origin = {10, 20, 30}, .count = 2};
-    umb_corners_get(&corners, 1, 1, boxes);
+    umb_boxes_from_corners(&corners, 1, 1, boxes);
     assert_true(boxes[0].min[0] == 11 && boxes[0].max[0] == 12);
     assert_true(boxes[0].min[1] == 24 && boxes[0].max[1] == 25);
     assert_true(boxes[0].min[2] == 33 && boxes[0].max[2] == 36);
-    assert_int_equal(umb_corners_check(&corners, &error), UMB_OK);
+    assert_int_equal(umb__corners_check(&corners, &error), UMB_OK);
     ends[10] = INFINITY;
-    assert_int_equal(umb_corners_check(&corners, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umb__corners_check(&corners, &error), UMB_E_ARGUMENT);
     assert_string_equal(error.message, "boxes[1].y1: inf, must be finite");
 }
 
@@ -295,7 +297,7 @@ static void columns_end_at_their_first_shadowed_voxel(void **state)
         struct umb_column_answers answers = {.columns = &got};
         struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
         memcpy(points.origin, fixture_origin, sizeof fixture_origin);
-        umb_columns_run(&f.volume, &points, 0, 1, &answers);
+        umb_volume_columns(&f.volume, &points, 0, 1, &answers);
         assert_int_equal(got.outside, outside);
         assert_int_equal(got.lit, want);
         if (want == f.size) {
@@ -313,13 +315,13 @@ static void closed_frusta_refuse_columns_and_open_ones_do_not(void **state)
     struct volume_fixture f;
     struct umb_error error;
     volume_fixture_open(&f, fixture_hills, 6, 0, 0);
-    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_OK);
+    assert_int_equal(umb_volume_check_columns(&f.volume, &error), UMB_OK);
     struct umb_volume none;
     assert_int_equal(umb_volume_prepare(f.asset, 1, &none, &error), UMB_E_NOT_FOUND);
     assert_non_null(strstr(error.message, "light: 1"));
     volume_fixture_close(&f);
     volume_fixture_open(&f, fixture_hills, 6, 0, 1);
-    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_E_UNSUPPORTED);
+    assert_int_equal(umb_volume_check_columns(&f.volume, &error), UMB_E_UNSUPPORTED);
     assert_non_null(strstr(error.message, "--closed off"));
     volume_fixture_close(&f);
 }
@@ -333,7 +335,7 @@ static void columns_of_points_that_are_not_finite_touch_nothing(void **state)
     struct umb_column_answers answers = {.columns = got};
     struct umb_points points = {.positions = bad, .count = 3};
     volume_fixture_open(&f, fixture_hills, 6, 1, 0);
-    umb_columns_run(&f.volume, &points, 0, 3, &answers);
+    umb_volume_columns(&f.volume, &points, 0, 3, &answers);
     assert_int_equal(got[0].outside + got[1].outside + got[2].outside, 3);
     volume_fixture_close(&f);
 }

@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See file_map.h. */
-#include "format/file_map.h"
+/* Asset files as bytes; see umbrage/file.h. */
+#include "umbrage/file.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdint.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/open_status.h"
+#include "format/head.h"
 
-enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struct umb_error *error)
+enum umb_status umb_file_open(const char *path, struct umb_file *file, struct umb_error *error)
 {
-    *map = NULL;
-    *bytes = 0;
+    *file = (struct umb_file){NULL, 0};
     /* Not blocking, so that a pipe nobody writes to is refused and not waited for. */
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) {
@@ -35,17 +35,24 @@ enum umb_status umb__file_map(const char *path, void **map, size_t *bytes, struc
         if (at == MAP_FAILED) {
             status = umb_fail_errno(error, UMB_E_IO, errno, "%.200s: cannot be mapped", path);
         } else {
-            *map = at;
-            *bytes = (size_t)facts.st_size;
+            *file = (struct umb_file){at, (size_t)facts.st_size};
         }
     }
     (void)close(fd);
     return status;
 }
 
-void umb__file_unmap(void *map, size_t bytes)
+void umb_file_close(struct umb_file *file)
 {
-    if (map) {
-        (void)munmap(map, bytes);
+    if (file->bytes) {
+        (void)munmap((void *)(uintptr_t)file->bytes, file->size);
     }
+    *file = (struct umb_file){NULL, 0};
+}
+
+enum umb_status umb_file_read_head(const void *bytes, size_t size, struct umb_file_head *head,
+                                   struct umb_error *error)
+{
+    memset(head, 0, sizeof *head);
+    return umb__head_measure(bytes, size, head, error);
 }
