@@ -11,6 +11,9 @@
 
 config ?= release
 BUILD  ?= build/$(config)
+# One name for a folder, however it is given: the files that say which headers an object depends on
+# (*.d) name the object as it was compiled.
+override BUILD := $(patsubst $(CURDIR)/%,%,$(abspath $(BUILD)))
 ifeq ($(origin CC),default)
 CC := gcc
 endif

@@ -188,16 +188,19 @@ static int show_box(void *user, uint64_t steps)
     return 1;
 }
 
-static void count_boxes(struct umbc_volume_asset *asset, size_t boxes,
-                        struct umbc_record_progress *progress, struct umb_box_answers *answers)
+static enum umb_status count_boxes(struct umbc_volume_asset *asset, size_t boxes,
+                                   struct umbc_record_progress *progress,
+                                   struct umb_box_answers *answers, struct umb_error *error)
 {
-    for (size_t i = 0; i < boxes; i++) {
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < boxes; i++) {
         struct box_count count = {
             .asset = asset, .progress = progress, .answers = answers->boxes, .box = i};
         const struct umb_box_watch watch = {show_box, &count};
-        umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers);
+        status = umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers, error);
         show(progress, (double)(i + 1));
     }
+    return status;
 }
 
 enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
@@ -211,8 +214,7 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
         return status;
     }
     if (asset->client == NULL) {
-        count_boxes(asset, corners->count, progress, answers);
-        return UMB_OK;
+        return count_boxes(asset, corners->count, progress, answers, error);
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;

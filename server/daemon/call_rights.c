@@ -236,3 +236,18 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
     }
     return 1;
 }
+
+void umbd_call_owe_points(struct umbd_call *call, uint64_t points)
+{
+    struct umbd_token *token = NULL;
+    const uint64_t now_ns = umbd_now_ns();
+    struct umbd_conn *conn = call->conn;
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    if (daemon->tokens != NULL && call->has_token) {
+        token = find_token(call);
+    }
+    umbd_rate_owe(&conn->account->paid_until_ns, daemon->options.address_rate, points, now_ns);
+    if (token != NULL) {
+        umbd_rate_owe(&token->paid_until_ns, token->points_per_second, points, now_ns);
+    }
+}

@@ -134,6 +134,20 @@ static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_
     return status;
 }
 
+/* Tells that clients are served: the threads of all loops run. */
+static enum umb_status announce(struct umbd_daemon *daemon, struct umb_error *error)
+{
+    const struct umbd_options *options = &daemon->options;
+    const enum umb_status status = write_addresses(daemon->loops, error);
+    if (status == UMB_OK) {
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready",
+                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION, options->loops,
+                       options->workers, (long)getpid());
+        umbd_notify("READY=1\nSTATUS=serving");
+    }
+    return status;
+}
+
 /* Takes the daemon down; does not return if its store is still loading. */
 static void take_down(struct umbd_daemon *daemon, enum umb_status status)
 {
@@ -163,13 +177,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
         status = umbd_admin_open(loop, error);
     }
     if (status == UMB_OK) {
-        status = write_addresses(loop, error);
-    }
-    if (status == UMB_OK) {
-        umbs_log_event(&daemon.log, UMB_LOG_INFO, "ready", "version=%s loops=%u workers=%u pid=%ld",
-                       UMB_VERSION, options->loops, options->workers, (long)getpid());
-        umbd_notify("READY=1\nSTATUS=serving");
-        status = umbd_loops_run(&daemon, error);
+        status = umbd_loops_run(&daemon, announce, error);
     }
     umbd_daemon_end_jobs(&daemon);
     umbd_loops_finish(&daemon);

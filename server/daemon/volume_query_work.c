@@ -164,7 +164,9 @@ static void run_boxes(struct slice *slice, size_t first, size_t count)
     const struct umb_box_watch watch = {box_goes_on, slice};
     umb_boxes_from_corners(&pairs, first, count, boxes);
     for (size_t i = 0; i < count && slice->status == UMB_OK; i++) {
-        umb_volume_boxes(&volume_query->volume, boxes, i, 1, &watch, &answers);
+        const enum umb_status status =
+            umb_volume_boxes(&volume_query->volume, boxes, i, 1, &watch, &answers, slice->error);
+        slice->status = slice->status == UMB_OK ? status : slice->status;
         store(volume_query, 0, first + i, &counts[i].lit);
         store(volume_query, 1, first + i, &counts[i].voxels);
         if (slice->status == UMB_E_TOO_LARGE) {

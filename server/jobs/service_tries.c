@@ -64,7 +64,7 @@ void umbj__note_refusals(struct umbj_service *service)
 static void trim(struct umbj_service *service, const char *owner)
 {
     struct umb_error error;
-    if (umbj_table_trim(service->table, owner, &error) != UMB_OK) {
+    if (!service->lost && umbj_table_trim(service->table, owner, &error) != UMB_OK) {
         umbj__log_error(service, "job_trim", &error);
     }
 }

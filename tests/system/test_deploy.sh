@@ -12,13 +12,18 @@ release | debug | asan | tsan) set -- "config=$config" ;;
 *) set -- ;;
 esac
 [ -z "${MAKEFLAGS:-}" ] || set --
-# By its relative name: what is compiled on the way depends on headers under the name of the target.
-set -- make --no-print-directory "$@" BUILD="${BUILD#"$root"/}" install DESTDIR="$folder/root" PREFIX=/usr
+set -- make --no-print-directory "$@" BUILD="$BUILD" install DESTDIR="$folder/root" PREFIX=/usr
 if "$@" >"$folder/make" 2>&1; then
     ok "make install"
 else
     bad "make install" "$(tail -n 5 "$folder/make")"
 fi
+# However the build folder is named, its objects depend on their headers.
+for name in "$BUILD" "${BUILD#"$root"/}" "./${BUILD#"$root"/}"; do
+    "$@" -n BUILD="$name" -W client/include/umbrage/status.h 2>&1 | grep -c '  CC server/daemon/'
+done | sort -u >"$folder/stale"
+check "a header that changed is heeded under each name of the build folder" \
+    awk 'END { exit NR != 1 || $1 < 20 }' "$folder/stale"
 # Switched on or off, a library that a build may do without is heeded in a folder that is built already.
 for with in "" yes; do
     "$@" -n "IPSEC_MB=$with" 2>&1 | grep -q 'server/common/sha256_lanes\.c' && echo compiled || echo kept

@@ -193,6 +193,15 @@ struct umb_box_answers {
 #define UMB_BOX_STEPS 65536 /* between two looks at a box under way: a few milliseconds at most */
 
 /*
+ * Number of steps that a box without a watch may take for each column of bricks of the frustum,
+ * which has (size / 8)^2 of them: 2^32 steps at 16384 voxels a side. The faces of a box cut each
+ * row of bricks twice at most, so they take 6 * 64 of these steps; the other 640 are bricks and
+ * nodes inside. No asset of up to 4096 voxels a side has more. At 16384 a box of the whole frustum
+ * has more if 30 % of the bricks hold both lit and shadowed voxels.
+ */
+#define UMB_BOX_COLUMN_STEPS 1024
+
+/*
  * A look at boxes under way, for callers that bound the time of one. A step is a node, a cell or a
  * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all machines.
  */
@@ -216,27 +225,30 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  * Counts the lit voxels of boxes in world space; for volumes that umb_volume_check_parallel lets
  * pass. In others no box holds a voxel.
  *
- * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel
- *        is in the box if its centre is, min <= centre < max, so that boxes side by side share no
- *        voxel and leave none out. Voxels outside the frustum do not count. The centre of voxel
- *        (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in doubles and
- *        in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey - m2 ez with
- *        the last column m of world_to_voxel, origin is the asset's.
+ * In:    watch: NULL: each box has the limit of UMB_BOX_COLUMN_STEPS. boxes: [first + count],
+ *        metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that
+ *        boxes side by side share no voxel and leave none out. Voxels outside the frustum do not
+ *        count. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2)
+ *        ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's voxel_step, o =
+ *        -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin is the asset's.
+ * Fails: E_LIMIT (only without a watch: a box takes too many steps; it and those behind it have no
+ *        answers).
  * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
  * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
- *        the voxels its faces cut. For boxes of a large part of a large frustum of untrusted bytes
- *        that has no useful bound: a service must limit the size of boxes.
+ *        the voxels its faces cut. A small file of untrusted bytes may share one node so often that
+ *        a large box takes hours: a service must limit a box's steps by a watch.
  */
-UMB_API void umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes,
-                              size_t first, size_t count, const struct umb_box_watch *watch,
-                              struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
+                 size_t count, const struct umb_box_watch *watch, struct umb_box_answers *answers,
+                 struct umb_error *error);
 
 /* Counts the lit voxels of boxes of voxels, likewise. A box with min >= max on an axis is empty. */
-UMB_API void umb_volume_voxel_boxes(const struct umb_volume *volume,
-                                    const struct umb_voxel_box *boxes, size_t first, size_t count,
-                                    const struct umb_box_watch *watch,
-                                    struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                       size_t first, size_t count, const struct umb_box_watch *watch,
+                       struct umb_box_answers *answers, struct umb_error *error);
 
 #ifdef __cplusplus
 }
