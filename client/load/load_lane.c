@@ -6,7 +6,6 @@
 #include <string.h>
 #include "tool/clock.h"
 
-
 /* When call `number` of the lane is due; a closed loop's is always now. */
 static uint64_t due_of(const struct umbc_load_lane *lane, uint64_t number)
 {
