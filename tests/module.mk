@@ -5,20 +5,20 @@ INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/har
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
-TEST_LIBS_maps   = $(CORE_LIB)
+TEST_LIBS_maps   = $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_rpc    = $(RPC_LIB) $(CORE_LIB)
 TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_cli    = $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_cli    = $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_scene  = $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_store  = $(STORE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
@@ -210,6 +210,7 @@ layers: ## prove the include rules
 
 lint: ## banned functions, names, lengths
 	@sh tests/lint/lint.sh
+	@tests/abi/abi.py check && echo "abi: ok"
 
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i

@@ -9,6 +9,7 @@
 #include "bake/sandbox/doctor.h"
 #include "common/standard_streams.h"
 #include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 int main(int argc, char **argv)
 {
@@ -36,7 +37,7 @@ int main(int argc, char **argv)
         return fflush(stdout) != 0;
     }
     if (status == UMB_OK && options.version) {
-        return puts("umbrage-bake " UMB_VERSION) < 0 || fflush(stdout) != 0;
+        return puts("umbrage-bake " UMB_VERSION_TEXT) < 0 || fflush(stdout) != 0;
     }
     if (status == UMB_OK) {
         status = umbb_run(&options, &error);

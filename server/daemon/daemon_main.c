@@ -22,6 +22,7 @@
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 #include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 /* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
@@ -141,7 +142,7 @@ static enum umb_status announce(struct umbd_daemon *daemon, struct umb_error *er
     const enum umb_status status = write_addresses(daemon->loops, error);
     if (status == UMB_OK) {
         umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready",
-                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION, options->loops,
+                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION_TEXT, options->loops,
                        options->workers, (long)getpid());
         umbd_notify("READY=1\nSTATUS=serving");
     }
@@ -205,7 +206,7 @@ int main(int argc, char **argv)
     } else if (options.help) {
         umbu_print_help(&umbd_command, stdout);
     } else if (options.version) {
-        printf("umbraged %s\n", UMB_VERSION);
+        printf("umbraged %s\n", UMB_VERSION_TEXT);
     } else if (options.print_config) {
         umbd_options_print(&options, stdout);
     } else if (options.check_files) {

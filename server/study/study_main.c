@@ -7,6 +7,7 @@
 #include "study/study_command.h"
 #include "umbrage/status.h"
 #include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 static const char help[] =
     "usage: umbrage-study SCENE [-o DIR] [options]\n"
@@ -76,7 +77,7 @@ int main(int argc, char **argv)
         return output_finish(0);
     }
     if (strcmp(argv[1], "--version") == 0) {
-        puts("umbrage-study " UMB_VERSION);
+        puts("umbrage-study " UMB_VERSION_TEXT);
         return output_finish(0);
     }
     if (strpbrk(argv[1], "./") == NULL) { /* no scene's name */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/reserved.h"
 #include "base/vec.h"
 #include "umbrage/picture.h"
 
@@ -50,6 +51,9 @@ static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 
 enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(picture, "picture", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct axes axes;
     if (picture->width == 0 || picture->height == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %u x %u pixels, must be at least 1 x 1",

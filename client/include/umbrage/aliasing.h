@@ -15,6 +15,7 @@
  *
  * Sources: Stamminger, Drettakis 2002; Lloyd 2007, chapter 3 (seed 004).
  * Threads: pure functions.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/cascades.h"
 
@@ -28,6 +29,7 @@ struct umb_aliasing {
     double along[2]; /* pixels that a step of one texel in x, and in y, covers: Lloyd's m */
     double perspective, projection; /* factors of dp/ds, pixels a texel: (pixels a metre at the
                                        point's distance) x (metres a texel), and cos a / cos b */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -9,6 +9,7 @@
  * file is opened or written, comes from malloc all the same.
  * Threads: an asset uses its allocator while it is opened, exported, calibrated (umbrage/curve.h)
  * and closed only. Who calibrates on several threads at once passes one that takes that.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include "umbrage/status.h"

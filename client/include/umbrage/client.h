@@ -5,8 +5,10 @@
  * libumbrage: asking a daemon over gRPC.
  *
  *     struct umb_client *client;
- *     umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
- *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
+ *     enum umb_status status = umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
+ *     if (status == UMB_OK) {
+ *         status = umb_client_query(client, &request, values, &reply, &error);  // waits
+ *     }
  *     umb_client_close(client);
  *
  * A client owns one loop thread and a connection to each server it was given, opened at the first
@@ -41,6 +43,7 @@
  * Limits: one connection to each server.
  * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
  * umb_client_close then waits for it.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -82,6 +85,7 @@ struct umb_client_options {
     const char *server_name;      /* that the server's certificate must have; NULL = HOST */
     const char *token; /* bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
     const char *token_file; /* or a file that holds it alone; a line's end behind it is cut off */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_request {
@@ -101,6 +105,7 @@ struct umb_client_query_request {
     int want_stats;                   /* 0 or 1 */
     uint32_t timeout_ms;              /* 0 = the client's */
     struct umb_client_stream *stream; /* of the same client; NULL: a call of its own */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_reply {
@@ -116,6 +121,7 @@ struct umb_client_query_reply {
     double expected_ns;    /* with a budget and stats: nanoseconds a point; else 0 */
     uint64_t packed_bytes; /* that the answers took on the wire, if they were packed, else 0 */
     int changes_only;      /* 1: they were packed against `base` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_asset {
@@ -124,6 +130,7 @@ struct umb_client_asset {
     uint64_t packed_bytes; /* of its file */
     uint64_t memory_bytes; /* that queries read */
     uint32_t light_count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_light {
@@ -136,6 +143,7 @@ struct umb_client_light {
     /* Nanoseconds a point of a row on one of the server's cores, for points all over the scene and
      * for such as lie next to each other; 0 until a budget was asked of points of that kind. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Numbers are as the server sent them, not checked for being finite. */
@@ -147,6 +155,7 @@ struct umb_client_description {
     struct umb_box bounds;            /* metres, world space, of the casters */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     char *plan, *settings;            /* UTF-8 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -177,6 +186,7 @@ struct umb_client_async {
     umb_client_done_fn done;
     void *user;    /* First argument of `done` */
     uint64_t call; /* Out: the call's number, for umb_client_cancel */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -318,6 +328,7 @@ struct umb_client_limits {
     uint32_t max_targets;   /* assets and lights of one query */
     uint32_t max_taps;
     char version[32]; /* of the server */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

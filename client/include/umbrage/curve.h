@@ -5,10 +5,12 @@
  * What accuracy costs: how far an answer may be off, the accuracy curve that an asset carries, and
  * the dial that turns a wanted accuracy or a budget into settings.
  *
- *     struct umb_dial dial = {.max_error_m = 0.05};
+ *     const struct umb_dial dial = {.max_error_m = 1};
  *     struct umb_curve_row row;
- *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
- *     umb_query_prepare(asset, &settings, &query, &error);
+ *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // level and taps
+ *         umb_query_prepare(asset, &settings, &query, &error)) {
+ *         return error.status;
+ *     }
  *
  * The bound. A voxel's value is the true visibility of its centre (docs/reference/umb-format.md,
  * section 1), so an answer that differs from the truth at a point looked at a place on the other
@@ -23,6 +25,7 @@
  * it reads. Costs are counts, the same on every machine; nanoseconds come from umb_calibrate.
  *
  * Threads: everything here may be called at once; only struct umb_calibration is written to.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -64,6 +67,7 @@ struct umb_curve_row {
     double visibility_error;
     double nodes; /* mixed octree nodes above bricks that a point's look-up goes through */
     double lines; /* cache lines it reads: grid, wide nodes, bricks */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -80,6 +84,7 @@ UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint3
 struct umb_calibration {
     size_t count;                  /* rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -122,6 +127,7 @@ struct umb_dial {
     double max_error_m;    /* bound, metres */
     double max_visibility; /* root mean square error of visibility, 0..1 */
     double budget_ns;      /* nanoseconds a point on one core; needs a calibration */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

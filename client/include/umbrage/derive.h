@@ -5,11 +5,14 @@
  * Maps for GPUs, made from an asset alone: no scene, no rays. Any rectangle of a light's voxels, or
  * the cascades of a camera, as depth, VSM, ESM, EVSM or MSM, filtered beforehand, with mip levels.
  *
- *     struct umb_derive_settings settings = {.width = 1024, .height = 1024,
- *                                            .map = {.technique = UMB_MAP_EVSM}};
- *     umb_derive(asset, &settings, NULL, &derived, &error);
- *     umb_derived_ktx2(derived, &bytes, &size, &error);    what a GPU loads
- *     umb_map_prepare(derived->maps[0], ...);              or ask it here, umbrage/maps.h
+ *     const struct umb_derive_settings settings = {
+ *         .width = 1024, .height = 1024, .map = {.technique = UMB_MAP_EVSM}};
+ *     struct umb_derived *derived;
+ *     if (umb_derive(asset, &settings, NULL, &derived, &error) ||
+ *         umb_derived_ktx2(derived, &bytes, &size, &error)) {  // what a GPU loads
+ *         return error.status;
+ *     }
+ *     // ... or ask derived->maps[0] here, see umbrage/maps.h
  *     umb_derived_destroy(derived);
  *
  * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns
@@ -24,8 +27,8 @@
  * Precision: texel centres become voxel coordinates in doubles (2^-50 of the frustum); depth is
  * rounded once to the format.
  * Threads: derive from one asset on any number of threads; a derived map is immutable.
- * Stability: experimental; may change before version 1.0.
  * Sources: seed 000 (the DAG); seeds 001, 002, 004 (the techniques); KTX 2.0 (Khronos).
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -53,6 +56,7 @@ struct umb_derive_settings {
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
     int (*cancelled)(void *user);         /* NULL, or asked for each row: nonzero gives up */
     void *cancel_user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Maps that belong together: one, or a cascade each. Made by umb_derive alone. */
@@ -64,6 +68,7 @@ struct umb_derived {
     struct umb_derive_settings settings; /* with what was filled in; pointers NULL */
     uint8_t asset_id[UMB_ID_BYTES];
     double texel_error_m; /* half a voxel along the light: the stated error of depth */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

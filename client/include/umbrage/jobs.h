@@ -4,9 +4,11 @@
 /*
  * libumbrage: having a daemon bake a scene, and fetching what came of it.
  *
- *     umb_client_submit(client, &submission, &submitted, NULL, &error);
- *     umb_client_watch(client, submitted.job, on_status, user, NULL, &error);      until it is over
- *     umb_client_fetch(client, id, 0, on_bytes, user, NULL, &error);
+ *     if (umb_client_submit(client, &submission, &submitted, NULL, &error) ||
+ *         umb_client_watch(client, submitted.job, told, &id, NULL, &error) ||  // until it is over
+ *         umb_client_fetch(client, id, 0, got, &size, NULL, &error)) {
+ *         return error.status;
+ *     }
  *
  * Jobs and assets belong to the owner of the client's token. A submission whose reply was lost is
  * simply sent again: the daemon finds the first one by its content. A watch or a fetch that a lost
@@ -17,6 +19,7 @@
  * and borrows the submission until its end.
  * Fails: what umb_client_list_assets fails with, E_UNSUPPORTED (a daemon that takes no jobs), and
  *        what is said below.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -71,6 +74,7 @@ struct umb_job_status {
     /* Of a watched job's last try; total 0 = not known, found: kept from earlier bakes: */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* lines; NULL in lists; borrowed during the call-back */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One file of a scene. */
@@ -94,11 +98,13 @@ struct umb_job_submission {
     /* Told what was sent so far, in bytes; NULL: nobody. Runs on the client's thread. */
     void (*sent)(void *user, uint64_t done, uint64_t total);
     void *user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_job_submitted {
     char job[UMB_JOB_ID_SIZE];
     int existing; /* 1: it had been submitted before */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Reads and sends the files. Fails: E_NO_INPUT or E_IO (a file; it must not change meanwhile),

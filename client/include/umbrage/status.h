@@ -14,7 +14,8 @@
  * is asked for has none.
  *
  * Threads: everything here is a pure function of its arguments.
- * Stability: values are pinned for ever; new ones are added at the end of their group.
+ * Stability: stable; umbrage/version.h says what that means. New codes come at the end of their
+ *        group.
  */
 #include <stdint.h>
 

@@ -7,9 +7,11 @@
  * and which share of a box is lit.
  *
  *     struct umb_volume volume;
- *     umb_volume_prepare(asset, light, &volume, &error);     once
- *     umb_segments_check(&segments, &error);                  checks the batch
- *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);   cannot fail
+ *     if (umb_volume_prepare(asset, light, &volume, &error) ||  // once
+ *         umb_segments_check(&segments, &error)) {              // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);  // cannot fail
  *
  * All three answer for voxels as the asset holds them, exactly: they equal a march through every
  * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
@@ -33,6 +35,7 @@
  * every batch size, split, thread count and machine.
  * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -54,6 +57,7 @@ struct umb_volume {
 struct umb_volume_stats {
     uint64_t nodes;  /* grid cells and nodes read */
     uint64_t bricks; /* bricks read */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -86,6 +90,7 @@ struct umb_segments {
     enum umb_point_format format;
     double origin[3]; /* metres, world space, added to every end; finite */
     size_t count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A lit interval: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
@@ -106,6 +111,7 @@ struct umb_segment_answers {
     size_t interval_max;                 /* intervals kept of each segment; later ones are counted
                                             and added up, not kept */
     struct umb_volume_stats stats;       /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that segments may be run: every number finite. Fails: E_ARGUMENT, naming the first bad
@@ -154,6 +160,7 @@ struct umb_column_answer {
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
     struct umb_volume_stats stats;     /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
@@ -188,6 +195,7 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 #define UMB_BOX_STEPS 65536 /* between two looks at a box under way: a few milliseconds at most */

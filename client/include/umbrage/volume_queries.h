@@ -7,11 +7,14 @@
  * bit for bit.
  *
  *     const struct umb_volume_query volume_query = {.asset = "city"};
- *     umb_client_columns(client, &volume_query, &points, &answers, &reply, NULL, &error);
+ *     if (umb_client_columns(client, &volume_query, &points, &columns, &reply, NULL, &error)) {
+ *         return error.status;
+ *     }
  *
  * With async NULL they block until answered. All are tried again as umb_client_query is. What the
  * server takes in one call: Limits (docs/reference/protocol.md). A segment counts as 64 points or
  * as its intervals, a column as 1, a box as 256.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"
@@ -24,6 +27,7 @@ struct umb_volume_query {
     const char *asset;   /* name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     uint32_t light;      /* index */
     uint32_t timeout_ms; /* 0 = the client's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_volume_query_reply {
@@ -31,6 +35,7 @@ struct umb_volume_query_reply {
     struct umb_volume_stats stats;
     uint64_t nanoseconds;    /* CPU time on the server */
     int ignores_translucent; /* as umb_volume_ignores_translucent */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -10,7 +10,7 @@
 
 #include "format/asset_parts.h"
 #include "umbrage/derive.h"
-#include "volume_fixture.h"
+#include "../core/volume_fixture.h"
 
 enum {
     LOG2_SIZE = 7,
