@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <string.h>
 
-
 static int run_help(int argc, char **argv);
 
 static int run_version(int argc, char **argv)

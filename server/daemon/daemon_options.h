@@ -23,7 +23,7 @@ struct umbd_option_text; /* opaque */
 
 struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL behind the last: one is always left */
-    const char *listen[UMBD_LISTEN_MAX + 1]; /* NULL behind the last */
+    const char *listen[UMBD_LISTEN_MAX + 1];    /* NULL behind the last */
     size_t listen_count;
     const char *admin;                /* HOST:PORT or NULL */
     const char *address_file;         /* or NULL */

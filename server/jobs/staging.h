@@ -15,7 +15,8 @@
  * Out:   staged: to be committed or abandoned by the caller, also if a file of that id is in the
  *        folder already: the steps must not depend on other owners. asset: the id.
  * Fails: E_TOO_LARGE, E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE,
- * E_NO_MEMORY: staged is not begun. Cost:  reads the file twice, writes it once.
+ *        E_NO_MEMORY: staged is not begun.
+ * Cost:  reads the file twice, writes it once.
  */
 UMB_CHECKED enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
                                        struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],

@@ -5,10 +5,11 @@
  * From octree to file: write a temporary, open it again as a stranger would, compare it with traced
  * rays, and only then give it its name. What fails a check never appears under the name.
  *
- *     umbb_publish_begin(&publish, "city.umb", &error);        early: an unwritable place shows at
- * once umbb_publish_write(&publish, &content, &octree, &error); umbb_publish_check(&publish,
- * &check, &error); umbb_publish_commit(&publish, &error); umbb_publish_abandon(&publish); harmless
- * after commit
+ *     umbb_publish_begin(&publish, "city.umb", &error);      early: refuses an unwritable place
+ *     umbb_publish_write(&publish, &content, &octree, &error);
+ *     umbb_publish_check(&publish, &check, &error);
+ *     umbb_publish_commit(&publish, &error);
+ *     umbb_publish_abandon(&publish);                        harmless after commit
  */
 #include "common/file.h"
 #include "scene/scene_alpha.h"
