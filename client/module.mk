@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc), the toolbox of the programs,
-# and the umbrage command.
+# libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc), the toolbox of the programs and
+# the umbrage command.
 INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 MAPS_SRC := $(wildcard client/core/maps/*.c)
@@ -26,6 +26,10 @@ RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
+# What the four programs share; sees the public headers and base only.
+TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
+TOOL_LIB := $(BUILD)/libumbrage-tool.a
+
 # Shared libraries for other programs; ours link the archives. A library exports what its list in
 # client/exports names, and nothing else of it can be seen. Calls within a library are direct.
 EXPORTS := umbrage umbrage-core umbrage-maps
@@ -48,10 +52,6 @@ $(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-w
 LIBS_umbrage-core = $(CORE_LIBS)
 LIBS_umbrage-maps = -lm
 LIBS_umbrage      = $(RPC_LIBS) -lm
-
-# What the four programs share; sees the public headers and base only.
-TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
-TOOL_LIB := $(BUILD)/libumbrage-tool.a
 
 # $(call page,FILE): FILE's bytes, an HTML page, as umbu_page_NAME in gen/NAME.c.
 define page

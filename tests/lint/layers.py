@@ -18,7 +18,7 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*["<]([^">]+)[">]', re.MULTILIN
 
 CORE = ["client/include", "client/core"]
 TOOL = [*CORE, "client/tool"]
-SHARED_BY_COMMANDS = [f"client/cli/cli_{name}.h" for name in ("common", "points", "session")]
+SHARED_BY_COMMANDS = [f"client/cli/cli_{name}.h" for name in ("common", "points")]
 # A part, and the parts, folders or single headers that it may include.
 PARTS = {
     "client/include": [],
