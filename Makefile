@@ -3,6 +3,7 @@
 #
 #   config=release|debug|asan|tsan|ubsan   which build (each in its own folder)
 #   werror=1                         warnings are errors (CI)
+#   warn=                            no warnings: for sources that another build has compiled
 #   BUILD=DIR                        another build folder
 #   IPSEC_MB=                        without libipsec-mb, also where it is installed
 #   harden=                          a release build without the hardening flags, to measure what they cost
@@ -10,6 +11,9 @@
 
 config ?= release
 BUILD  ?= build/$(config)
+# One name for a folder, however it is given: the files that say which headers an object depends on
+# (*.d) name the object as it was compiled.
+override BUILD := $(patsubst $(CURDIR)/%,%,$(abspath $(BUILD)))
 ifeq ($(origin CC),default)
 CC := gcc
 endif
@@ -24,13 +28,16 @@ DESTDIR ?=
 Q := $(if $(V),,@)
 say = $(if $(V),,@echo "  $(1) $(2)")
 
-VERSION := 0.1.0
+# The headers hold the version (umbrage/version.h). SONAME is the number behind the libraries' names.
+VERSION := $(shell awk '/^.define UMB_VERSION_(MAJOR|MINOR|PATCH) / { v = v dot $$3; dot = "." } END { print v }' \
+	client/include/umbrage/version.h)
+SONAME := 1
 CORES := $(shell nproc)
 
 opt_release := -O2 -DNDEBUG
 opt_debug   := -O0
-opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-opt_tsan    := -O1 -fsanitize=thread -fno-omit-frame-pointer
+opt_asan    := -O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+opt_tsan    := -O1 -g1 -fsanitize=thread -fno-omit-frame-pointer
 opt_ubsan   := -O2 -fsanitize=undefined -fno-sanitize-recover=all
 ifeq ($(opt_$(config)),)
 $(error config=$(config) is not one of release debug asan tsan ubsan)
@@ -49,10 +56,11 @@ HARDEN_CFLAGS := -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=$(FORTIFY) -fstack-protecto
 HARDEN_LDFLAGS := -Wl,-z,relro,-z,now,-z,noexecstack
 endif
 
-WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla
+warn ?= yes
+WARN := $(if $(warn),-Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla,-w)
 CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
-	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -DUMB_VERSION='"$(VERSION)"' -MMD -MP $(CFLAGS)
+	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)
 LDFLAGS_ALL := -pthread $(HARDEN_LDFLAGS) $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 
 # The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
-#include "cli_session.h"
 #include "umbrage/volume_queries.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */
@@ -60,7 +59,7 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
 static enum umb_status connect_to(const struct umbc_query_options *options,
                                   struct umbc_volume_asset *asset, struct umb_error *error)
 {
-    enum umb_status status = umbc_connect(options->session, &asset->client, error);
+    enum umb_status status = umbu_connect(&options->session, &asset->client, error);
     if (status == UMB_OK) {
         status = umb_client_get_limits(asset->client, &asset->limits, error);
     }
@@ -188,16 +187,19 @@ static int show_box(void *user, uint64_t steps)
     return 1;
 }
 
-static void count_boxes(struct umbc_volume_asset *asset, size_t boxes,
-                        struct umbc_record_progress *progress, struct umb_box_answers *answers)
+static enum umb_status count_boxes(struct umbc_volume_asset *asset, size_t boxes,
+                                   struct umbc_record_progress *progress,
+                                   struct umb_box_answers *answers, struct umb_error *error)
 {
-    for (size_t i = 0; i < boxes; i++) {
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < boxes; i++) {
         struct box_count count = {
             .asset = asset, .progress = progress, .answers = answers->boxes, .box = i};
         const struct umb_box_watch watch = {show_box, &count};
-        umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers);
+        status = umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers, error);
         show(progress, (double)(i + 1));
     }
+    return status;
 }
 
 enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
@@ -211,8 +213,7 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
         return status;
     }
     if (asset->client == NULL) {
-        count_boxes(asset, corners->count, progress, answers);
-        return UMB_OK;
+        return count_boxes(asset, corners->count, progress, answers, error);
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;

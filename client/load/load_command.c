@@ -4,18 +4,17 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "cli/cli_output.h"
+#include "tool/output.h"
 #include "load/load_print.h"
 
 /* Everything of one load test; large, so that it lives on the heap. */
 struct test {
     struct umbc_load_options options;
-    struct umbc_session session;
     struct umb_client_description *about;
     struct umbc_load_pool pool;
     struct umbc_load_result result;
     struct umbc_load_sweep sweep;
-    struct umbc_output report;
+    struct umbu_output report;
     bool live; /* stderr is a terminal */
 };
 
@@ -56,14 +55,14 @@ static void show_step(void *user, const struct umbc_load_step *step)
 static enum umb_status prepare(struct test *test, struct umb_error *error)
 {
     struct umb_client *client;
-    umbc_session_read(test->options.session, &test->session);
-    enum umb_status status =
-        umb_client_open(test->session.address, &test->session.options, &client, error);
+    struct umbu_session *session = &test->options.session;
+    umbu_session_complete(session);
+    enum umb_status status = umb_client_open(session->address, &session->options, &client, error);
     if (status != UMB_OK) {
         return status;
     }
-    test->options.settings.address = test->session.address;
-    test->options.settings.client = test->session.options;
+    test->options.settings.address = session->address;
+    test->options.settings.client = session->options;
     status = umb_client_describe(client, test->options.settings.asset, &test->about, NULL, error);
     if (status == UMB_OK && test->options.source.light >= test->about->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u of %u lights",
@@ -96,11 +95,11 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
     return status;
 }
 
-static enum umb_status write_page(const struct umbc_load_story *story, struct umbc_output *output,
+static enum umb_status write_page(const struct umbc_load_story *story, struct umbu_output *output,
                                   struct umb_error *error)
 {
     umbc_load_print_page(output->file, story);
-    return umbc_output_commit(output, error);
+    return umbu_output_commit(output, error);
 }
 
 static enum umb_status tell(struct test *test, struct umb_error *error)
@@ -134,7 +133,8 @@ int umbc_load(int argc, char **argv)
     enum umb_status status = prepare(test, &error);
     if (status == UMB_OK && test->options.report != NULL) {
         /* Before the run: a page that cannot be made must not cost one. */
-        status = umbc_output_begin(test->options.report, &test->report, &error);
+        status =
+            umbu_output_begin(test->options.report, UMBU_OUTPUT_COMMAND, &test->report, &error);
     }
     status = status == UMB_OK ? measure(test, &error) : status;
     status = status == UMB_OK ? tell(test, &error) : status;
@@ -142,7 +142,7 @@ int umbc_load(int argc, char **argv)
     if (status == UMB_OK && test->options.sweep && test->sweep.knee <= 0) {
         code = UMBC_EXIT_NEGATIVE;
     }
-    umbc_output_abandon(&test->report);
+    umbu_output_abandon(&test->report);
     umb_free(test->about);
     umbc_load_pool_finish(&test->pool);
     free(test);

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "format/layout.h"
 
 enum {
@@ -127,16 +128,21 @@ static enum umb_status open_front(struct umb_region *region,
     return status == UMB_OK ? add_front_pages(region, front, error) : status;
 }
 
-static struct umb_region *make_region(const struct umb_region_source *source,
-                                      struct umb_error *error)
+static enum umb_status make_region(const struct umb_region_source *source,
+                                   const struct umb_region_options *options,
+                                   struct umb_region **out, struct umb_error *error)
 {
-    struct umb_region *region = calloc(1, sizeof *region);
-    if (region) {
-        region->source = *source;
-    } else {
-        (void)umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    *out = NULL;
+    if (UMB__UNKNOWN(source, "source", error) ||
+        (options && UMB__UNKNOWN(options, "options", error))) {
+        return UMB_E_ARGUMENT;
     }
-    return region;
+    *out = calloc(1, sizeof **out);
+    if (!*out) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    }
+    (*out)->source = *source;
+    return UMB_OK;
 }
 
 enum umb_status umb_region_open(const struct umb_region_source *source,
@@ -144,12 +150,13 @@ enum umb_status umb_region_open(const struct umb_region_source *source,
                                 struct umb_error *error)
 {
     struct front front = {0};
+    struct umb_region *region;
     *out = NULL;
-    struct umb_region *region = make_region(source, error);
-    if (!region) {
-        return UMB_E_NO_MEMORY;
+    enum umb_status status = make_region(source, options, &region, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    enum umb_status status = open_front(region, options, &front, error);
+    status = open_front(region, options, &front, error);
     free(front.bytes);
     if (status != UMB_OK) {
         umb_region_close(region);
@@ -165,12 +172,13 @@ enum umb_status umb_region_resume(const void *bytes, size_t size,
                                   struct umb_error *error)
 {
     const struct umb_partial_options partial = partial_options(options);
+    struct umb_region *region;
     *out = NULL;
-    struct umb_region *region = make_region(source, error);
-    if (!region) {
-        return UMB_E_NO_MEMORY;
+    enum umb_status status = make_region(source, options, &region, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    enum umb_status status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
+    status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
     if (status != UMB_OK) {
         umb_region_close(region);
         return status;
@@ -386,6 +394,9 @@ static enum umb_status check_source(struct umb_region *region, struct umb_error 
 enum umb_status umb_region_update(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(request, "request", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const uint64_t start = region->received_bytes;
     if (region->resumed) {
         enum umb_status status = check_source(region, error);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "wire/regions.h"
 
 struct gathered {
@@ -58,6 +59,11 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
                               struct umbw_buffer *body, struct umb_error *error)
 {
     struct umbw_derive_request request = {.settings = *settings};
+    if (UMB__UNKNOWN(settings, "settings", error) ||
+        UMB__UNKNOWN(&settings->map, "settings.map", error) ||
+        UMB__UNKNOWN(&settings->cascades, "settings.cascades", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const size_t length = strlen(asset);
     if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Query, asynchronous and blocking. */
 #include "rpc_client.h"
+#include "base/reserved.h"
 
 #include <stdbool.h>
 #include <stdlib.h>
@@ -31,6 +32,13 @@ static size_t value_bytes_of(const struct umb_client_query_request *request)
 static enum umb_status encode(const struct umb_client_query_request *request,
                               struct umbw_buffer *body, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(request, "request", error) ||
+        UMB__UNKNOWN(&request->settings, "settings", error) ||
+        UMB__UNKNOWN(&request->dial, "dial", error) ||
+        UMB__UNKNOWN(&request->points, "points", error) ||
+        (request->picture && UMB__UNKNOWN(request->picture, "picture", error))) {
+        return UMB_E_ARGUMENT;
+    }
     struct umbw_query_request wire = {
         .settings = request->settings,
         .points = request->points,

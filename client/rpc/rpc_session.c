@@ -16,10 +16,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "wire/grpc.h"
-
-#ifndef UMB_VERSION
-#define UMB_VERSION "unversioned"
-#endif
+#include "umbrage/version.h"
 
 #define WINDOW_BYTES   (64 << 20)
 #define HEADERS_ALWAYS 8 /* Number of headers of every request; some others depend on the call */
@@ -142,8 +139,8 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
     if (call == NULL) {
         return 0;
     }
-    /* True if the server did no work: the stream was refused, beyond the last stream of a GOAWAY,
-     * or never sent. */
+    /* The server did no work if the stream was refused, beyond the last stream of a GOAWAY, or
+     * never sent. */
     bool unprocessed = code == NGHTTP2_REFUSED_STREAM || !call->headers_sent;
     struct umb_error error;
     enum umb_status status =
@@ -309,7 +306,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
         header(":authority", connection->endpoint->authority),
         header("te", "trailers"),
         header("content-type", "application/grpc"),
-        header("user-agent", "umbrage/" UMB_VERSION),
+        header("user-agent", "umbrage/" UMB_VERSION_TEXT),
         header("grpc-accept-encoding", "identity"),
     };
     size_t header_count = HEADERS_ALWAYS;

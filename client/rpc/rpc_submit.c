@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "rpc_client.h"
+#include "base/reserved.h"
 #include "umbrage/jobs.h"
 #include "wire/bakes.h"
 
@@ -191,8 +192,11 @@ enum umb_status umb_client_submit(struct umb_client *client,
                                   struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct upload *upload = calloc(1, sizeof *upload);
     memset(submitted, 0, sizeof *submitted);
+    if (UMB__UNKNOWN(submission, "submission", error)) {
+        return UMB_E_ARGUMENT;
+    }
+    struct upload *upload = calloc(1, sizeof *upload);
     if (upload == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a submission");
     }

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "rpc_client.h"
 #include "wire/volume_queries.h"
 
@@ -97,7 +98,7 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
     stats->bricks += wire.bricks;
     if (asked->reply != NULL) {
         memcpy(asked->reply->asset_id, wire.asset_id, sizeof wire.asset_id);
-        asked->reply->stats = (struct umb_volume_stats){wire.nodes, wire.bricks};
+        asked->reply->stats = (struct umb_volume_stats){.nodes = wire.nodes, .bricks = wire.bricks};
         asked->reply->nanoseconds = wire.nanoseconds;
         asked->reply->ignores_translucent = wire.ignores_translucent;
     }
@@ -109,6 +110,9 @@ static enum umb_status ask(struct umb_client *client, const struct umb_volume_qu
                            const char *path, const struct asked *asked,
                            struct umb_client_async *async, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(volume_query, "volume_query", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umbw_buffer body = {NULL, 0, 0};
     const size_t length = volume_query->asset != NULL ? strlen(volume_query->asset) : 0;
     if (asked->reply != NULL) {
@@ -157,8 +161,11 @@ enum umb_status umb_client_segments(struct umb_client *client,
 {
     struct asked asked = {
         .request = pairs_request(UMBW_SEGMENTS, segments), .segments = answers, .reply = reply};
+    if (UMB__UNKNOWN(segments, "segments", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if (answers->interval_max > UINT32_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "stretch_max: %zu, must be at most %lu",
+        return umb_fail(error, UMB_E_ARGUMENT, "interval_max: %zu, must be at most %lu",
                         answers->interval_max, (unsigned long)UINT32_MAX);
     }
     asked.request.max_intervals = (uint32_t)answers->interval_max;
@@ -179,6 +186,9 @@ enum umb_status umb_client_columns(struct umb_client *client,
                           .columns = answers,
                           .reply = reply};
     memcpy(asked.request.origin, points->origin, sizeof asked.request.origin);
+    if (UMB__UNKNOWN(points, "points", error)) {
+        return UMB_E_ARGUMENT;
+    }
     return ask(client, volume_query, UMBW_PATH_COLUMNS, &asked, async, error);
 }
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The ends of calls: waits with a condition variable, or calls a callback. */
 #include "rpc_client.h"
+#include "base/reserved.h"
 
 #include <stdlib.h>
 
@@ -142,6 +143,9 @@ enum umb_status umb__call_run(struct umb_client *client, const struct umb__call_
         return end(ending,
                    umb__call_wait(client, plan, body, ending->decode, ending->context, error),
                    error);
+    }
+    if (UMB__UNKNOWN(async, "async", error)) {
+        return umb__call_drop(body, ending, UMB_E_ARGUMENT, error);
     }
     struct umb__call_plan numbered = *plan;
     struct running *running = malloc(sizeof *running);

@@ -178,8 +178,10 @@ enum umb_status umbw_encode_derive_request(const struct umbw_derive_request *req
     Umbrage__V1__CascadeView view = UMBRAGE__V1__CASCADE_VIEW__INIT;
     const size_t technique = wire_technique(map->technique), format = wire_format(map->format);
     if (technique == COUNT_OF(TECHNIQUES) || format == COUNT_OF(FORMATS)) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "technique '%s', format %d: not derived",
-                        umb_map_technique_name(map->technique), (int)map->format);
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "map: technique %d in format %d is not derived; depth, vsm, esm, evsm and "
+                        "msm are, in f32, f16 and u16",
+                        (int)map->technique, (int)map->format);
     }
     message.asset = (char *)(uintptr_t)request->asset; /* read only by the encoder */
     message.light = settings->light;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The daemon's log: key=value lines, each in one write. Never fails its caller. */
 #include "common/log.h"
-#include "common/log_json.h"
+#include "tool/clock.h"
 
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -26,11 +26,6 @@ void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level)
     atomic_store(&log->level, (int)level);
 }
 
-const char *umbs_log_level_name(enum umb_log_level level)
-{
-    return level_names[level];
-}
-
 /* Adds what vsnprintf would have written, never moving beyond the room. */
 static size_t clamp(int written, size_t room)
 {
@@ -48,15 +43,15 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
     }
     char line[UMBS_LOG_LINE_MAX];
     size_t room = sizeof line - 1; /* the newline's byte is kept free */
-    struct timespec now;
+    const int64_t now_ms = umbu_unix_ms();
+    const time_t now_s = (time_t)(now_ms / 1000);
     struct tm utc;
-    clock_gettime(CLOCK_REALTIME, &now);
-    if (gmtime_r(&now.tv_sec, &utc) == NULL) {
+    if (gmtime_r(&now_s, &utc) == NULL) {
         memset(&utc, 0, sizeof utc);
     }
     size_t length = strftime(line, room, "ts=%Y-%m-%dT%H:%M:%S", &utc);
     length += clamp(snprintf(line + length, room - length, ".%03dZ level=%s event=%s",
-                             (int)(now.tv_nsec / 1000000), level_names[level], event),
+                             (int)(now_ms % 1000), level_names[level], event),
                     room - length);
     if (format != NULL) {
         length += clamp(snprintf(line + length, room - length, " "), room - length);
@@ -99,15 +94,4 @@ const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE])
     out[at++] = '"';
     out[at] = '\0';
     return out;
-}
-
-enum umb_status umbs_log_level_parse(const char *text, enum umb_log_level *level)
-{
-    for (size_t i = 0; i < sizeof level_names / sizeof level_names[0]; i++) {
-        if (strcmp(text, level_names[i]) == 0) {
-            *level = (enum umb_log_level)i;
-            return UMB_OK;
-        }
-    }
-    return UMB_E_ARGUMENT;
 }

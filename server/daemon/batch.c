@@ -3,20 +3,14 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "daemon/batch_slice.h"
 #include "base/compat.h"
 
+#include "tool/clock.h"
+
 #define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too; answers fill lines */
 #define CPU_CLOCK_POINTS 256 /* slices of fewer points are timed by the wall clock */
-
-uint64_t umbd_now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
 
 /* Only the batch is cleared, not the parts behind it, nor the error at its end. */
 static void init_batch(struct umbd_batch *batch, size_t part_limit,
@@ -192,12 +186,7 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare)
  * wall clock is nearer to the truth, which then is hardly ever cut by a change of threads. */
 static uint64_t cost_clock_ns(size_t points)
 {
-    struct timespec now;
-    if (points < CPU_CLOCK_POINTS) {
-        return umbd_now_ns();
-    }
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
+    return points < CPU_CLOCK_POINTS ? umbu_clock_ns() : umbu_thread_cpu_ns();
 }
 
 /* The same points from `first` on, `count` of them. */

@@ -15,13 +15,14 @@
 #include <malloc.h>
 #endif
 
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/standard_streams.h"
 #include "daemon/admin.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 #include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 /* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
  * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
@@ -104,33 +105,47 @@ static int complain(enum umb_status status, const struct umb_error *error)
 static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_error *error)
 {
     const char *path = loop->daemon->options.address_file;
-    struct umbs_file file;
+    struct umbu_output file;
     if (path == NULL) {
         return UMB_OK;
     }
-    enum umb_status status = umbs_file_begin(path, &file, error);
+    enum umb_status status = umbu_output_begin(path, 0, &file, error);
     if (status != UMB_OK) {
         return status;
     }
     const struct umbd_listener *listener = loop->listeners;
     while (status == UMB_OK && listener != NULL) {
-        status = umbs_file_write(&file, listener->text, strlen(listener->text), error);
+        status = umbu_output_write(&file, listener->text, strlen(listener->text), error);
         if (status == UMB_OK) {
-            status = umbs_file_write(&file, "\n", 1, error);
+            status = umbu_output_write(&file, "\n", 1, error);
         }
         listener = listener->next;
     }
     const char *admin = umbd_admin_text(loop);
     if (status == UMB_OK && admin != NULL) {
-        status = umbs_file_write(&file, admin, strlen(admin), error);
+        status = umbu_output_write(&file, admin, strlen(admin), error);
         if (status == UMB_OK) {
-            status = umbs_file_write(&file, "\n", 1, error);
+            status = umbu_output_write(&file, "\n", 1, error);
         }
     }
     if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
+        return umbu_output_commit(&file, error);
     }
-    umbs_file_abandon(&file);
+    umbu_output_abandon(&file);
+    return status;
+}
+
+/* Tells that clients are served: the threads of all loops run. */
+static enum umb_status announce(struct umbd_daemon *daemon, struct umb_error *error)
+{
+    const struct umbd_options *options = &daemon->options;
+    const enum umb_status status = write_addresses(daemon->loops, error);
+    if (status == UMB_OK) {
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready",
+                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION_TEXT, options->loops,
+                       options->workers, (long)getpid());
+        umbd_notify("READY=1\nSTATUS=serving");
+    }
     return status;
 }
 
@@ -163,13 +178,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
         status = umbd_admin_open(loop, error);
     }
     if (status == UMB_OK) {
-        status = write_addresses(loop, error);
-    }
-    if (status == UMB_OK) {
-        umbs_log_event(&daemon.log, UMB_LOG_INFO, "ready", "version=%s loops=%u workers=%u pid=%ld",
-                       UMB_VERSION, options->loops, options->workers, (long)getpid());
-        umbd_notify("READY=1\nSTATUS=serving");
-        status = umbd_loops_run(&daemon, error);
+        status = umbd_loops_run(&daemon, announce, error);
     }
     umbd_daemon_end_jobs(&daemon);
     umbd_loops_finish(&daemon);
@@ -185,15 +194,19 @@ int main(int argc, char **argv)
     struct umbd_options options;
     struct umb_error error = {0};
     umbs_standard_streams_open();
+    if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        umbu_print_rows(&umbd_command, stdout);
+        return 0;
+    }
     enum umb_status status = umbd_options_parse(argc, argv, &options, &error);
     int code = 0;
     if (status != UMB_OK) {
         code = complain(status, &error);
         code = options.config_bad ? EX_CONFIG : code;
     } else if (options.help) {
-        umbd_options_usage(stdout);
+        umbu_print_help(&umbd_command, stdout);
     } else if (options.version) {
-        printf("umbraged %s\n", UMB_VERSION);
+        printf("umbraged %s\n", UMB_VERSION_TEXT);
     } else if (options.print_config) {
         umbd_options_print(&options, stdout);
     } else if (options.check_files) {

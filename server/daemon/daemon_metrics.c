@@ -7,10 +7,11 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
 #include "wire/grpc.h"
+#include "umbrage/version.h"
 
 struct method_name {
     const char *service, *method, *type;
@@ -257,7 +258,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",
            gauges->ready ? 1 : 0);
     head(out, "umbrage_build_info", "gauge", "Version of this program.");
-    fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION);
+    fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION_TEXT);
 }
 
 static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_tiles *tiles)
@@ -322,11 +323,9 @@ static unsigned long long resident_bytes(void)
 
 static void write_process(FILE *out)
 {
-    struct timespec cpu = {0};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
     single(out, "process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
     head(out, "process_cpu_seconds_total", "counter", "CPU time, user and system.");
-    fprintf(out, "process_cpu_seconds_total %lld.%09ld\n", (long long)cpu.tv_sec, cpu.tv_nsec);
+    fprintf(out, "process_cpu_seconds_total %.9f\n", umbu_process_cpu_s());
 }
 
 enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umbd_gauges *gauges,

@@ -49,7 +49,7 @@ struct umbd_loop {
     uint32_t index;                 /* 0: the one that listens and takes signals */
     pthread_t thread;               /* of the others */
     atomic_size_t load;             /* connections, those on their way included */
-    atomic_uint_fast64_t ticked_ms; /* umbd_now_ns of the last tick, in milliseconds; 0: none yet */
+    atomic_uint_fast64_t ticked_ms; /* Time of the last tick; 0: none yet */
     atomic_uint drain_orders;       /* from the first loop */
     unsigned drain_obeyed;
     struct umbd_handed *handed; /* sockets from the first loop, under done_mutex */
@@ -74,7 +74,7 @@ struct umbd_loop {
     size_t sealed_size;
     uint64_t inline_ns;            /* spent on small batches in this wake-up */
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
-    uint64_t clock_ns;             /* umbd_now_ns as last read in this event, 0 = not yet */
+    uint64_t clock_ns;             /* umbu_clock_ns as last read in this event, 0 = not yet */
     struct umbd_conn *first_dirty; /* connections to be flushed */
     struct umbd_optimistic_reads optimistic; /* of what small batches read in this event */
     struct umbd_batch *spare;                /* of the last small one, for the next */

@@ -3,8 +3,8 @@
  * The loops together. What goes from one to another are sockets, in a list under the receiver's
  * mutex, and the order to drain, a counter; both with a wake-up by the async handle.
  *
- * Why no socket is lost at the end: the first loop hands over only while it listens, and a loop
- * that is over closes what is left in its list.
+ * Why no socket is lost at the end: the first loop takes sockets only while it listens, and what is
+ * left in the list of a loop that is over is closed when all are.
  */
 #include "daemon/loop_group.h"
 
@@ -13,11 +13,13 @@
 #include <unistd.h>
 
 #include "daemon/conn.h"
+#include "tool/clock.h"
 
 struct umbd_handed {
     struct umbd_handed *next;
     int socket;
     enum umbn_transport transport;
+    uint32_t refusals;
 };
 
 enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *error)
@@ -46,7 +48,10 @@ static void *run_loop(void *argument)
     return NULL;
 }
 
-enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *error)
+enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
+                               enum umb_status (*ready)(struct umbd_daemon *daemon,
+                                                        struct umb_error *error),
+                               struct umb_error *error)
 {
     uint32_t started = 1;
     enum umb_status status = UMB_OK;
@@ -59,6 +64,9 @@ enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *err
             break;
         }
         atomic_fetch_add(&daemon->loops_running, 1);
+    }
+    if (status == UMB_OK) {
+        status = ready(daemon, error);
     }
     if (status == UMB_OK) {
         umbd_loop_run(&daemon->loops[0]);
@@ -110,7 +118,13 @@ struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon)
     return best;
 }
 
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport)
+struct umbd_loop *umbd_loop_after(struct umbd_loop *loop)
+{
+    return &loop->daemon->loops[(loop->index + 1) % loop->daemon->loop_count];
+}
+
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
+                    uint32_t refusals)
 {
     struct umbd_handed *handed = malloc(sizeof *handed);
     if (handed == NULL) {
@@ -119,6 +133,7 @@ void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transp
     }
     handed->socket = socket;
     handed->transport = transport;
+    handed->refusals = refusals;
     atomic_fetch_add(&to->load, 1); /* until it is taken, then the connection counts itself */
     pthread_mutex_lock(&to->done_mutex);
     handed->next = to->handed;
@@ -141,7 +156,7 @@ void umbd_loops_drain(struct umbd_loop *from)
 
 uint64_t umbd_loops_tick_age_ms(struct umbd_daemon *daemon)
 {
-    uint64_t now_ms = umbd_now_ns() / 1000000;
+    uint64_t now_ms = umbu_clock_ns() / 1000000;
     uint64_t oldest = 0;
     for (uint32_t i = 0; i < daemon->loop_count; i++) {
         uint64_t ticked = atomic_load(&daemon->loops[i].ticked_ms);
@@ -165,7 +180,7 @@ void umbd_loop_take_orders(struct umbd_loop *loop)
     while (handed != NULL) {
         struct umbd_handed *next = handed->next;
         atomic_fetch_sub(&loop->load, 1);
-        umbd_conn_adopt(loop, handed->socket, handed->transport);
+        umbd_conn_adopt(loop, handed->socket, handed->transport, handed->refusals);
         free(handed);
         handed = next;
     }

@@ -165,7 +165,4 @@ size_t umbd_pool_depth(struct umbd_pool *pool);
 /* 1 once half of the queue is free: who was refused may come again. */
 int umbd_pool_has_room(struct umbd_pool *pool);
 
-/* CLOCK_MONOTONIC in nanoseconds. */
-uint64_t umbd_now_ns(void);
-
 #endif

@@ -8,7 +8,8 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
+
+#include "tool/clock.h"
 
 /* What calibrating costs on the rates; paid at once with the call's own points, which the debt of
  * the calibration would have refused. */
@@ -31,13 +32,6 @@ struct detour {
     struct umb_error error;
 };
 
-static double cpu_now_s(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
 /* If the asset's file is cut under it, what calibrating holds (2 MiB) is lost: once an asset at
  * most, since that sets the asset aside. */
 static void measure(void *user)
@@ -46,8 +40,9 @@ static void measure(void *user)
     const struct umb_asset *asset = umbs_entry_asset(detour->entry);
     detour->status =
         detour->kind == UMBD_POINTS_FEW
-            ? umb_calibrate(asset, detour->light, cpu_now_s, &detour->calibration, &detour->error)
-            : umb_calibrate_points(asset, detour->light, &detour->points, cpu_now_s,
+            ? umb_calibrate(asset, detour->light, umbu_thread_cpu_s, &detour->calibration,
+                            &detour->error)
+            : umb_calibrate_points(asset, detour->light, &detour->points, umbu_thread_cpu_s,
                                    &detour->calibration, &detour->error);
 }
 

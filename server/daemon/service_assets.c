@@ -4,6 +4,7 @@
 #include "daemon/call_rights.h"
 #include "daemon/volume_query_work.h"
 #include "jobs/bundle.h"
+#include "umbrage/version.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -162,7 +163,7 @@ void umbd_service_limits(struct umbd_call *call)
         .max_taps = UMB_TAPS_MAX,
         .max_streams = UMBD_STREAMS_MAX,
         .queue = options->queue,
-        .version = UMB_VERSION,
+        .version = UMB_VERSION_TEXT,
         .takes_gzip = 1,
         .max_segments = options->max_points / umbw_volume_query_points(UMBW_SEGMENTS, 0),
         .max_columns = options->max_points / umbw_volume_query_points(UMBW_COLUMNS, 0),

@@ -73,10 +73,17 @@ static void begin_upload(struct umbd_job_request *job_request, struct umbj_servi
                                               &job_request->upload, &job_request->error);
 }
 
+/*
+ * Charges the files of an upload before their first byte, because one that is refused midway must
+ * start again and would never end at a low rate. A submission that is refused, or whose job exists,
+ * brings no files: it costs the call alone.
+ */
 static void upload_begun(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     if (job_request->upload == NULL) {
         reply_job(call, &job_request->job, 1);
+    } else {
+        umbd_call_owe_points(call, job_request->prepared->bytes / BYTES_A_POINT);
     }
 }
 
@@ -90,21 +97,6 @@ static void data_written(struct umbd_job_request *job_request, struct umbd_call 
 {
     (void)job_request;
     (void)call;
-}
-
-/*
- * Price of a submission, with its files. It is charged at the manifest, because an upload that is
- * refused midway must start again and would never end at a low rate. A bundle over --max-bundle
- * costs the call alone: a claimed size costs nothing to write, and the address may be shared.
- */
-static uint64_t price_of(const struct umbw_submit_request *request, uint64_t max_bundle)
-{
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < request->manifest.file_count; i++) {
-        const uint64_t size = request->manifest.files[i].size;
-        bytes = size < UINT64_MAX - bytes ? bytes + size : UINT64_MAX;
-    }
-    return UMBD_CALL_POINTS + (bytes <= max_bundle ? bytes / BYTES_A_POINT : 0);
 }
 
 static void take_manifest(struct umbd_call *call, struct umbw_submit_request *request)
@@ -134,8 +126,7 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     enum umb_status status =
         umbw_decode_submit_request(call->message, call->message_size, &request, &error);
     const int begins = call->job_request == NULL;
-    const uint64_t most = call->conn->loop->daemon->options.max_bundle;
-    if (begins ? !umbd_call_take_points(call, price_of(&request, most))
+    if (begins ? !umbd_call_take_points(call, UMBD_CALL_POINTS)
                : !umbd_job_request_is_allowed(call)) {
         umbw_manifest_finish(&request.manifest);
         return;

@@ -7,10 +7,10 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "store/store.h"
 #include "query/volume_parts.h"
+#include "tool/clock.h"
 
 #define CHUNK 64
 
@@ -24,20 +24,14 @@ struct slice {
     struct umb_volume_stats stats;
 };
 
-static uint64_t cpu_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
-
 /* Whether nobody waits any more: the status that says why, or UMB_OK. */
 static enum umb_status stopped(const struct umbd_batch *batch)
 {
     if (atomic_load_explicit(&batch->given_up, memory_order_relaxed)) {
         return UMB_E_CANCELLED;
     }
-    return batch->deadline_ns != 0 && umbd_now_ns() >= batch->deadline_ns ? UMB_E_DEADLINE : UMB_OK;
+    return batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns ? UMB_E_DEADLINE
+                                                                            : UMB_OK;
 }
 
 struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request)
@@ -164,7 +158,9 @@ static void run_boxes(struct slice *slice, size_t first, size_t count)
     const struct umb_box_watch watch = {box_goes_on, slice};
     umb_boxes_from_corners(&pairs, first, count, boxes);
     for (size_t i = 0; i < count && slice->status == UMB_OK; i++) {
-        umb_volume_boxes(&volume_query->volume, boxes, i, 1, &watch, &answers);
+        const enum umb_status status =
+            umb_volume_boxes(&volume_query->volume, boxes, i, 1, &watch, &answers, slice->error);
+        slice->status = slice->status == UMB_OK ? status : slice->status;
         store(volume_query, 0, first + i, &counts[i].lit);
         store(volume_query, 1, first + i, &counts[i].voxels);
         if (slice->status == UMB_E_TOO_LARGE) {
@@ -200,7 +196,7 @@ enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t fir
                           .first = first,
                           .count = count,
                           .error = error};
-    const uint64_t from = cpu_ns();
+    const uint64_t from = umbu_thread_cpu_ns();
     enum umb_status status = check(&volume_query->request, first, count, error);
     if (status == UMB_OK) {
         status = umbs_entry_read(volume_query->entry, run_slice, &slice, error);
@@ -215,7 +211,8 @@ enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t fir
     }
     atomic_fetch_add_explicit(&volume_query->nodes, slice.stats.nodes, memory_order_relaxed);
     atomic_fetch_add_explicit(&volume_query->bricks, slice.stats.bricks, memory_order_relaxed);
-    atomic_fetch_add_explicit(&volume_query->nanoseconds, cpu_ns() - from, memory_order_relaxed);
+    atomic_fetch_add_explicit(&volume_query->nanoseconds, umbu_thread_cpu_ns() - from,
+                              memory_order_relaxed);
     return status;
 }
 

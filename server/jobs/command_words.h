@@ -35,7 +35,7 @@ unsigned long umbj_tile_edge(const char *settings, uint32_t tile);
 
 void umbj_words_finish(struct umbj_words *words);
 
-/* 1 if one of the lines is exactly this. */
-int umbj_settings_have(const char *settings, const char *line);
+/* 1 if one of the lines is exactly `wanted`. */
+int umbj_settings_have(const char *settings, const char *wanted);
 
 #endif

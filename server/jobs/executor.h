@@ -11,7 +11,7 @@
  * Threads: start, cancel and destroy are called by the service's thread; reports may come from any
  * thread, never from inside these calls.
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "jobs/job.h"
 
 #define UMBJ_PHASE_SIZE 32
@@ -52,7 +52,7 @@ struct umbj_report {
     /* ended */
     uint8_t asset[UMBJ_HASH_BYTES];
     int64_t bake_ms;
-    struct umbs_file staged; /* proven and ready to be committed into the store; the receiver's.
+    struct umbu_output staged; /* proven and ready to be committed into the store; the receiver's.
                               * Not begun (temporary NULL) if the asset is there already */
 };
 

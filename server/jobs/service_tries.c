@@ -64,7 +64,7 @@ void umbj__note_refusals(struct umbj_service *service)
 static void trim(struct umbj_service *service, const char *owner)
 {
     struct umb_error error;
-    if (umbj_table_trim(service->table, owner, &error) != UMB_OK) {
+    if (!service->lost && umbj_table_trim(service->table, owner, &error) != UMB_OK) {
         umbj__log_error(service, "job_trim", &error);
     }
 }
@@ -171,11 +171,8 @@ void umbj__collect_assets(struct umbj_service *service)
             umbj__log_error(service, "asset_remove", &error);
             break;
         }
-        int folder = open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        if (folder >= 0) {
-            (void)fsync(folder); /* if it comes back with a crash, its row does too */
-            close(folder);
-        }
+        /* If the file comes back with a crash, its row does too. */
+        (void)umbu_folder_sync_at(AT_FDCWD, service->assets_path);
         if (umbj_table_forget(service->table, asset, &error) != UMB_OK) {
             umbj__log_error(service, "asset_forget", &error);
             break;
@@ -365,7 +362,7 @@ static enum umb_status give_name(struct umbj_service *service, struct umbj_repor
     if (options->replacing != NULL) {
         options->replacing(options->user, report->asset, 1);
     }
-    enum umb_status status = umbs_file_commit(&report->staged, error);
+    enum umb_status status = umbu_output_commit(&report->staged, error);
     if (status != UMB_OK && options->replacing != NULL) {
         options->replacing(options->user, report->asset, 0);
     }
@@ -444,7 +441,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         if (report->kind != UMBJ_REPORT_ENDED) {
             service->executor->cancel(service->executor, report->job, report->epoch);
         }
-        umbs_file_abandon(&report->staged);
+        umbu_output_abandon(&report->staged);
         return;
     }
     enum umb_status status = umbj_table_get(service->table, report->job, NULL, &job, &error);
@@ -474,7 +471,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         umbs_log_event(service->options.log, UMB_LOG_INFO, "job_late", "job=%s epoch=%lld now=%lld",
                        report->job, (long long)report->epoch, (long long)job.epoch);
     }
-    umbs_file_abandon(&report->staged); /* harmless if it was committed */
+    umbu_output_abandon(&report->staged); /* harmless if it was committed */
     if (status != UMB_OK && status != UMB_E_NOT_FOUND) {
         umbj__log_error(service, "job_report", &error);
     }

@@ -6,7 +6,7 @@
  * and proven (SHA-256 of head and pages against the id), and only then ready for its name, ID.umb.
  * Nothing that a worker left is believed, not even its id.
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "jobs/job.h"
 
 /*
@@ -15,10 +15,11 @@
  * Out:   staged: to be committed or abandoned by the caller, also if a file of that id is in the
  *        folder already: the steps must not depend on other owners. asset: the id.
  * Fails: E_TOO_LARGE, E_CORRUPT, E_FORMAT (no asset), E_IO, E_LIMIT (disk full), E_CANNOT_CREATE,
- * E_NO_MEMORY: staged is not begun. Cost:  reads the file twice, writes it once.
+ *        E_NO_MEMORY: staged is not begun.
+ * Cost:  reads the file twice, writes it once.
  */
 UMB_CHECKED enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
-                                       struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
+                                       struct umbu_output *staged, uint8_t asset[UMBJ_HASH_BYTES],
                                        struct umb_error *error);
 
 /* Path of an asset in the folder of those that jobs made. */

@@ -313,9 +313,11 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
 {
     struct umb_box_answer answer;
     struct umb_box_answers answers = {.boxes = &answer};
-    umb_volume_boxes(&block->job->volume, box, 0, 1, NULL, &answers);
+    const enum umb_status status =
+        umb_volume_boxes(&block->job->volume, box, 0, 1, NULL, &answers, NULL);
     block->result.records++;
-    enum box_verdict verdict = box_verdict(block, &answer, samples, count);
+    enum box_verdict verdict =
+        status == UMB_OK ? box_verdict(block, &answer, samples, count) : BOX_WRONG;
     if (verdict == BOX_WRONG && umbr_verify_look_again(block)) {
         verdict = box_verdict(block, &answer, samples, count);
         block->exact = NULL;

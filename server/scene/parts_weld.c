@@ -11,18 +11,18 @@
 #include "scene/parts_weld.h"
 
 #include <string.h>
-#include <time.h>
 
 #include "base/memory.h"
+#include "tool/clock.h"
 
 enum {
-    GROUP = 48,          /* corners hashed and prefetched before they are looked up */
-    FIRST_SLOTS = 1024,  /* smallest table, a power of two */
+    GROUP = 48,         /* corners hashed and prefetched before they are looked up */
+    FIRST_SLOTS = 1024, /* smallest table, a power of two */
 };
 
 struct table {
     uint64_t *slots;
-    size_t mask;  /* slots - 1 */
+    size_t mask; /* slots - 1 */
     size_t used;
     size_t limit; /* grow beyond this many: two thirds */
 };
@@ -62,10 +62,7 @@ static uint32_t hash_of(const struct key *key, uint64_t seed)
 
 static uint64_t run_seed(const void *block)
 {
-    struct timespec now = {0};
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)(uintptr_t)block * UINT64_C(0x9e3779b97f4a7c15) ^ (uint64_t)now.tv_nsec << 20 ^
-           (uint64_t)now.tv_sec;
+    return (uint64_t)(uintptr_t)block * UINT64_C(0x9e3779b97f4a7c15) ^ umbu_clock_ns() << 20;
 }
 
 static int table_init(struct table *table, size_t slots)

@@ -23,7 +23,7 @@ struct umbs_entry {
     size_t folder;                   /* index in the store's */
     uint64_t tried;                  /* under store->scan: serial of the scan that last loaded it,
                                       * or tried to replace it */
-    atomic_uint_fast64_t checked_ms; /* of the last full check, umbs__now_ms; 0 = before */
+    atomic_uint_fast64_t checked_ms; /* of the last full check, umbu_clock_ms; 0 = before */
     int has_id;                      /* item.id was read from its head */
     atomic_int faulted;              /* its map was cut or changed, error says so */
     atomic_int replaced;             /* 1 if its file is being replaced: umbs_store_replacing */
@@ -169,9 +169,6 @@ char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *
 
 /* Sets an entry aside and tells the owner, once. */
 void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error);
-
-/* CLOCK_MONOTONIC in milliseconds, never 0. */
-uint64_t umbs__now_ms(void);
 
 /* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
  * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */

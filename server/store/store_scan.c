@@ -4,8 +4,9 @@
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
  * and publishes it whole, so a look-up sees the folders before or after, never in between.
- * It does so several times: first with all that opens at once, then once more for each file that
- * must be read whole, so that a large new asset keeps nobody waiting but those who ask for it.
+ * It does so several times: first with all that opens at once, then with files that must be read
+ * whole, for LOAD_MS each time. So a large new asset delays only its own callers, and a thousand
+ * small ones are not a thousand passes over all names.
  */
 #include "store/store_internal.h"
 
@@ -18,13 +19,18 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
+
+#define LOAD_MS 100 /* of files read whole before a table with them is published */
+
 /* One pass over the names. */
 struct pass {
     struct umbs_store *store;
     struct umbs_store_report *report;
-    int may_load; /* one file may still be read whole */
-    int pending;  /* there are more */
-    int waits;    /* the lane has no room for one */
+    int may_load;     /* another file may be read whole */
+    uint64_t load_ms; /* Milliseconds spent on such files */
+    int pending;      /* there are more */
+    int waits;        /* the lane has no room for one */
 };
 
 static int compare_ids(const void *a, const void *b)
@@ -44,10 +50,9 @@ static void sort_by_id(struct umbs_entry **list, size_t count)
 
 static int is_fresh(const struct stat *file)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    int64_t age_ms = ((int64_t)now.tv_sec - file->st_mtim.tv_sec) * 1000 +
-                     (now.tv_nsec - file->st_mtim.tv_nsec) / 1000000;
+    const int64_t modified_ms =
+        (int64_t)file->st_mtim.tv_sec * 1000 + file->st_mtim.tv_nsec / 1000000;
+    const int64_t age_ms = umbu_unix_ms() - modified_ms;
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
 }
 
@@ -139,7 +144,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         *out = old;
         return UMB_OK;
     }
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     uint64_t lane_ms = 0;
     struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
     enum umbs_lane_answer lane =
@@ -156,13 +161,14 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         return UMB_OK;
     }
     if (fresh == NULL && lane == UMBS_LANE_NOT_FOR_IT) {
-        pass->may_load = 0;
         fresh = umbs__entry_load(store, name, faulted);
+        pass->load_ms += (uint64_t)umbu_clock_ms() - from_ms;
+        pass->may_load = pass->load_ms < LOAD_MS;
     }
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
     }
-    pass->report->load_ms += umbs__now_ms() - from_ms + lane_ms;
+    pass->report->load_ms += (uint64_t)umbu_clock_ms() - from_ms + lane_ms;
     *out = choose(pass, old, faulted, fresh, &now);
     return UMB_OK;
 }
@@ -256,6 +262,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
             publish(&pass, table);
         }
         pass.may_load = 1;
+        pass.load_ms = 0;
         pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
     } while (status == UMB_OK && pass.pending);
     free(list.names);

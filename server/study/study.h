@@ -35,7 +35,7 @@ struct umbt_study_options {
     uint64_t points;         /* a set */
     uint64_t threads, seed;
     uint64_t truth_side; /* rays a side of the area truth */
-    int quick, json, quiet, help;
+    int quick, json, quiet;
 };
 
 /* The asset of one resolution, open or closed. */
@@ -111,11 +111,11 @@ struct umbt_study_result {
 
 /* Rays, asked about the same points. */
 struct umbt_study_rays {
-    double ns_view, ns_free; /* one ray a point */
-    double ns_view8;         /* the same, eight points a call */
+    double ns_view, ns_free;  /* one ray a point */
+    double ns_view8;          /* the same, eight points a call */
     double ns_area, ns_area8; /* 81 rays a point, view: one a call, eight a call */
-    double spread;           /* of ns_view */
-    int64_t stopped;         /* by something, in all runs */
+    double spread;            /* of ns_view */
+    int64_t stopped;          /* by something, in all runs */
 };
 
 /* A shadow map of the literature, or an asset's DAG, on one view (study_techniques.c). */

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_COMMAND_H
 #define UMBRAGE_SERVER_STUDY_STUDY_COMMAND_H
 /*
- * The sub-commands of umbrage-study. Each takes the arguments behind its name, writes data to
+ * The sub-commands of umbrage-study. argv[0] is its name. Each writes data to
  * stdout and talk to stderr, and returns the process's exit code.
  */
 

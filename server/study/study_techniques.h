@@ -5,14 +5,14 @@
  * The shadow maps of the literature in the study: every row of `umbrage-study techniques`, and the
  * voxel DAG, on what one camera sees, against traced rays over each one's own filter.
  */
-#include <stdio.h>
 #include "study/study.h"
+#include "tool/json.h"
 
 /* Measures all techniques. Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing). */
 UMB_CHECKED enum umb_status umbt_study_techniques(struct umbt_study *study,
                                                   struct umb_error *error);
 
-/* Prints them as a JSON object. */
-void umbt_study_techniques_json(FILE *to, const struct umbt_study *study);
+/* Writes them as members of the open JSON object. */
+void umbt_study_techniques_json(struct umbu_json *json, const struct umbt_study *study);
 
 #endif

@@ -13,51 +13,22 @@
 #include <string.h>
 #include "rays/verify.h"
 #include "study/bound_check.h"
-#include "study/parallel_for.h"
-#include "study/study_args.h"
-#include "common/json_text.h"
-#include "study/study_progress.h"
 #include "study/study_scene.h"
+#include "study/view_options.h"
+#include "tool/clock.h"
+#include "tool/json.h"
+#include "tool/progress.h"
+#include "tool/threads.h"
 #include "tool/exit_code.h"
-
-static const char help[] =
-    "usage: umbrage verify FILE --scene SCENE [options]\n"
-    "\n"
-    "Compares an asset with rays traced through the scene it was baked from. Half of the points "
-    "lie\n"
-    "within 4 voxels of a shadow boundary; of an asset baked under the static rule all lie on\n"
-    "surfaces. Disagreement within one voxel of a boundary is counted; outside that band there\n"
-    "must be none.\n"
-    "\n"
-    "  --scene SCENE   the scene file\n"
-    "  --bounds        check the bound of every setting of the asset's accuracy curve instead: "
-    "where\n"
-    "                  an answer is not what a ray says, a true boundary must lie within it\n"
-    "  --points N      points a light, 1 to 1000000000 (default 1000000; with --bounds at most\n"
-    "                  10000000, default 100000)\n"
-    "  --ask WHAT      points (default), segments, columns or boxes: what is asked of the asset; "
-    "N of\n"
-    "                  --points is then their number\n"
-    "  --light N       only this light (default: all)\n"
-    "  --seed N        of the points (default 1); the same seed gives the same points\n"
-    "  --threads N     default: all processors\n"
-    "  --force         even if the asset was baked from another scene\n"
-    "  --json          print one JSON object\n"
-    "  -q, --quiet     print nothing\n"
-    "  --help\n"
-    "\n"
-    "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another "
-    "scene),\n"
-    "66 no input, 69 unavailable, 74 I/O, 75 temporary.\n";
 
 #define BOUND_POINTS_MAX 10000000U
 
 struct verify {
     const char *file, *scene_path;
-    const char *ask; /* one of ASKED, or NULL */
     enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
     int force, json, quiet, help, bounds;
+    struct umbu_json bounds_json;
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umbt_scene scene;
@@ -70,46 +41,44 @@ struct verify {
 
 static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
 
-static enum umb_status take_kind(struct verify *verify, struct umb_error *error)
-{
-    size_t i = 0;
-    while (verify->ask != NULL && i < 4 && strcmp(verify->ask, ASKED[i]) != 0) {
-        i++;
-    }
-    if (i == 4 || (i > 0 && verify->bounds)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        i == 4 ? "--ask: '%.40s' is not points, segments, columns or boxes"
-                               : "--ask: %.40s goes without --bounds",
-                        verify->ask);
-    }
-    verify->kind = (enum umbr_verify_kind)i;
-    return UMB_OK;
-}
+#define AT(field) UMBU_AT(struct verify, field)
 
-static enum umb_status verify_parse(int argc, char **argv, struct verify *verify,
-                                    struct umb_error *error)
+static const struct umbu_option OPTIONS[] = {
+    {"FILE", NULL, "the asset file", UMBU_TEXT, AT(file), .needed = true},
+    {"scene", "SCENE", "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"bounds", NULL,
+     "check the bound of every setting of the asset's accuracy curve instead: where an answer is "
+     "not what a ray says, a true boundary must lie within it",
+     UMBU_FLAG, AT(bounds)},
+    {"points", "N", "points a light; with --bounds at most 10000000", UMBU_COUNT(1, 1000000000),
+     AT(points), .otherwise = "1000000, with --bounds 100000"},
+    {"ask", "WHAT", "points, segments, columns or boxes: what is asked, as often as --points says",
+     UMBU_CHOICE("points|segments|columns|boxes"), AT(kind), .standard = "points"},
+    {"light", "N", "only this light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(light),
+     .otherwise = "all"},
+    {"seed", "N", "of the points; the same seed gives the same points", UMBU_COUNT(0, UINT64_MAX),
+     AT(seed), .standard = "1"},
+    {UMBT_THREADS_ROW(struct verify)},
+    {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
+    {UMBU_JSON_ROW(struct verify)},
+    {UMBU_QUIET_ROW(struct verify, "print nothing")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-study verify",
+    .usage = "umbrage verify FILE --scene SCENE [options]",
+    .summary = "Compares an asset with rays traced through the scene it was baked from. Half of\n"
+               "the points lie within 4 voxels of a shadow boundary; of an asset baked under the\n"
+               "static rule all lie on surfaces. Disagreement within one voxel of a boundary is\n"
+               "counted; outside that band there must be none.",
+    .notes = "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also\n"
+             "another scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
+
+/* What the options say together. */
+static enum umb_status options_check(struct verify *verify, struct umb_error *error)
 {
-    const struct umbt_option table[] = {
-        {"FILE", UMBT_WORD, &verify->file, 0, 0},
-        {"--scene", UMBT_TEXT, &verify->scene_path, 0, 0},
-        {"--ask", UMBT_TEXT, &verify->ask, 0, 0},
-        {"--points", UMBT_COUNT, &verify->points, 1, 1000000000},
-        {"--light", UMBT_COUNT, &verify->light, 0, UMB_LIGHTS_MAX - 1},
-        {"--seed", UMBT_COUNT, &verify->seed, 0, UINT64_MAX},
-        {"--threads", UMBT_COUNT, &verify->threads, 1, 256},
-        {"--bounds", UMBT_FLAG, &verify->bounds, 0, 0},
-        {"--force", UMBT_FLAG, &verify->force, 0, 0},
-        {"--json", UMBT_FLAG, &verify->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &verify->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &verify->help, 0, 0},
-    };
-    verify->light = UINT64_MAX;
-    verify->seed = 1;
-    const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || verify->help) {
-        return status;
-    }
     if (verify->points == 0) {
         verify->points = verify->bounds ? 100000 : 1000000;
     }
@@ -117,10 +86,10 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         return umb_fail(error, UMB_E_ARGUMENT, "--points: %" PRIu64 ", at most %u with --bounds",
                         verify->points, BOUND_POINTS_MAX);
     }
-    if (verify->scene_path == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
-    }
-    return take_kind(verify, error);
+    return verify->bounds && verify->kind != UMBR_VERIFY_POINTS
+               ? umb_fail(error, UMB_E_ARGUMENT, "--ask: %s does not go with --bounds",
+                          ASKED[verify->kind])
+               : UMB_OK;
 }
 
 static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
@@ -160,15 +129,15 @@ static int light_is_closed(const struct umb_asset *asset, uint32_t light)
 
 /* Progress over all lights, in millions of points. */
 struct compared {
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     double before, total;
 };
 
 static void show_compared(void *user, uint64_t points)
 {
     struct compared *compared = user;
-    umbt_progress_show(&compared->progress, compared->before + 1e-6 * (double)points,
-                       compared->total);
+    const double done = compared->before + 1e-6 * (double)points;
+    umbu_progress_show(&compared->progress, done, done / compared->total);
 }
 
 static enum umb_status lights_verify(struct verify *verify, struct umb_error *error)
@@ -179,10 +148,10 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         return umb_fail(error, UMB_E_NO_MEMORY, "%u results do not fit in memory",
                         verify->light_count);
     }
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
     enum umb_status status = UMB_OK;
-    umbt_progress_start(&compared.progress, "Mpoints", verify->quiet);
+    umbu_progress_begin(&compared.progress, "Mpoints", verify->quiet);
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
@@ -190,7 +159,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
             .kind = verify->kind,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
-            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
             .progress = show_compared,
             .progress_user = &compared,
         };
@@ -199,8 +168,8 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         verify->outside_band += verify->results[i].outside_band;
         compared.before += 1e-6 * (double)verify->points;
     }
-    umbt_progress_end(&compared.progress);
-    verify->seconds = umbt_now_s() - start;
+    umbu_progress_end(&compared.progress);
+    verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         if (verify->results[i].points == 0) { /* silence must not pass for agreement */
             status = umb_fail(error, UMB_E_BAD_SCENE,
@@ -250,31 +219,51 @@ static void report_text(const struct verify *verify)
 
 static void report_json(const struct verify *verify)
 {
+    struct umbu_json json = {.file = stdout};
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(verify->info.id, id);
-    printf("{\"asset\":\"%s\",\"scene\":", id);
-    umbs_json_text(stdout, verify->scene_path);
-    printf(",\"triangles\":%zu,\"closed_triangles\":%zu,\"seed\":%" PRIu64
-           ",\"seconds\":%.4f,\"agrees\":%s,\"lights\":[",
-           verify->scene.count, verify->scene.parts.closed_triangles, verify->seed, verify->seconds,
-           verify->outside_band > 0 ? "false" : "true");
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_text(&json, "scene", verify->scene_path);
+    umbu_json_integer(&json, "triangles", verify->scene.count);
+    umbu_json_integer(&json, "closed_triangles", verify->scene.parts.closed_triangles);
+    umbu_json_integer(&json, "seed", verify->seed);
+    umbu_json_rounded(&json, "seconds", verify->seconds, 6);
+    umbu_json_bool(&json, "agrees", verify->outside_band == 0);
+    umbu_json_begin(&json, "lights", '[');
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
-        printf("%s{\"light\":%u,\"records\":%" PRIu64 ",\"points\":%" PRIu64
-               ",\"near_boundary\":%" PRIu64 ",\"skipped_inside\":%" PRIu64
-               ",\"inside_band\":%" PRIu64 ",\"outside_band\":%" PRIu64
-               ",\"inside_rate\":%.9g,\"outside_rate\":%.9g",
-               i > 0 ? "," : "", verify->first_light + i, result->records, result->points,
-               result->near_boundary, result->skipped_inside, result->inside_band,
-               result->outside_band, rate(result->inside_band, result->points),
-               rate(result->outside_band, result->points));
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_integer(&json, "light", verify->first_light + i);
+        umbu_json_integer(&json, "records", result->records);
+        umbu_json_integer(&json, "points", result->points);
+        umbu_json_integer(&json, "near_boundary", result->near_boundary);
+        umbu_json_integer(&json, "skipped_inside", result->skipped_inside);
+        umbu_json_integer(&json, "inside_band", result->inside_band);
+        umbu_json_integer(&json, "outside_band", result->outside_band);
+        umbu_json_rounded(&json, "inside_rate", rate(result->inside_band, result->points), 9);
+        umbu_json_rounded(&json, "outside_rate", rate(result->outside_band, result->points), 9);
         if (result->has_worst) {
-            printf(",\"worst_point\":[%.17g,%.17g,%.17g]", result->worst_point[0],
-                   result->worst_point[1], result->worst_point[2]);
+            umbu_json_vector(&json, "worst_point", result->worst_point);
         }
-        printf("}");
+        umbu_json_end(&json, '}');
     }
-    printf("]}\n");
+    umbu_json_close(&json);
+}
+
+static void put_row(struct umbu_json *json, uint32_t light, const struct umb_curve_row *row,
+                    const struct umbt_bound_result *result)
+{
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_integer(json, "light", light);
+    umbu_json_integer(json, "level", row->level);
+    umbu_json_integer(json, "taps", row->taps);
+    umbu_json_rounded(json, "bound_m", row->bound_m, 9);
+    umbu_json_integer(json, "points", result->points);
+    umbu_json_integer(json, "differ", result->differ);
+    umbu_json_integer(json, "undefined", result->undefined);
+    umbu_json_integer(json, "beyond", result->beyond);
+    umbu_json_end(json, '}');
 }
 
 /* One row of a light's curve against rays. */
@@ -289,17 +278,14 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
         .points = points,
         .settings = {.light = light, .taps = row->taps, .level = row->level},
         .bound_m = row->bound_m,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
     };
     const enum umb_status status = umbt_bound_check(&job, &result, error);
     if (status != UMB_OK) {
         return status;
     }
     if (verify->json) {
-        printf("%s{\"light\":%u,\"level\":%u,\"taps\":%u,\"bound_m\":%.9g,\"points\":%" PRIu64
-               ",\"differ\":%" PRIu64 ",\"undefined\":%" PRIu64 ",\"beyond\":%" PRIu64 "}",
-               verify->rows_done > 0 ? "," : "", light, row->level, row->taps, row->bound_m,
-               result.points, result.differ, result.undefined, result.beyond);
+        put_row(&verify->bounds_json, light, row, &result);
     } else if (!verify->quiet) {
         printf("light %u, level %u, %2u taps: within %.4g m: %" PRIu64 " points, %" PRIu64
                " differ from a ray, %" PRIu64 " of them undefined, %" PRIu64 " beyond the bound\n",
@@ -323,13 +309,15 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         .kind = UMBT_POINT_SURFACE,
         .count = (size_t)verify->points,
         .seed = verify->seed,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
         .quiet = verify->quiet,
     };
     struct umbt_point_set points = {0};
     enum umb_status status = umbt_points_sample(&request, &points, error);
     if (status == UMB_OK && verify->json) {
-        fputs("{\"bounds\":[", stdout);
+        verify->bounds_json.file = stdout;
+        umbu_json_begin(&verify->bounds_json, NULL, '{');
+        umbu_json_begin(&verify->bounds_json, "bounds", '[');
     }
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -340,8 +328,10 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         }
     }
     if (status == UMB_OK && verify->json) {
-        printf("],\"true\":%s}\n", verify->outside_band > 0 ? "false" : "true");
+        umbu_json_end(&verify->bounds_json, ']');
+        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
     }
+    umbu_json_close(&verify->bounds_json);
     umbt_point_set_finish(&points);
     if (status == UMB_OK && verify->rows_done == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
@@ -354,11 +344,13 @@ int umbt_verify_command(int argc, char **argv)
     struct verify verify;
     struct umb_error error = {0};
     memset(&verify, 0, sizeof verify);
-    enum umb_status status = verify_parse(argc, argv, &verify, &error);
-    if (status == UMB_OK && verify.help) {
-        fputs(help, stdout);
-        return 0;
+    struct umbu_parsed parsed;
+    verify.light = UINT64_MAX;
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &verify);
+    if (code >= 0) {
+        return code;
     }
+    enum umb_status status = options_check(&verify, &error);
     if (status == UMB_OK) {
         status = inputs_open(&verify, &error);
     }

@@ -12,7 +12,7 @@ ifneq ($(STUDY_VOLUME),)
 BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o
 $(BUILD)/tests/bench/bench_query.o: INC_tests += -DUMB_BENCH_NANOVDB
 endif
-BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 BENCH_SYS = -lembree3 -lassimp -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
@@ -103,7 +103,7 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 .PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
 
 # Segments, columns and boxes: closed scenes with their front, in process and from a daemon.
-$(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
 bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_queries ## what segments, columns and boxes cost in process and over gRPC

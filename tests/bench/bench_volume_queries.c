@@ -109,7 +109,8 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
                &error);
     } else {
         umb_boxes_from_corners(&pairs, 0, count, bench->corners);
-        umb_volume_boxes(&bench->volume, bench->corners, 0, count, NULL, &boxes);
+        demand(umb_volume_boxes(&bench->volume, bench->corners, 0, count, NULL, &boxes, &error),
+               &error);
     }
 }
 

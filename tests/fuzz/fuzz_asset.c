@@ -97,7 +97,7 @@ static void walk_everywhere(const struct umb_asset *asset)
     struct umb_box_answers shares = {.boxes = boxes};
     umb_volume_segments(&volume, &lines, 0, 8, &lit);
     umb_volume_columns(&volume, &points, 0, 16, &depths);
-    umb_volume_voxel_boxes(&volume, corners, 0, 8, NULL, &shares);
+    FUZZ_DEMAND(umb_volume_voxel_boxes(&volume, corners, 0, 8, NULL, &shares, NULL) == UMB_OK);
     for (size_t i = 0; i < 8; i++) {
         FUZZ_DEMAND(segments[i].lit >= 0 && segments[i].lit <= 1.0 + 1e-9);
         FUZZ_DEMAND(boxes[i].lit <= boxes[i].voxels);

@@ -12,13 +12,18 @@ release | debug | asan | tsan) set -- "config=$config" ;;
 *) set -- ;;
 esac
 [ -z "${MAKEFLAGS:-}" ] || set --
-# By its relative name: what is compiled on the way depends on headers under the name of the target.
-set -- make --no-print-directory "$@" BUILD="${BUILD#"$root"/}" install DESTDIR="$folder/root" PREFIX=/usr
+set -- make --no-print-directory "$@" BUILD="$BUILD" install DESTDIR="$folder/root" PREFIX=/usr
 if "$@" >"$folder/make" 2>&1; then
     ok "make install"
 else
     bad "make install" "$(tail -n 5 "$folder/make")"
 fi
+# However the build folder is named, its objects depend on their headers.
+for name in "$BUILD" "${BUILD#"$root"/}" "./${BUILD#"$root"/}"; do
+    "$@" -n BUILD="$name" -W client/include/umbrage/status.h 2>&1 | grep -c '  CC server/daemon/'
+done | sort -u >"$folder/stale"
+check "a header that changed is heeded under each name of the build folder" \
+    awk 'END { exit NR != 1 || $1 < 20 }' "$folder/stale"
 # Switched on or off, a library that a build may do without is heeded in a folder that is built already.
 for with in "" yes; do
     "$@" -n "IPSEC_MB=$with" 2>&1 | grep -q 'server/common/sha256_lanes\.c' && echo compiled || echo kept
@@ -28,7 +33,8 @@ installed=$folder/root/usr
 for file in bin/umbraged bin/umbrage bin/umbrage-bake bin/umbrage-study lib/libumbrage-core.a \
     include/umbrage/query.h share/man/man8/umbraged.8 share/man/man1/umbrage.1 share/man/man1/umbrage-bake.1 \
     share/man/man5/umbraged.conf.5 lib/systemd/system/umbraged.service lib/systemd/system/umbraged.socket lib/sysusers.d/umbrage.conf \
-    lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/proto/umbrage/v1/shadows.proto share/umbrage/umbrage-alerts.yml ../etc/umbraged/umbraged.conf; do
+    lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/proto/umbrage/v1/shadows.proto share/umbrage/umbrage-alerts.yml \
+    share/bash-completion/completions/umbraged share/zsh/site-functions/_umbrage share/fish/vendor_completions.d/umbrage-bake.fish ../etc/umbraged/umbraged.conf; do
     [ -s "$installed/$file" ] || bad "$file is installed" ""
 done
 find "$installed/share/doc/umbrage" -name '*.md' | while read -r page; do

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/reserved.h"
 #include "format/asset_parts.h"
 
 /* Returns the largest bound of a light's frusta. */
@@ -71,6 +72,9 @@ static enum umb_status check_dial(const struct umb_dial *dial,
                                   const struct umb_query_settings *settings,
                                   struct umb_error *error)
 {
+    if (UMB__UNKNOWN(dial, "dial", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
     static const char *const names[3] = {"max_error", "max_visibility", "budget"};
     int any = 0;

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/reserved.h"
 #include "base/utf8.h"
 #include "format/asset_parts.h"
 #include "format/receiver_mask.h"
@@ -107,6 +108,9 @@ enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
                                      struct umb_error *error)
 {
     *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_asset *asset = new_asset(options);
     if (!asset) {
         return no_memory(error);
@@ -124,6 +128,9 @@ enum umb_status umb_asset_open_file(const char *path, const struct umb_open_opti
                                     struct umb_asset **out, struct umb_error *error)
 {
     *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_asset *asset = new_asset(options);
     if (!asset) {
         return no_memory(error);

@@ -54,6 +54,19 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
     return w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
 }
 
+/* The linear part of a perspective frustum, as umb__content_check proves it. */
+struct umb__perspective {
+    double axis[3];    /* world vector that changes W by 1, X and Y not at all */
+    double scale;      /* W = scale Z + offset: above 0 */
+    double offset;     /* and W is above 0 at the far side, where Z is the number of voxels */
+    double step[3][3]; /* as voxel_step in struct umb_frustum_info */
+};
+
+/* Out: 1, or 0 if the frustum cannot be inverted, its depth does not follow W, or its far side is
+ * not ahead of the light. */
+int umb__perspective_derive(const struct umb_frustum_info *frustum,
+                            struct umb__perspective *perspective);
+
 /*
  * Computes the length of a content's canonical block from its counts and texts; reads no array.
  *

@@ -79,7 +79,11 @@ static void to_light(const struct umb_map_frustum *frustum, const double world[3
 
 static void all_infinite(struct umb_aliasing *a)
 {
-    *a = (struct umb_aliasing){INFINITY, INFINITY, {INFINITY, INFINITY}, INFINITY, INFINITY};
+    *a = (struct umb_aliasing){.most = INFINITY,
+                               .least = INFINITY,
+                               .along = {INFINITY, INFINITY},
+                               .perspective = INFINITY,
+                               .projection = INFINITY};
 }
 
 enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,

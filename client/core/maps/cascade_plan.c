@@ -10,6 +10,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/reserved.h"
 #include "base/vec.h"
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
@@ -274,6 +275,9 @@ static enum umb_status camera_check(const struct umb__map_view *camera, struct u
 static enum umb_status settings_check(const struct umb_cascade_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if (settings->count < 1 || settings->count > UMB_CASCADES_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.count is %u; it must be 1..%d",
                         settings->count, UMB_CASCADES_MAX);

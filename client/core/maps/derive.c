@@ -7,6 +7,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/reserved.h"
 #include "base/memory.h"
 #include "maps/derive_parts.h"
 #include "maps/map_view.h"
@@ -62,6 +63,9 @@ static enum umb_status rect_check(const double rect[4], double size, struct umb_
 static enum umb_status settings_check(const struct umb_derive_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const struct umb_map_settings *map = &settings->map;
     const uint32_t count = map_count(settings);
     if (settings->width < 1 || settings->height < 1 || settings->width > UMB_MAP_SIDE_MAX ||

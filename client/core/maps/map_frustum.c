@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
+#include "base/reserved.h"
 #include "base/vec.h"
 
 /* Finds two unit vectors across `w`: the first is across the world axis that w leans on least. */
@@ -94,6 +95,9 @@ enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot, uint32_t w
                                      struct umb_error *error)
 {
     memset(frustum, 0, sizeof *frustum);
+    if (UMB__UNKNOWN(spot, "spot", error)) {
+        return UMB_E_ARGUMENT;
+    }
     enum umb_status status = sides_check(width, height, error);
     if (status != UMB_OK) {
         return status;

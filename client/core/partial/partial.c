@@ -6,6 +6,7 @@
 #include <xxhash.h>
 #include <zstd.h>
 
+#include "base/reserved.h"
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "partial/partial_parts.h"
@@ -134,6 +135,9 @@ enum umb_status umb_partial_open(const void *front, size_t size,
                                  struct umb_partial **out, struct umb_error *error)
 {
     *out = NULL;
+    if (UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_partial *p = umb__alloc_zeroed(options->alloc, 1, sizeof *p);
     if (!p) {
         return no_memory(error, "itself");

@@ -36,8 +36,8 @@ void umb__partial_unbuild(struct umb_partial *p)
 
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* Returns the page of a node: the last page whose first node is not behind it. Pages without
-     * nodes of the level stand before the one that has it. */
+    /* The node's page is the last one whose first node is not behind it. Pages without nodes of the
+     * level stand before the one that has it. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;

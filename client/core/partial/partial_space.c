@@ -75,6 +75,32 @@ static enum umb_status check_box(const struct umb_partial_view *view, struct umb
     return UMB_OK;
 }
 
+/* Checks the camera and makes its planes. */
+static enum umb_status check_camera(struct umb__sight *sight, struct umb_error *error)
+{
+    const struct umb_camera *camera = &sight->view->camera;
+    const double *eye = camera->eye, *forward = camera->forward, *up = camera->up;
+    if (!finite3(eye)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.eye: (%g, %g, %g), must be finite", eye[0],
+                        eye[1], eye[2]);
+    }
+    if (!(camera->fov_y > 0 && camera->fov_y < 3.14159)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera.fov_y: %g, must be above 0 and below 3.14159 (radians)",
+                        camera->fov_y);
+    }
+    if (!(camera->aspect > 0 && camera->aspect < 1e6)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.aspect: %g, must be above 0 and below 1e6",
+                        camera->aspect);
+    }
+    return make_planes(sight)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "camera.forward (%g, %g, %g) and up (%g, %g, %g): must be finite, longer "
+                          "than 0 and not parallel",
+                          forward[0], forward[1], forward[2], up[0], up[1], up[2]);
+}
+
 enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_partial_view *view,
                                 struct umb_error *error)
 {
@@ -96,33 +122,17 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
             return status;
         }
     }
-    if (!view->has_camera) {
-        return UMB_OK;
-    }
-    if (!finite3(view->camera.eye) || !(view->camera.fov_y > 0 && view->camera.fov_y < 3.14159) ||
-        !(view->camera.aspect > 0 && view->camera.aspect < 1e6) || !make_planes(sight)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "camera: eye, forward and up must be finite and span a picture, fov_y %g "
-                        "must be 0 to pi, aspect %g above 0",
-                        view->camera.fov_y, view->camera.aspect);
-    }
-    return UMB_OK;
+    return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }
 
 /* Inverts the linear part of a perspective frustum: X, Y and W as functions of the world. */
-static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f,
-                             const double apex[3])
+static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f)
 {
-    const double(*m)[4] = f->world_to_voxel;
-    umb__cross(m[0], m[1], s->axis);
-    const double turn = umb__dot(m[3], s->axis);
-    for (unsigned i = 0; i < 3; i++) {
-        s->axis[i] /= turn;
-        s->base[i] = apex[i];
-    }
-    const double rate = umb__dot(m[2], s->axis); /* Z a W */
-    s->w_step = 1.0 / rate;
-    s->w0 = m[3][3] + umb__dot(m[3], apex) - (m[2][3] + umb__dot(m[2], apex)) / rate;
+    struct umb__perspective perspective = {0};
+    (void)umb__perspective_derive(f, &perspective); /* proven when the file was opened */
+    memcpy(s->axis, perspective.axis, sizeof s->axis);
+    s->w_step = perspective.scale;
+    s->w0 = perspective.offset;
 }
 
 /*
@@ -152,11 +162,10 @@ void umb__space_init(struct umb__space *s, const struct umb_content *content, ui
     s->log2_size = f->log2_size;
     umb_frustum_voxel_edges(f, s->edges);
     if (s->perspective) {
-        double apex[3];
         for (unsigned i = 0; i < 3; i++) {
-            apex[i] = light->position[i] - content->origin[i];
+            s->base[i] = light->position[i] - content->origin[i];
         }
-        init_perspective(s, f, apex);
+        init_perspective(s, f);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
             for (unsigned i = 0; i < 3; i++) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/reserved.h"
 #include "base/vec.h"
 #include "umbrage/picture.h"
 
@@ -49,6 +50,9 @@ static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 
 enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(picture, "picture", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct axes axes;
     if (picture->width == 0 || picture->height == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %u x %u pixels, must be at least 1 x 1",
@@ -59,11 +63,17 @@ enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_
                         picture->camera.fov_y);
     }
     if (!isfinite(picture->camera.eye[0]) || !isfinite(picture->camera.eye[1]) ||
-        !isfinite(picture->camera.eye[2]) || !make_axes(picture, &axes)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "picture: eye, forward and up must be finite and span a picture");
+        !isfinite(picture->camera.eye[2])) {
+        return umb_fail(error, UMB_E_ARGUMENT, "picture: eye (%g, %g, %g), must be finite",
+                        picture->camera.eye[0], picture->camera.eye[1], picture->camera.eye[2]);
     }
-    return UMB_OK;
+    const double *forward = picture->camera.forward, *up = picture->camera.up;
+    return make_axes(picture, &axes)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "picture: forward (%g, %g, %g) and up (%g, %g, %g), must be finite, "
+                          "longer than 0 and not parallel",
+                          forward[0], forward[1], forward[2], up[0], up[1], up[2]);
 }
 
 /* Returns a pixel's depth; 0 for an empty pixel. */

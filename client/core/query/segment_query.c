@@ -5,6 +5,7 @@
  * (segment_faces.c).
  */
 #include "query/segment_walk.h"
+#include "base/reserved.h"
 
 /* Computes the ends of segment i minus the asset's origin; returns its length in metres. */
 static double ends_of(const struct umb__volume *volume, const struct umb_segments *segments,
@@ -72,6 +73,9 @@ void umb_volume_segments(const struct umb_volume *volume, const struct umb_segme
 static enum umb_status check_pairs(const struct umb_segments *segments, const char *name,
                                    struct umb_error *error)
 {
+    if (UMB__UNKNOWN(segments, name, error)) {
+        return UMB_E_ARGUMENT;
+    }
     /* A segment is two points that stand side by side. */
     struct umb_points points = {
         .positions = segments->ends, .format = segments->format, .count = 2 * segments->count};

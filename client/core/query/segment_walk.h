@@ -54,12 +54,12 @@ void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3]
 
 /* Walks a segment under a spot or point light. In: p: its ends, minus the asset's origin. */
 void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
-                     struct umb__intervals *intervals);
+                     struct umb__intervals *out);
 
 /* Sets the segment's state from t on. */
-void umb__intervals_put(struct umb__intervals *intervals, bool lit, double t);
+void umb__intervals_put(struct umb__intervals *out, bool lit, double t);
 
 /* Closes an open interval at 1. */
-void umb__intervals_end(struct umb__intervals *intervals);
+void umb__intervals_end(struct umb__intervals *out);
 
 #endif

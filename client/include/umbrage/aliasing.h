@@ -17,6 +17,7 @@
  * Sources: Stamminger, Drettakis: Perspective shadow maps, 2002; Lloyd: Logarithmic perspective
  * shadow maps, 2007, chapter 3.
  * Threads: pure functions.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/cascades.h"
 
@@ -30,6 +31,7 @@ struct umb_aliasing {
     double along[2]; /* Pixels that a step of one texel in x, and in y, covers: Lloyd's m */
     double perspective, projection; /* Factors of dp/ds, pixels a texel: (pixels a metre at the
                                        point's distance) x (metres a texel), and cos a / cos b */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

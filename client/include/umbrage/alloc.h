@@ -10,6 +10,7 @@
  * Threads: an asset uses its allocator only while it is opened, exported, calibrated
  * (umbrage/curve.h) and closed. If you calibrate from several threads at once, the allocator must
  * be thread-safe.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include "umbrage/status.h"

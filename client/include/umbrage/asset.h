@@ -5,9 +5,12 @@
  * Assets: the immutable shadow data of one scene and its lights.
  *
  *     struct umb_asset *asset;
- *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) { ... error.message ...
- * }
- *     ... umb_query_prepare(asset, ...) and umb_query_run(...), see query.h ...
+ *     struct umb_error error;
+ *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return error.status;
+ *     }
+ *     // ... umb_query_prepare(asset, ...) and umb_query_run(...), see umbrage/query.h
  *     umb_asset_close(asset);
  *
  * An asset has two encodings of the same content: packed (.umb, for storing and sending) and mapped
@@ -25,6 +28,7 @@
  * Caveat: a mapped file (.umbm) must not be truncated or overwritten while it is open, or queries
  * may read outside it; the store's files are never edited in place (docs/reference/operations.md).
  * A packed file is read only while it opens.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -64,6 +68,7 @@ struct umb_open_options {
      * head, and up to twelve times its `transmittance_bytes`. 0 = 64 GiB. */
     uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_encoding {
@@ -86,6 +91,7 @@ struct umb_light_info {
     double extent;       /* Angular diameter in radians (directional) or size in metres; 0: none */
     uint32_t first_frustum; /* Index of its first frustum; the others follow */
     uint32_t frustum_count; /* Number of its frusta: 1 if directional, else up to 6 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */
@@ -100,6 +106,7 @@ struct umb_frustum_info {
     /* Row i: world vector of one voxel along voxel axis i, metres. In a perspective frustum x and y
      * hold where W = 1 (they grow with W), and z runs along the frustum's axis. */
     double voxel_step[3][3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Description of an asset. */
@@ -127,6 +134,7 @@ struct umb_asset_info {
     const char *plan;                 /* Bake plan, one line an effect, UTF-8; never NULL */
     const char *settings;             /* Bake settings, canonical key=value lines; never NULL */
     const char *notes; /* Notes, key=value lines outside the id; never NULL */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

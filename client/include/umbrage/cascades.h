@@ -5,9 +5,18 @@
  * Cascades: several maps of a directional light for one camera, each for a slice of the view (PSSM,
  * parallel-split shadow maps), so that texels are dense where pixels are.
  *
- *     umb_cascades_plan(&camera, to_light, &scene_box, &settings, &plan, &error);
- *     ... for each plan.frusta[i]: a layer of depths, umb_map_build, umb_map_prepare ...
- *     umb_cascades_run(&plan, queries, &points, 0, count, values);
+ *     struct umb_cascade_plan plan;
+ *     if (umb_cascades_plan(&camera, to_light, &scene, &settings, &plan, &error)) {
+ *         return error.status;
+ *     }
+ *     for (uint32_t i = 0; i < plan.count; i++) {
+ *         // ... fill layers[i].depth along umb_map_frustum_point(&plan.frusta[i], ...)
+ *         if (umb_map_build(&plan.frusta[i], &layers[i], &map_settings, NULL, &maps[i], &error) ||
+ *             umb_map_prepare(maps[i], &filter, &queries[i], &error)) {
+ *             return error.status;
+ *         }
+ *     }
+ *     umb_cascades_run(&plan, queries, &points, 0, points.count, values);
  *
  * Each map (layer) is built and filtered as any other (umbrage/maps.h); with VSM or EVSM layers
  * this is PSSM + VSM. Where two layers meet, texels change their size, so a filter of n texels
@@ -16,7 +25,8 @@
  *
  * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM and C for each
  * layer); Wimmer, Scherzer, Purgathofer 2004 (LiSPSM).
- * Threads, ownership, stability: as umbrage/maps.h.
+ * Threads, ownership: as umbrage/maps.h.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/maps.h"
 
@@ -40,6 +50,7 @@ struct umb_cascade_settings {
     enum umb_cascade_fit fit;
     uint32_t resolution[UMB_CASCADES_MAX]; /* Texels a side of each layer, 4..16384 */
     double blend; /* Share of a slice at its far end that fades into the next, 0..0.5 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_cascade_plan {
@@ -49,6 +60,7 @@ struct umb_cascade_plan {
     double splits[UMB_CASCADES_MAX + 1]; /* Distances along forward, metres: near .. far */
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
     int warped[UMB_CASCADES_MAX]; /* 1: warped by LISPSM; 0 e.g. for a view along the light */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -90,6 +102,7 @@ struct umb_cascade_seam {
     double contrast;   /* Out: C for the coarse filter, 1/1024..1024 */
     double difference; /* Out: root mean square of coarse - fine with C = 1 */
     double after;      /* Out: the same with `contrast` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

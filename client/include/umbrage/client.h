@@ -5,8 +5,10 @@
  * libumbrage: asking a daemon over gRPC.
  *
  *     struct umb_client *client;
- *     umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
- *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
+ *     enum umb_status status = umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
+ *     if (status == UMB_OK) {
+ *         status = umb_client_query(client, &request, values, &reply, &error);  // waits
+ *     }
  *     umb_client_close(client);
  *
  * A client owns one loop thread and one connection to each server of its address. A connection
@@ -43,6 +45,7 @@
  * Limits: one connection to each server.
  * Caveat: the system's resolver looks up names and cannot be interrupted. umb_client_close waits
  * for a look-up that is under way.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -84,6 +87,7 @@ struct umb_client_options {
     const char *server_name;      /* Name that the server's certificate must have; NULL = HOST */
     const char *token; /* Bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
     const char *token_file; /* File that holds only the token; a newline at its end is cut off */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_request {
@@ -103,6 +107,7 @@ struct umb_client_query_request {
     int want_stats;                   /* 1: the reply carries stats; else 0 */
     uint32_t timeout_ms;              /* Deadline of this call; 0 = the client's */
     struct umb_client_stream *stream; /* Stream of the same client; NULL: a call of its own */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_reply {
@@ -119,6 +124,7 @@ struct umb_client_query_reply {
     double expected_ns;    /* Expected nanoseconds a point, with a budget and stats; else 0 */
     uint64_t packed_bytes; /* Bytes of the answers on the wire, if they were packed; else 0 */
     int changes_only;      /* 1: they were packed against `base` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_asset {
@@ -127,6 +133,7 @@ struct umb_client_asset {
     uint64_t packed_bytes; /* Length of the packed file */
     uint64_t memory_bytes; /* Bytes that queries read */
     uint32_t light_count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_light {
@@ -139,6 +146,7 @@ struct umb_client_light {
     /* Nanoseconds a point of each row on one of the server's cores: for points scattered over the
      * scene, and for points next to each other. 0 until a query of that kind has had a budget. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Description of an asset. Numbers are as the server sent them: they may be infinite or NaN. */
@@ -150,6 +158,7 @@ struct umb_client_description {
     struct umb_box bounds;            /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     char *plan, *settings;            /* Texts as in struct umb_asset_info, UTF-8 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -180,6 +189,7 @@ struct umb_client_async {
     umb_client_done_fn done;
     void *user;    /* First argument of `done` */
     uint64_t call; /* Out: number of the call, for umb_client_cancel */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -323,6 +333,7 @@ struct umb_client_limits {
     uint32_t max_targets;   /* Assets and lights of one query */
     uint32_t max_taps;
     char version[32]; /* Version of the server */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

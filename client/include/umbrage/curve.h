@@ -5,10 +5,12 @@
  * Accuracy and its cost: the bound of an answer's error, the accuracy curve that an asset carries,
  * and the dial that turns a required accuracy or a budget into settings.
  *
- *     struct umb_dial dial = {.max_error_m = 0.05};
+ *     const struct umb_dial dial = {.max_error_m = 1};
  *     struct umb_curve_row row;
- *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
- *     umb_query_prepare(asset, &settings, &query, &error);
+ *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // level and taps
+ *         umb_query_prepare(asset, &settings, &query, &error)) {
+ *         return error.status;
+ *     }
  *
  * The bound. A voxel's value is the true visibility of its centre (docs/reference/umb-format.md,
  * section 1). So an answer is wrong only if the look-up was on the other side of a true shadow
@@ -22,6 +24,7 @@
  * Costs are counts, the same on every machine; umb_calibrate measures nanoseconds.
  *
  * Threads: any number of threads may call these functions at once. An asset is only read.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -63,6 +66,7 @@ struct umb_curve_row {
     double visibility_error;
     double nodes; /* Mixed octree nodes above bricks on a point's path, on average */
     double lines; /* Cache lines that a point reads: grid, wide nodes, bricks; on average */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -79,6 +83,7 @@ UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint3
 struct umb_calibration {
     size_t count;                  /* Number of rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* Nanoseconds a point on one core */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -119,6 +124,7 @@ struct umb_dial {
     double max_error_m;    /* Largest bound, metres */
     double max_visibility; /* Largest root mean square error of visibility, 0..1 */
     double budget_ns;      /* Nanoseconds a point on one core; needs a calibration */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

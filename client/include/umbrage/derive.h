@@ -6,11 +6,14 @@
  * a rectangle of a light's voxels, or a cascade of a camera. It holds depth, VSM, ESM, EVSM or MSM,
  * prefiltered, with mip levels.
  *
- *     struct umb_derive_settings settings = {.width = 1024, .height = 1024,
- *                                            .map = {.technique = UMB_MAP_EVSM}};
- *     umb_derive(asset, &settings, NULL, &derived, &error);
- *     umb_derived_ktx2(derived, &bytes, &size, &error);    what a GPU loads
- *     umb_map_prepare(derived->maps[0], ...);              or ask it here, umbrage/maps.h
+ *     const struct umb_derive_settings settings = {
+ *         .width = 1024, .height = 1024, .map = {.technique = UMB_MAP_EVSM}};
+ *     struct umb_derived *derived;
+ *     if (umb_derive(asset, &settings, NULL, &derived, &error) ||
+ *         umb_derived_ktx2(derived, &bytes, &size, &error)) {  // what a GPU loads
+ *         return error.status;
+ *     }
+ *     // ... or ask derived->maps[0] here, see umbrage/maps.h
  *     umb_derived_destroy(derived);
  *
  * Each texel is the first occluder of the column of voxels at its centre, as umb_volume_columns
@@ -25,8 +28,8 @@
  * Precision: texel centres become voxel coordinates in doubles (2^-50 of the frustum); depth is
  * rounded once to the format.
  * Threads: derive from one asset on any number of threads; a derived map is immutable.
- * Stability: experimental; may change before version 1.0.
  * Sources: docs/explained/sources.md has the publications of each technique; KTX 2.0 (Khronos).
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -54,6 +57,7 @@ struct umb_derive_settings {
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
     int (*cancelled)(void *user);         /* Called for each row; nonzero stops. May be NULL */
     void *cancel_user;                    /* First argument of `cancelled` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The maps of one call: one map, or one for each cascade. Made by umb_derive only. */
@@ -65,6 +69,7 @@ struct umb_derived {
     struct umb_derive_settings settings; /* Settings, defaults filled in; pointers are NULL */
     uint8_t asset_id[UMB_ID_BYTES];
     double texel_error_m; /* Stated error of depth, metres: half a voxel along the light */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -5,8 +5,11 @@
  * Asset files as bytes: conversion between the two encodings, and proof that a file's content is
  * the one that its id names.
  *
+ *     // static enum umb_status append(void *user, const void *bytes, size_t count)
  *     const struct umb_sink sink = {append, file};
- *     umb_asset_write(asset, UMB_ENCODING_MAPPED, umb_sha256_openssl(), &sink, &error);
+ *     if (umb_asset_write(asset, UMB_ENCODING_MAPPED, umb_sha256_openssl(), &sink, &error)) {
+ *         return error.status;
+ *     }
  *
  * The core has no SHA-256 and writes no files: both are interfaces that the caller fills in.
  * libumbrage has a ready hash, umb_sha256_openssl() of umbrage/region.h. A program that links
@@ -14,6 +17,7 @@
  *
  * Trust: safe on hostile bytes.
  * Threads: any; each call on a sink and a hash of its own, or on ones that serve several threads.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -53,6 +57,7 @@ struct umb_file_head {
     uint64_t file_bytes;      /* Length of the whole file */
     uint64_t open_bytes;      /* Length of its head, with the first block of a packed file's
                                  directory: the bytes that umb_partial_open needs */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A file's bytes, mapped for reading. */

@@ -4,9 +4,11 @@
 /*
  * libumbrage: bakes on a daemon. A program submits a scene, watches its job, and fetches the asset.
  *
- *     umb_client_submit(client, &submission, &submitted, NULL, &error);
- *     umb_client_watch(client, submitted.job, on_status, user, NULL, &error);      until it is over
- *     umb_client_fetch(client, id, 0, on_bytes, user, NULL, &error);
+ *     if (umb_client_submit(client, &submission, &submitted, NULL, &error) ||
+ *         umb_client_watch(client, submitted.job, told, &id, NULL, &error) ||  // until it is over
+ *         umb_client_fetch(client, id, 0, got, &size, NULL, &error)) {
+ *         return error.status;
+ *     }
  *
  * Ownership: jobs and assets belong to the owner of the client's token.
  * Retries: if the reply to a submission is lost, the client sends the submission again; the daemon
@@ -16,6 +18,7 @@
  * Threads: as umbrage/client.h; callbacks run on the client's thread.
  * Fails: as umb_client_list_assets; E_UNSUPPORTED (the daemon takes no jobs); and as each function
  *        says below.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -71,6 +74,7 @@ struct umb_job_status {
     /* Tiles of a watched job's last try; total 0 = not known; found: kept from earlier bakes */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* Lines of text, borrowed during the callback; NULL in lists */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One file of a scene. */
@@ -95,11 +99,13 @@ struct umb_job_submission {
      * thread. */
     void (*sent)(void *user, uint64_t done, uint64_t total);
     void *user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_job_submitted {
     char job[UMB_JOB_ID_SIZE];
     int existing; /* 1: the same submission was made before, and this is its job */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

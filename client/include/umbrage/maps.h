@@ -4,12 +4,18 @@
 /*
  * Shadow maps of the literature behind one interface: depth layers in, visibility out.
  *
- *     struct umb_map_frustum frustum;
- *     umb_map_frustum_fit(to_light, &box, 1024, 1024, &frustum, &error);  where the texels lie
- *     ... fill depth[y * 1024 + x] along umb_map_frustum_point(...) ...
- *     umb_map_build(&frustum, &layer, &settings, NULL, &map, &error);
- *     umb_map_prepare(map, &filter, &query, &error);                      checks, once
- *     umb_map_run(&query, &points, 0, points.count, values);              cannot fail
+ *     struct umb_map_frustum frustum;  // where the texels lie
+ *     if (umb_map_frustum_fit(to_light, &box, 64, 64, &frustum, &error)) {
+ *         return error.status;
+ *     }
+ *     // ... fill layer.depth[y * 64 + x] along umb_map_frustum_point(&frustum, ...)
+ *     struct umb_map *map;
+ *     struct umb_map_query query;
+ *     if (umb_map_build(&frustum, &layer, &settings, NULL, &map, &error) ||
+ *         umb_map_prepare(map, &filter, &query, &error)) {  // checks, once
+ *         return error.status;
+ *     }
+ *     umb_map_run(&query, &points, 0, points.count, values);  // cannot fail
  *     umb_map_destroy(map);
  *
  * umbrage's own voxel DAG is compared with these maps, and a thin client's GPU samples them.
@@ -26,7 +32,7 @@
  * Threads: a built map and a prepared query are immutable; any number of threads may run a query.
  * Trust: sizes, settings and every depth of a layer are checked. Check points with
  * umb_points_check.
- * Stability: experimental; may change before version 1.0.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -58,8 +64,9 @@ enum umb_map_technique {
     UMB_MAP_MOMENTS,    /* `terms` moments of the depth where light is absorbed; see
                            umb_map_build_translucent */
     UMB_MAP_ABSORBANCE, /* `terms` moments of absorbance, -log of transmittance, and its sum */
-    UMB_MAP_TECHNIQUES
 };
+
+#define UMB_MAP_TECHNIQUES 10 /* Number of values of enum umb_map_technique in this version */
 
 enum umb_map_format {
     UMB_MAP_F32 = 0, /* IEEE single */
@@ -103,6 +110,7 @@ struct umb_map_frustum {
     double near_m;   /* Metres from a point or spot light to depth 0 */
     int directional; /* 1: `light` is the unit vector towards the light, else its position */
     double light[3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Depths of the first casters that the light meets through the centre of each texel. */
@@ -111,6 +119,7 @@ struct umb_map_layer {
     const float *slope; /* float[height][width][2]: change of the surface's depth per texel in x
                            and in y, finite. NULL: the smaller of the differences to both
                            neighbours */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map_settings {
@@ -134,6 +143,7 @@ struct umb_map_settings {
                                    absorbed at the receiver's own depth that counts as absorbed; 0:
                                    answers are upper bounds of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_map_kernel {
@@ -158,6 +168,7 @@ struct umb_map_filter {
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map; /* opaque */
@@ -172,6 +183,7 @@ struct umb_map_info {
     enum umb_map_bound bound; /* Kind of an answer without `reduction`, in exact arithmetic */
     double slack;             /* Stated error of visibility by storage and arithmetic
                                  (docs/explained/numerics-maps.md) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */
@@ -201,6 +213,7 @@ struct umb_map_deep_settings {
     double exponent; /* c, 0..1e6: the last step fades in by exp(-c d) at depth d behind it; 0: a
                         sharp step */
     enum umb_map_deep_way way;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A checked query: caller's storage, no pointer into itself, may be copied. */
@@ -224,6 +237,7 @@ struct umb_map_spot {
     double tangent;                        /* Tangent of half the field of view, > 0 */
     double near_m, far_m;                  /* Metres along forward, 0 <= near < far */
     enum umb_map_projection projection;    /* PERSPECTIVE, or PARABOLOID (tangent not used) */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT
@@ -302,6 +316,7 @@ struct umb_map_level {
     enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
                                    1/32767; U24: three bytes a texel */
     size_t bytes;               /* Length of `texels` in bytes */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (no such level; or a map of tables or lists,

@@ -4,14 +4,34 @@
 /*
  * Partial assets: queries on some pages of a packed file, each proven by its hash.
  *
- *     umb_file_read_head(front, size, &head, &error);            read head.open_bytes of the file
- *     umb_partial_open(front, size, &options, &partial, &error);
- *     umb_partial_want(partial, &view, 0, &error);               which pages matter, and how much
- *     count = umb_partial_missing(partial, list, room, budget);  the best first
- *     umb_partial_locate(partial, list[0], &offset, &length);    where each stands in the file
- *     umb_partial_add(partial, list[0], stored, length, &error); for each that came
- *     umb_partial_build(partial, &error);                        lays out what is here
- *     umb_partial_query(partial, &settings, &points, 0, &answers, &error);
+ *     struct umb_partial *partial;
+ *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // head.open_bytes
+ *         umb_partial_build(partial, &error)) {                         // coarse answers
+ *         return error.status;
+ *     }
+ *     uint32_t pages[64];
+ *     size_t count;
+ *     do {
+ *         if (umb_partial_want(partial, &view, 0, &error)) {  // which pages matter, and how much
+ *             return error.status;
+ *         }
+ *         count = umb_partial_missing(partial, pages, 64, 0);  // the best first
+ *         for (size_t i = 0; i < count; i++) {
+ *             uint64_t offset;
+ *             uint32_t length;
+ *             umb_partial_locate(partial, pages[i], &offset, &length);
+ *             // ... read `length` bytes at `offset` of the file into `stored`
+ *             if (umb_partial_add(partial, pages[i], stored, length, &error)) {
+ *                 return error.status;
+ *             }
+ *         }
+ *         if (umb_partial_build(partial, &error)) {  // lays out what is here
+ *             return error.status;
+ *         }
+ *     } while (count > 0);
+ *     if (umb_partial_query(partial, &settings, &points, 0, &answers, &error)) {
+ *         return error.status;
+ *     }
  *     umb_partial_close(partial);
  *
  * umbrage/region.h does all of that over a source of byte ranges.
@@ -30,6 +50,7 @@
  * zstd's working memory (about 0.2 MiB) comes from malloc on top.
  * Threads: one at a time; but between two builds any number may query.
  * Space: voxels and boxes as in umbrage/geom.h.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -50,6 +71,7 @@ struct umb_partial_options {
     uint64_t max_memory_bytes;       /* Memory budget; 0 = 1 GiB; too little for the head:
                                         E_TOO_LARGE */
     const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial asset */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The points that a program will ask about, and how exactly. World space, metres, radians. */
@@ -63,6 +85,7 @@ struct umb_partial_view {
     double max_error_rad;     /* The same as an angle at the eye, such as half a pixel; 0: exact */
     uint32_t taps;            /* Widest window of the queries to come; 0 = UMB_TAPS_MAX */
     double bias_m;            /* Longest bias of the queries to come, beyond UMB_BIAS_AUTO's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_partial_stats {
@@ -74,6 +97,7 @@ struct umb_partial_stats {
     uint64_t pages_dropped;                   /* Pages that the budget dropped since open */
     uint64_t builds;                          /* Number of builds */
     uint32_t block_count, blocks_held; /* Blocks of the directory; blocks held */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -192,6 +216,7 @@ struct umb_partial_answers {
     uint64_t exact;    /* Out: number of points whose low and high are equal */
     double worst_error_m;         /* Out: greatest error_m */
     struct umb_query_stats stats; /* Counts of the run on the lower asset, added to */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -5,16 +5,21 @@
  * Frame loops: a point for each pixel of a depth picture, and packed answers of which only the
  * changes since an earlier picture are sent.
  *
- *     umb_picture_check(&picture, &error);
- *     umb_picture_points(&picture, first, count, points);   floats relative to the eye
- *     ... umb_query_run on them ...
- *     umb_picture_fill(&picture, first, count, format, values);   pixels with nothing in them: lit
- *     umb_picture_pack(values, base, size, out, &packed, &error);
- *     umb_picture_unpack(packed bytes, base, values, size, &error);
+ *     if (umb_picture_check(&picture, &error)) {
+ *         return error.status;
+ *     }
+ *     umb_picture_points(&picture, 0, count, points);  // floats relative to the eye
+ *     // ... umb_query_run on them ...
+ *     umb_picture_fill(&picture, 0, count, UMB_ANSWER_U8, values);  // empty pixels are lit
+ *     if (umb_picture_pack(values, base, count, scratch, packed, &packed_size, &error) ||
+ *         umb_picture_unpack(packed, packed_size, base, unpacked, count, &error)) {
+ *         return error.status;
+ *     }
  *
  * Client and server run the same code.
  * Threads: the functions have no state; any number of threads may call them.
  * Trust: unpacking is safe on hostile bytes.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -34,6 +39,7 @@ struct umb_picture {
     const void *depth; /* Depths in metres along `forward` (not along the pixel's ray), float[width
                           * height], little-endian, any alignment. A pixel whose depth is not
                           positive, not finite or beyond UMB_DEPTH_MAX is empty */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks a picture. Fails: E_ARGUMENT (the field is named). */

@@ -4,11 +4,13 @@
 /*
  * Queries: how much of a light reaches each of a batch of points.
  *
- *     struct umb_query_settings settings = {.light = 0, .taps = 9};
+ *     const struct umb_query_settings settings = {.light = 0, .taps = 9};
  *     struct umb_query query;
- *     umb_query_prepare(asset, &settings, &query, &error);   checks the settings, once
- *     umb_points_check(&points, &error);                      checks the batch
- *     umb_query_run(&query, &points, 0, points.count, &answers);   cannot fail
+ *     if (umb_query_prepare(asset, &settings, &query, &error) ||  // checks the settings, once
+ *         umb_points_check(&points, &error)) {                    // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_query_run(&query, &points, 0, points.count, &answers);  // cannot fail
  *
  * Answers are the fraction of an n x n window of texels, at the depth of the point's voxel, from
  * which the light is visible: 0 shadowed, 1 lit (percentage closer filtering; Sintorn et al. 2014,
@@ -33,6 +35,7 @@
  * thread count and instruction set.
  * Threads: a prepared query is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -84,7 +87,7 @@ enum umb_filter {
     UMB_FILTER_FOOTPRINT = 3,
 };
 
-#define UMB_FILTERS 4 /* Number of filters in enum umb_filter */
+#define UMB_FILTERS 4 /* Number of values of enum umb_filter in this version */
 
 /* Return the name as a static string: "box", "tent", "penumbra", "footprint"; "auto", "voxels",
  * "metres", "none"; "unknown" for any other number. */
@@ -140,6 +143,7 @@ struct umb_query_settings {
      * the surface that a pixel covers: side = pixel_rad * distance / sqrt(c), with c the cosine
      * between the normal and the direction to the eye, at least 1/16 (1 without a normal). */
     double eye[3], pixel_rad;
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -156,6 +160,7 @@ struct umb_points {
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
                                 UMB_FILTER_FOOTPRINT reads them, and they override footprint_m. */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Counts of a run; zero them before the first. */
@@ -171,6 +176,7 @@ struct umb_query_stats {
      * split; the other counts and the answers do not. */
     uint64_t nodes; /* Cells, columns and nodes; 1 for a window that the grid settles */
     uint64_t bricks;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Adds the counts of one run to a total, for programs that split a batch themselves. */
@@ -180,6 +186,7 @@ struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */
     struct umb_query_stats stats; /* Counts, added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
@@ -258,6 +265,7 @@ UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 struct umb_light_answers {
     void *const *values; /* [query_count], an array for each light as umb_answers.values */
     struct umb_query_stats *stats; /* [query_count], counts, added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -302,6 +310,7 @@ struct umb_explanation {
         uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: the path goes on */
         uint64_t index; /* Offset or brick number */
     } steps[16];        /* Path of the centre tap through the octree */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few

@@ -5,9 +5,14 @@
  * libumbrage: regions. A program fetches the part of an asset that it needs, and answers queries
  * from it locally.
  *
- *     umb_region_open(&source, &options, &region, &error);      32 KiB: coarse answers everywhere
- *     umb_region_update(region, &request, &error);              fetches what a camera sees
- *     umb_region_query(region, &settings, &points, &answers, &error);
+ *     struct umb_region *region;
+ *     enum umb_status status = umb_region_open(&source, NULL, &region, &error);  // reads 32 KiB
+ *     if (status == UMB_OK) {
+ *         status = umb_region_update(region, &request, &error);  // fetches what a camera sees
+ *     }
+ *     if (status == UMB_OK) {
+ *         status = umb_region_query(region, &settings, &points, 0, &answers, &error);
+ *     }
  *     umb_region_close(region);
  *
  * A source gives ranges of a packed file: a local file, a web server, a daemon. Coarse pages come
@@ -19,6 +24,7 @@
  * Blocking: open and update wait for the source.
  * Trust: a hostile source can fail calls and waste time, but not crash the program or change
  * answers: every page is proven against options.id. Without an id the source chooses the asset.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -56,12 +62,14 @@ struct umb_region_source {
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
     void *user; /* First argument of `read` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES], the id to require; NULL: any */
     uint64_t max_memory_bytes; /* Memory budget of the whole region; 0 = 1 GiB */
     uint64_t first_bytes;      /* Length of the first read; 0 = 32 KiB */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Counts since the region was opened. */
@@ -71,6 +79,7 @@ struct umb_region_stats {
     uint64_t requests;       /* Ranges requested */
     uint64_t rounds;         /* Reads of the source that the region waited for */
     uint64_t pages_received;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -87,6 +96,7 @@ struct umb_region_request {
                              the bytes held, at least 512 KiB */
     umb_region_fn progress; /* Called after each round; may be NULL */
     void *progress_user;    /* First argument of `progress` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -14,7 +14,8 @@
  * returns its result.
  *
  * Threads: everything here is a pure function of its arguments.
- * Stability: values are pinned for ever; new ones are added at the end of their group.
+ * Stability: stable; umbrage/version.h says what that means. New codes come at the end of their
+ *        group.
  */
 #include <stdint.h>
 
@@ -63,7 +64,7 @@ extern "C" {
     X(E_INTERNAL, -80, "internal error")
 
 enum umb_status {
-#define UMB_STATUS_ENUM(name, value, text) UMB_##name = value,
+#define UMB_STATUS_ENUM(name, value, text) UMB_##name = (value),
     UMB_STATUS_LIST(UMB_STATUS_ENUM)
 #undef UMB_STATUS_ENUM
 };

@@ -7,9 +7,11 @@
  * lies, and which share of a box is lit.
  *
  *     struct umb_volume volume;
- *     umb_volume_prepare(asset, light, &volume, &error);     once
- *     umb_segments_check(&segments, &error);                  checks the batch
- *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);   cannot fail
+ *     if (umb_volume_prepare(asset, light, &volume, &error) ||  // once
+ *         umb_segments_check(&segments, &error)) {              // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);  // cannot fail
  *
  * All three are exact for the voxels that the asset stores: they equal a march through every single
  * voxel. There is no filter and no bias; a segment that starts at a surface must be moved off it by
@@ -33,6 +35,7 @@
  * every batch size, split, thread count and machine.
  * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -54,6 +57,7 @@ struct umb_volume {
 struct umb_volume_stats {
     uint64_t nodes;  /* Grid cells and nodes read */
     uint64_t bricks; /* Bricks read */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -85,6 +89,7 @@ struct umb_segments {
     enum umb_point_format format;
     double origin[3]; /* Origin added to every end, metres, world space; finite */
     size_t count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A lit interval: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
@@ -105,6 +110,7 @@ struct umb_segment_answers {
     size_t interval_max;                 /* Most intervals to store of each segment; later ones are
                                             only counted and added to `lit` */
     struct umb_volume_stats stats;       /* Counts, added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that segments may be run: every number must be finite. Fails: E_ARGUMENT, naming the first
@@ -153,6 +159,7 @@ struct umb_column_answer {
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
     struct umb_volume_stats stats;     /* Counts, added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that the first shadowed voxel of a column is its first occluder. Fails: E_UNSUPPORTED (a
@@ -187,9 +194,19 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* Counts, added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 #define UMB_BOX_STEPS 65536 /* Steps between two calls of go_on: a few milliseconds at most */
+
+/*
+ * Number of steps that a box without a watch may take for each column of bricks of the frustum,
+ * which has (size / 8)^2 of them: 2^32 steps at 16384 voxels a side. The faces of a box cut each
+ * row of bricks twice at most, so they take 6 * 64 of these steps; the other 640 are bricks and
+ * nodes inside. No asset of up to 4096 voxels a side has more. At 16384 a box of the whole frustum
+ * has more if 30 % of the bricks hold both lit and shadowed voxels.
+ */
+#define UMB_BOX_COLUMN_STEPS 1024
 
 /*
  * Callback during long boxes, for callers that bound the time of one. A step is a node, a cell or a
@@ -216,28 +233,31 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  * Counts the lit voxels of boxes in world space, in volumes that umb_volume_check_parallel accepts.
  * In other volumes no box holds a voxel.
  *
- * In:    watch: NULL: every box is finished. boxes: [first + count], metres, world space. A voxel
- *        is in the box if its centre is, min <= centre < max, so that boxes side by side share no
- *        voxel and leave none out. Voxels outside the frustum do not count. The centre of voxel
- *        (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in doubles and
- *        in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey - m2 ez with
- *        the last column m of world_to_voxel, origin is the asset's.
+ * In:    watch: NULL: each box has the limit of UMB_BOX_COLUMN_STEPS. boxes: [first + count],
+ *        metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that
+ *        boxes side by side share no voxel and leave none out. Voxels outside the frustum do not
+ *        count. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2)
+ *        ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's voxel_step, o =
+ *        -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin is the asset's.
+ * Fails: E_LIMIT (only without a watch: a box takes too many steps; it and those behind it have no
+ *        answers).
  * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
  * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
- *        the voxels its faces cut. For boxes of a large part of a large frustum of untrusted bytes
- *        that has no useful bound: a service must limit the size of boxes.
+ *        the voxels its faces cut. A small file of untrusted bytes may share one node so often that
+ *        a large box takes hours: a service must limit a box's steps by a watch.
  */
-UMB_API void umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes,
-                              size_t first, size_t count, const struct umb_box_watch *watch,
-                              struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
+                 size_t count, const struct umb_box_watch *watch, struct umb_box_answers *answers,
+                 struct umb_error *error);
 
 /* Counts the lit voxels of boxes of voxels, as umb_volume_boxes. A box with min >= max on an axis
  * is empty. */
-UMB_API void umb_volume_voxel_boxes(const struct umb_volume *volume,
-                                    const struct umb_voxel_box *boxes, size_t first, size_t count,
-                                    const struct umb_box_watch *watch,
-                                    struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                       size_t first, size_t count, const struct umb_box_watch *watch,
+                       struct umb_box_answers *answers, struct umb_error *error);
 
 #ifdef __cplusplus
 }

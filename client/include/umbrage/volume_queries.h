@@ -7,12 +7,15 @@
  * asset, bit for bit.
  *
  *     const struct umb_volume_query volume_query = {.asset = "city"};
- *     umb_client_columns(client, &volume_query, &points, &answers, &reply, NULL, &error);
+ *     if (umb_client_columns(client, &volume_query, &points, &columns, &reply, NULL, &error)) {
+ *         return error.status;
+ *     }
  *
  * With async NULL the functions block until answered. Ownership, threads and retries are as in
  * umbrage/client.h.
  * Limits: umb_client_get_limits has the server's limits for one call. Against them a segment counts
  * as 64 points or as its intervals, a column as 1 point, a box as 256.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include "umbrage/client.h"
 #include "umbrage/volume.h"
@@ -25,6 +28,7 @@ struct umb_volume_query {
     const char *asset;   /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     uint32_t light;      /* Index of the light */
     uint32_t timeout_ms; /* Deadline of this call; 0 = the client's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_volume_query_reply {
@@ -32,6 +36,7 @@ struct umb_volume_query_reply {
     struct umb_volume_stats stats;
     uint64_t nanoseconds;    /* CPU time on the server */
     int ignores_translucent; /* as umb_volume_ignores_translucent */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -3,6 +3,7 @@
 #define UMBRAGE_WORKERS_H
 /*
  * Threads of the caller, for the core, which has none of its own.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stdint.h>
 

@@ -9,11 +9,12 @@
 uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis);
 
 /*
- * Makes the cut-out casters of an analysis ready for a frustum. The corners must be in world space.
+ * Makes the cut-out casters of an analysis ready for the frustum of that number. The corners must
+ * be in world space.
  *
  * Out:   cuts: borrows from the analysis, valid until the next call for it.
  */
-void umbb_cut_planes_make(struct umbb_analysis *analysis, uint32_t frustum, struct umbb_cuts *cuts);
+void umbb_cut_planes_make(struct umbb_analysis *analysis, uint32_t number, struct umbb_cuts *cuts);
 
 /* The same for the translucent triangles, whatever space the corners are in, and any frustum. */
 void umbb_cut_planes_translucent(struct umbb_analysis *analysis,

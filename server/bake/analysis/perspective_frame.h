@@ -82,8 +82,9 @@ struct umbb_projected {
  * Cuts triangles to a frustum and a voxel around it, and projects them.
  *
  * In:    world: corners, kinds, and of cuts which caster has which. reach: as umbb_perspective_fit
- * had it. max_bytes: for the result. Out:   projected: finish it, whatever is returned. Fails:
- * E_NO_MEMORY, E_LIMIT (max_bytes).
+ *        had it. max_bytes: for the result.
+ * Out:   projected: finish it, whatever is returned.
+ * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status
 umbb_perspective_project(const struct umbb_casters *world, const struct umb_frustum_info *frustum,

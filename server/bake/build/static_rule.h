@@ -22,7 +22,7 @@
  * Source: Arvo and Hirvikorpi 2005; Sintorn et al. 2014, section 6.1 (between first and second
  * caster); that windows must find what they read is ours.
  */
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/tile.h"
 
 #define UMBB_STATIC_BAND 64 /* rows of texels of a tile that are one job */
@@ -52,7 +52,7 @@ void umbb_static_finish(struct umbb_static *rule);
  * are background need not be set. In: jobs: idle; all its threads help. cancelled: any thread, or
  * NULL; once it says 1, and it must stay so, the rest is left out. */
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
-                        struct umbb_slice_pool *jobs, int (*cancelled)(void));
+                        struct umbu_threads *jobs, int (*cancelled)(void));
 
 /* Lists what reaches a tile. All tiles have been surveyed. */
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);
@@ -61,9 +61,10 @@ void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);
  * Moves `end` of a band's texels to where the undefined region ends, and level 3 of the pyramid
  * with it. Before: the end under the closed rule, or lit.
  *
- * In: tile: with an array `end` of its own. band: rows from UMBB_STATIC_BAND * band on.
+ * In: tile: with an array `end` of its own. number: of the band, which begins
+ * at row UMBB_STATIC_BAND * number.
  * Returns 0 if there is no memory. Threads: different bands at once.
  */
-int umbb_static_band(const struct umbb_static *rule, struct umbb_tile *tile, uint32_t band);
+int umbb_static_band(const struct umbb_static *rule, struct umbb_tile *tile, uint32_t number);
 
 #endif

@@ -11,40 +11,44 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
-#include "common/json_text.h"
 #include "tool/exit_code.h"
+#include "tool/json.h"
+#include "tool/options.h"
 
 #define EXIT_UNAVAILABLE 69
 #define FORBID_MAX       16
 
 static const char *const verdicts[] = {"ALLOWED", "refused", "killed", "UNCLEAR"};
 
-static const char help[] =
-    "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...\n"
-    "                                    check the sandboxes of importer and bake, and this "
-    "machine\n"
-    "\n"
-    "Tries the actions of a hostile scene, each in a separate sandboxed process and a temporary\n"
-    "folder, and prints the level of each sandbox. `full`: every layer; `reduced`: namespaces or\n"
-    "Landlock are missing, and the importer's filter still denies every action; `exempt`: a\n"
-    "sanitizer build. Actions on paths run once more with Landlock alone, so that no other layer\n"
-    "hides a gap.\n"
-    "\n"
-    "  --forbid FILE    also try to read this file in the bake's sandbox, up to 16 times: tokens,\n"
-    "                   jobs.db, another owner's bundle\n"
-    "  --json           print one JSON object\n"
-    "  -q, --quiet      print nothing; see the exit code\n"
-    "\n"
-    "Exit codes: 0 every action is denied and a bake works (or the build is exempt), 1 an action "
-    "is\n"
-    "allowed or a bake does not work, 2 usage, 69 a required layer is missing: the importer's\n"
-    "filter, or a layer of the bake's sandbox that jobs need (umbraged --job-sandbox), 73 no\n"
-    "temporary folder.\n";
-
 struct request {
     int json, quiet;
-    const char *forbid[FORBID_MAX];
-    size_t forbid_count;
+    const char *forbid[FORBID_MAX + 1]; /* NULL behind the last */
+};
+#define AT(field) UMBU_AT(struct request, field)
+
+static const struct umbu_option OPTIONS[] = {
+    {"forbid", "FILE",
+     "also try to read this file in the bake's sandbox, up to 16 times: tokens, jobs.db, another "
+     "owner's bundle",
+     UMBU_LIST(FORBID_MAX), AT(forbid)},
+    {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json), .excludes = "quiet"},
+    {"quiet", NULL, "print nothing; see the exit code", UMBU_FLAG, AT(quiet), .letter = 'q'},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-bake doctor",
+    .usage = "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...",
+    .summary = "Checks the sandboxes of importer and bake, and this machine. Tries the actions\n"
+               "of a hostile scene, each in a separate sandboxed process and a temporary folder,\n"
+               "and prints the level of each sandbox. `full`: every layer; `reduced`: namespaces\n"
+               "or Landlock are missing, and the importer's filter still denies every action;\n"
+               "`exempt`: a sanitizer build. Actions on paths run once more with Landlock alone,\n"
+               "so that no other layer hides a gap.",
+    .notes = "Exit codes: 0 every action is denied and a bake works (or the build is exempt),\n"
+             "1 an action is allowed or a bake does not work, 2 usage, 69 a required layer is\n"
+             "missing: the importer's filter, or a layer of the bake's sandbox that jobs need\n"
+             "(umbraged --job-sandbox), 73 no temporary folder.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static int has_avx2(void)
@@ -72,19 +76,28 @@ static long long limit_of(int resource)
     return value.rlim_cur == RLIM_INFINITY ? -1 : (long long)value.rlim_cur;
 }
 
-static void print_machine(int json)
+/* In: json: NULL = text, here and below. */
+static void print_machine(struct umbu_json *json)
 {
     struct utsname kernel;
     if (uname(&kernel) != 0) {
         memset(&kernel, 0, sizeof(kernel));
     }
     const long long memory = (long long)sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE);
-    printf(json ? "\"kernel\":\"%s\",\"machine\":\"%s\",\"processors\":%ld,\"avx2\":%s,"
-                  "\"memory_bytes\":%lld,\"limit_address_space\":%lld,\"limit_files\":%lld,"
-                : "kernel      %s\nmachine     %s\nprocessors  %ld\navx2        %s\n"
-                  "memory      %lld bytes; address space limit %lld, descriptors %lld (-1: none)\n",
-           kernel.release, kernel.machine, processors(), has_avx2() ? "true" : "false", memory,
-           limit_of(RLIMIT_AS), limit_of(RLIMIT_NOFILE));
+    if (json == NULL) {
+        printf("kernel      %s\nmachine     %s\nprocessors  %ld\navx2        %s\n"
+               "memory      %lld bytes; address space limit %lld, descriptors %lld (-1: none)\n",
+               kernel.release, kernel.machine, processors(), has_avx2() ? "true" : "false", memory,
+               limit_of(RLIMIT_AS), limit_of(RLIMIT_NOFILE));
+        return;
+    }
+    umbu_json_text(json, "kernel", kernel.release);
+    umbu_json_text(json, "machine", kernel.machine);
+    umbu_json_signed(json, "processors", processors());
+    umbu_json_bool(json, "avx2", has_avx2());
+    umbu_json_signed(json, "memory_bytes", memory);
+    umbu_json_signed(json, "limit_address_space", limit_of(RLIMIT_AS));
+    umbu_json_signed(json, "limit_files", limit_of(RLIMIT_NOFILE));
 }
 
 static const char *truth(int value)
@@ -92,29 +105,49 @@ static const char *truth(int value)
     return value ? "true" : "false";
 }
 
-static void print_layers(const struct umbb_sandbox *layers, int json)
+static void print_layers(const struct umbb_sandbox *layers, const struct umbb_bake_sandbox *bake,
+                         struct umbu_json *json)
 {
-    printf(json ? "\"sandbox\":\"%s\",\"seccomp\":%s,\"landlock_abi\":%d,\"namespaces\":%s,"
-                : "sandbox     %s: seccomp %s, Landlock ABI %d, namespaces %s\n",
-           umbb_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi,
-           truth(layers->namespaces));
+    if (json == NULL) {
+        printf("sandbox     %s: seccomp %s, Landlock ABI %d, namespaces %s\n",
+               umbb_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi,
+               truth(layers->namespaces));
+        printf("bake        %s: seccomp %s, Landlock ABI %d\n", umbb_bake_sandbox_level(bake),
+               truth(bake->seccomp), bake->landlock_abi);
+        return;
+    }
+    umbu_json_text(json, "sandbox", umbb_sandbox_level(layers));
+    umbu_json_bool(json, "seccomp", layers->seccomp);
+    umbu_json_signed(json, "landlock_abi", layers->landlock_abi);
+    umbu_json_bool(json, "namespaces", layers->namespaces);
+    umbu_json_text(json, "bake_sandbox", umbb_bake_sandbox_level(bake));
+    umbu_json_bool(json, "bake_seccomp", bake->seccomp);
+    umbu_json_signed(json, "bake_landlock_abi", bake->landlock_abi);
 }
 
-static void print_bake_layers(const struct umbb_bake_sandbox *layers, int json)
+static void print_line(const char *name, const char *word, struct umbu_json *json)
 {
-    printf(json ? "\"bake_sandbox\":\"%s\",\"bake_seccomp\":%s,\"bake_landlock_abi\":%d,"
-                : "bake        %s: seccomp %s, Landlock ABI %d\n",
-           umbb_bake_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi);
-}
-
-static void print_line(const char *name, const char *word, int json, int first)
-{
-    if (json) {
-        printf("%s", first ? "" : ",");
-        umbs_json_text(stdout, name);
-        printf(":\"%s\"", word);
+    if (json != NULL) {
+        umbu_json_text(json, name, word);
     } else {
         printf("  %-32s %s\n", name, word);
+    }
+}
+
+/* Begins a table: an object, or a line of words above. */
+static void begin_table(const char *title, const char *words, struct umbu_json *json)
+{
+    if (json != NULL) {
+        umbu_json_begin(json, title, '{');
+    } else {
+        printf("%s\n", words);
+    }
+}
+
+static void end_table(struct umbu_json *json)
+{
+    if (json != NULL) {
+        umbu_json_end(json, '}');
     }
 }
 
@@ -129,60 +162,58 @@ struct series {
 };
 
 /* Out: acts that are not denied. */
-static unsigned try_series(const struct series *series, const struct umbb_ground *ground, int json)
+static unsigned try_series(const struct series *series, const struct umbb_ground *ground,
+                           struct umbu_json *json)
 {
     unsigned allowed = 0;
-    int first = 1;
-    printf(json ? "\"%s\":{" : "%s\n", json ? series->title : series->words);
+    begin_table(series->title, series->words, json);
     for (size_t i = 0; i < series->count; i++) {
         const struct umbb_act *act = &series->acts[i];
-        if ((act->places & series->place) == 0) {
-            continue;
+        if ((act->places & series->place) != 0) {
+            const int verdict = umbb_doctor_try(act, series->cage, ground);
+            allowed += verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED;
+            print_line(act->name, verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
         }
-        const int verdict = umbb_doctor_try(act, series->cage, ground);
-        allowed += verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED;
-        print_line(act->name, verdict < 0 ? "UNKNOWN" : verdicts[verdict], json, first);
-        first = 0;
     }
-    printf(json ? "}," : "");
+    end_table(json);
     return allowed;
 }
 
 /* Out: files that can be read. */
-static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground)
+static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground,
+                              struct umbu_json *json)
 {
     unsigned allowed = 0;
-    printf(request->json               ? "\"forbidden\":{"
-           : request->forbid_count > 0 ? "bake, files of --forbid\n"
-                                       : "");
-    for (size_t i = 0; i < request->forbid_count; i++) {
+    if (json != NULL || request->forbid[0] != NULL) {
+        begin_table("forbidden", "bake, files of --forbid", json);
+    }
+    for (size_t i = 0; request->forbid[i] != NULL; i++) {
         umbb_bake_acts_forbid(request->forbid[i]);
         const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
         allowed += verdict != UMBB_ACT_REFUSED;
-        print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], request->json,
-                   i == 0);
+        print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
     }
-    printf(request->json ? "}," : "");
+    end_table(json);
     return allowed;
 }
 
 /* Out: needs that are not met. */
-static unsigned try_needs(const struct umbb_ground *ground, int json)
+static unsigned try_needs(const struct umbb_ground *ground, struct umbu_json *json)
 {
     unsigned broken = 0;
-    printf(json ? "\"needs\":{" : "bake, what it needs\n");
+    begin_table("needs", "bake, what it needs", json);
     for (size_t i = 0; i < umbb_bake_need_count; i++) {
         const int works =
             umbb_doctor_try(&umbb_bake_needs[i], UMBB_CAGE_BAKE, ground) == UMBB_ACT_ALLOWED;
         broken += !works;
-        print_line(umbb_bake_needs[i].name, works ? "works" : "BROKEN", json, i == 0);
+        print_line(umbb_bake_needs[i].name, works ? "works" : "BROKEN", json);
     }
-    printf(json ? "}," : "");
+    end_table(json);
     return broken;
 }
 
 static unsigned try_all(const struct request *request, const struct umbb_ground *ground,
-                        int landlock)
+                        int landlock, struct umbu_json *json)
 {
     const struct series all[] = {
         {"acts", "importer", umbb_acts, umbb_act_count, UMBB_IN_IMPORTER, UMBB_CAGE_IMPORTER},
@@ -198,15 +229,16 @@ static unsigned try_all(const struct request *request, const struct umbb_ground 
     const size_t count = landlock ? sizeof all / sizeof all[0] : 1;
     unsigned allowed = 0;
     for (size_t i = 0; i < count; i++) {
-        allowed += try_series(&all[i], ground, request->json);
+        allowed += try_series(&all[i], ground, json);
     }
-    return landlock ? allowed + try_forbidden(request, ground) + try_needs(ground, request->json)
+    return landlock ? allowed + try_forbidden(request, ground, json) + try_needs(ground, json)
                     : allowed;
 }
 
 static int examine(const struct request *request, const struct umbb_ground *ground)
 {
-    const int json = request->json;
+    struct umbu_json writer = {.file = stdout};
+    struct umbu_json *json = request->json ? &writer : NULL;
     struct umbb_sandbox layers;
     struct umbb_bake_sandbox bake;
     unsigned allowed = 0;
@@ -214,40 +246,23 @@ static int examine(const struct request *request, const struct umbb_ground *grou
     const int baker =
         umbb_doctor_probe_bake(ground, &bake) == 0 && bake.seccomp && bake.landlock_abi > 0;
     int code = umbb_sandbox_exempt() || (importer && baker) ? 0 : EXIT_UNAVAILABLE;
-    printf(json ? "{" : "");
+    if (json != NULL) {
+        umbu_json_begin(json, NULL, '{');
+    }
     print_machine(json);
-    print_layers(&layers, json);
-    print_bake_layers(&bake, json);
+    print_layers(&layers, &bake, json);
     if (importer && !umbb_sandbox_exempt()) {
         umbb_bake_acts_on(ground);
-        allowed = try_all(request, ground, baker);
+        allowed = try_all(request, ground, baker, json);
         code = allowed > 0 ? 1 : code;
     }
-    printf(json ? "\"allowed\":%u}\n" : "allowed     %u\n", allowed);
+    if (json != NULL) {
+        umbu_json_integer(json, "allowed", allowed);
+        umbu_json_close(json);
+    } else {
+        printf("allowed     %u\n", allowed);
+    }
     return fflush(stdout) != 0 ? 74 : code;
-}
-
-/* Out: 0, or the exit code. */
-static int read_request(int argc, char **argv, struct request *request)
-{
-    for (int i = 2; i < argc; i++) {
-        if (strcmp(argv[i], "--json") == 0) {
-            request->json = 1;
-        } else if (strcmp(argv[i], "--quiet") == 0 || strcmp(argv[i], "-q") == 0) {
-            request->quiet = 1;
-        } else if (strcmp(argv[i], "--forbid") == 0 && i + 1 < argc &&
-                   request->forbid_count < FORBID_MAX) {
-            request->forbid[request->forbid_count++] = argv[++i];
-        } else {
-            fprintf(stderr, "umbrage-bake doctor: '%.64s' is not an option; see --help\n", argv[i]);
-            return 2;
-        }
-    }
-    if (request->json && request->quiet) {
-        fprintf(stderr, "umbrage-bake doctor: --quiet: give it or --json\n");
-        return 2;
-    }
-    return 0;
 }
 
 int umbb_doctor(int argc, char **argv)
@@ -255,11 +270,9 @@ int umbb_doctor(int argc, char **argv)
     struct request request = {.json = 0};
     struct umbb_ground ground;
     struct umb_error error;
-    if (argc == 3 && (strcmp(argv[2], "--help") == 0 || strcmp(argv[2], "-h") == 0)) {
-        return fputs(help, stdout) < 0 || fflush(stdout) != 0;
-    }
-    int code = read_request(argc, argv, &request);
-    if (code != 0) {
+    struct umbu_parsed parsed;
+    int code = umbu_start(&parsed, &COMMAND, argc - 1, argv + 1, &request);
+    if (code >= 0) {
         return code;
     }
     if (request.quiet && freopen("/dev/null", "w", stdout) == NULL) {

@@ -13,7 +13,7 @@
  * (uint64), XXH3-64 of those 48 bytes followed by the rest (uint64), then the result
  * (tile_code.h) as one zstd frame. All little-endian.
  *
- * A file appears whole or not at all (common/file.h), so that killing a bake at any moment leaves
+ * A file appears whole or not at all (tool/output.h), so that killing a bake at any moment leaves
  * nothing but whole results and at most one temporary, which the next to open the folder removes
  * after a minute. Damage is found by the checksum: the file is removed and the tile baked again.
  * What the results say is believed: only those who may decide what is baked should be able to write

@@ -5,18 +5,19 @@
  * From octree to file: write a temporary, open it again as a stranger would, compare it with traced
  * rays, and only then give it its name. What fails a check never appears under the name.
  *
- *     umbb_publish_begin(&publish, "city.umb", &error);        early: an unwritable place shows at
- * once umbb_publish_write(&publish, &content, &octree, &error); umbb_publish_check(&publish,
- * &check, &error); umbb_publish_commit(&publish, &error); umbb_publish_abandon(&publish); harmless
- * after commit
+ *     umbb_publish_begin(&publish, "city.umb", &error);      early: refuses an unwritable place
+ *     umbb_publish_write(&publish, &content, &octree, &error);
+ *     umbb_publish_check(&publish, &check, &error);
+ *     umbb_publish_commit(&publish, &error);
+ *     umbb_publish_abandon(&publish);                        harmless after commit
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "scene/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 
 struct umbb_publish {
-    struct umbs_file file;
+    struct umbu_output file;
     unsigned threads; /* that write may use: 1 after begin, the caller's to raise */
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;                     /* of the file */

@@ -437,7 +437,7 @@ static void boxes_are_refused_before_a_lamp_and_numbers_that_overflow_do_no_harm
     const struct umb_box box = {{-1e7, -1e7, -1e7}, {1e7, 1e7, 1e7}};
     struct umb_box_answer count;
     struct umb_box_answers boxes = {.boxes = &count};
-    umb_volume_boxes(&lamp.volume, &box, 0, 1, NULL, &boxes);
+    assert_int_equal(umb_volume_boxes(&lamp.volume, &box, 0, 1, NULL, &boxes, &error), UMB_OK);
     assert_int_equal(count.voxels, 0);
     for (size_t i = 0; i < 20000; i++) {
         double p[2][3];
