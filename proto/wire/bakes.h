@@ -15,10 +15,11 @@
 #define UMBW_PATH_BAKES_FETCH  "/umbrage.v1.Bakes/Fetch"
 #define UMBW_PATH_BAKES_DELETE "/umbrage.v1.Bakes/Delete"
 
-#define UMBW_JOB_MAX      32    /* bytes of a job's id */
-#define UMBW_MANIFEST_MAX 65536 /* Most bytes of files and settings in one message: longer ones are
+#define UMBW_JOB_MAX 32 /* bytes of a job's id */
+#define UMBW_MANIFEST_MAX                                                                          \
+    65536                  /* Most bytes of files and settings in one message: longer ones are
                                    refused unread */
-#define UMBW_JOBS_MAX     1000  /* of one list */
+#define UMBW_JOBS_MAX 1000 /* of one list */
 
 struct umbw_bundle_file {
     const char *path;

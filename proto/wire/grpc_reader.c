@@ -13,8 +13,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define FIRST_CAPACITY 4096       /* bytes of the first allocation */
-#define AHEAD_FROM     (16 << 10) /* Bytes received before room for a usual message is allocated at
+#define FIRST_CAPACITY 4096 /* bytes of the first allocation */
+#define AHEAD_FROM                                                                                 \
+    (16 << 10) /* Bytes received before room for a usual message is allocated at
                                      once */
 #define AHEAD_CAPACITY (1 << 20)
 

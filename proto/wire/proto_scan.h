@@ -20,9 +20,11 @@
 #include <stdint.h>
 #include "umbrage/status.h"
 
-#define UMBW_FIELDS_MAX  65536 /* Most fields in one message, unknown ones too: a millisecond of
+#define UMBW_FIELDS_MAX                                                                            \
+    65536 /* Most fields in one message, unknown ones too: a millisecond of
                                   scanning */
-#define UMBW_SCRATCH_MAX 4096  /* Most bytes of small fields in one message; a full request needs
+#define UMBW_SCRATCH_MAX                                                                           \
+    4096 /* Most bytes of small fields in one message; a full request needs
                                   400 */
 
 enum umbw_wire_type {

@@ -44,15 +44,18 @@
 #define UMB__OCCLUDER_DEPTH_DIVIDED     63U
 #define UMB__OCCLUDER_DEPTH_PLANES      62U
 #define UMB__OCCLUDER_DEPTH_PLANES_MAX  15U
-#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* Words of a plane in a square of planes: 4 and the
+#define UMB__OCCLUDER_DEPTH_PLANE_WORDS                                                            \
+    6U /* Words of a plane in a square of planes: 4 and the
                                               mask */
-#define UMB__OCCLUDER_DEPTH_CHOICE      24U
-#define UMB__OCCLUDER_DEPTH_MASKED      32U
-#define UMB__OCCLUDER_DEPTH_WIDTH_MAX   20U
-#define UMB__OCCLUDER_DEPTH_SHIFT       12U /* fraction bits of planes of level 3 */
-#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* Fraction bits of planes of level 6: slopes must hold
+#define UMB__OCCLUDER_DEPTH_CHOICE    24U
+#define UMB__OCCLUDER_DEPTH_MASKED    32U
+#define UMB__OCCLUDER_DEPTH_WIDTH_MAX 20U
+#define UMB__OCCLUDER_DEPTH_SHIFT     12U /* fraction bits of planes of level 3 */
+#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT                                                             \
+    20U /* Fraction bits of planes of level 6: slopes must hold
                                                over 64 texels */
-#define UMB__OCCLUDER_DEPTH_LEVEL_MAX   18U /* Largest level of a frustum, so that no sum
+#define UMB__OCCLUDER_DEPTH_LEVEL_MAX                                                              \
+    18U /* Largest level of a frustum, so that no sum
                                                overflows */
 
 static inline uint32_t umb__occluder_depth_kind(uint32_t reference)

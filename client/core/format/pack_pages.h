@@ -18,8 +18,7 @@ struct umb__page_worker;
 struct umb__pack_pages {
     struct umb__pack_order order;
     uint8_t **stored; /* [order.page_count] compressed pages; lengths are in the entries */
-    uint8_t
-        *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but the places of pages in the
+    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but the places of pages in the
                      file */
     struct umb__page_worker *workers; /* [worker_count] */
     unsigned worker_count;

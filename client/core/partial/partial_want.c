@@ -229,8 +229,7 @@ size_t umb_partial_missing(const struct umb_partial *p, uint32_t *list, size_t r
         if (!(value > 0) || (count == room && !(value > worth(p, list[count - 1])))) {
             continue;
         }
-        size_t low = 0,
-               high = count; /* First page of less benefit; equal ones keep their order */
+        size_t low = 0, high = count; /* First page of less benefit; equal ones keep their order */
         while (low < high) {
             const size_t middle = low + (high - low) / 2;
             if (worth(p, list[middle]) < value) {

@@ -43,13 +43,15 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-#define UMB__FIXED_SLACK 16        /* Units of 2^-32 voxels; twice the error that the argument above
+#define UMB__FIXED_SLACK                                                                           \
+    16                            /* Units of 2^-32 voxels; twice the error that the argument above
                                       allows */
-#define UMB__FIXED_MOST  (1 << 22) /* Most slack for normals: a thousandth of a voxel */
-#define UMB__FLOATS_MOST 1e10      /* Largest number computed with in floats, so that nothing
+#define UMB__FIXED_MOST (1 << 22) /* Most slack for normals: a thousandth of a voxel */
+#define UMB__FLOATS_MOST                                                                           \
+    1e10 /* Largest number computed with in floats, so that nothing
                                       overflows */
-#define UMB__FIXED_BASE  (1 << 20)
-#define UMB__FIXED_HIGH  0x41300000 /* the upper half of 2^20's bits */
+#define UMB__FIXED_BASE (1 << 20)
+#define UMB__FIXED_HIGH 0x41300000 /* the upper half of 2^20's bits */
 
 struct umb__wide_placer {
     struct umb__lane_placer exact;

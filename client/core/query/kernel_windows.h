@@ -70,7 +70,8 @@ static inline __attribute__((always_inline)) void find_bricks(const struct umb__
 
 #define GRID_IDLE_BLOCKS  3U /* the grid is tried often: what it settles costs least */
 #define SLABS_IDLE_BLOCKS 15U
-#define WINDOW_RUNS_MAX   56U /* As UMB__RUNS_MAX; the descent of a window costs more than a
+#define WINDOW_RUNS_MAX                                                                            \
+    56U /* As UMB__RUNS_MAX; the descent of a window costs more than a
                                  point's */
 
 /* Number of blocks for which the two stages that settle windows early are skipped, because they

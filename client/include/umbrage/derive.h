@@ -57,7 +57,7 @@ struct umb_derive_settings {
     struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
     int (*cancelled)(void *user);         /* Called for each row; nonzero stops. May be NULL */
     void *cancel_user;                    /* First argument of `cancelled` */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];                 /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The maps of one call: one map, or one for each cascade. Made by umb_derive only. */
