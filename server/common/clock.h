@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_CLOCK_H
 #define UMBRAGE_SERVER_COMMON_CLOCK_H
-/* Time that only goes forward, for deadlines and for how long something took. Cannot fail. */
+/* A monotonic clock, for deadlines and durations. Cannot fail. */
 #include <stdint.h>
 #include <time.h>
 
-/* Milliseconds since some moment before this machine's start. Async-signal-safe. */
+/* Milliseconds since a fixed moment in the past. Async-signal-safe. */
 static inline int64_t umbs_now_ms(void)
 {
     struct timespec now = {0};

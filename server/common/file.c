@@ -156,7 +156,7 @@ enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_
     return UMB_OK;
 }
 
-/* Opens the folder of path. Before the rename: what can fail is done while nothing shows yet. */
+/* Opens the folder of path. Called before the rename, so a failure here changes nothing visible. */
 static enum umb_status open_folder(const char *path, int *fd, struct umb_error *error)
 {
     size_t length = folder_length(path);
@@ -174,8 +174,8 @@ static enum umb_status open_folder(const char *path, int *fd, struct umb_error *
 
 static enum umb_status sync_folder(const char *path, int fd, struct umb_error *error)
 {
-    /* Some file systems have no fsync for folders and say EINVAL: then there is nothing to wait
-     * for. */
+    /* Some file systems have no fsync for folders and fail with EINVAL: then there is nothing to
+     * wait for. */
     if (fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the folder of '%.200s'", path);
     }

@@ -12,13 +12,13 @@
 
 struct umbs_file {
     int fd;
-    char *path;       /* the target */
-    char *temporary;  /* beside it */
+    char *path;       /* path of the target */
+    char *temporary;  /* path of the temporary, beside the target */
     int system_error; /* errno of the first failed write, else 0; commit then refuses */
 };
 
 /*
- * Looks whether path can be replaced, so that long work need not find out at its end. Writes
+ * Checks whether path can be replaced, so that long work does not find out at its end. Writes
  * nothing. Fails: E_CANNOT_CREATE where umbs_file_begin would.
  */
 UMB_CHECKED enum umb_status umbs_file_check(const char *path, struct umb_error *error);
@@ -27,11 +27,11 @@ UMB_CHECKED enum umb_status umbs_file_check(const char *path, struct umb_error *
 UMB_CHECKED enum umb_status umbs_file_begin(const char *path, struct umbs_file *file,
                                             struct umb_error *error);
 
-/* The same for a file that only this user may read or write, whatever the umask. */
+/* Starts a replacement with a file that only this user may read or write, whatever the umask. */
 UMB_CHECKED enum umb_status umbs_file_begin_private(const char *path, struct umbs_file *file,
                                                     struct umb_error *error);
 
-/* Appends bytes. Fails: E_IO (disk full and the like); the replacement is still to be abandoned. */
+/* Appends bytes. Fails: E_IO (disk full and the like); then call umbs_file_abandon. */
 UMB_CHECKED enum umb_status umbs_file_write(struct umbs_file *file, const void *bytes, size_t count,
                                             struct umb_error *error);
 

@@ -6,7 +6,7 @@
 #include <stdio.h>
 
 /*
- * Writes text as a JSON string with its quotes, always valid UTF-8: bytes that are none become
+ * Writes text as a JSON string with its quotes, always valid UTF-8: bytes that are not valid become
  * U+FFFD.
  *
  * In:    text: char[length]; may hold NULs.
@@ -14,7 +14,7 @@
  */
 void umbs_json_bytes(FILE *to, const char *text, size_t length);
 
-/* The same for a NUL-terminated text. */
+/* umbs_json_bytes for a NUL-terminated text. */
 void umbs_json_text(FILE *to, const char *text);
 
 #endif

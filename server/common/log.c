@@ -31,7 +31,7 @@ const char *umbs_log_level_name(enum umb_log_level level)
     return level_names[level];
 }
 
-/* Adds what vsnprintf would have written, never moving beyond the room. */
+/* Adds the length that vsnprintf returned, capped at the room. */
 static size_t clamp(int written, size_t room)
 {
     if (written < 0) {
@@ -47,7 +47,7 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
         return;
     }
     char line[UMBS_LOG_LINE_MAX];
-    size_t room = sizeof line - 1; /* the newline's byte is kept free */
+    size_t room = sizeof line - 1; /* the last byte is kept for the newline */
     struct timespec now;
     struct tm utc;
     clock_gettime(CLOCK_REALTIME, &now);
@@ -75,7 +75,7 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
     } else {
         line[length++] = '\n';
     }
-    /* A log that cannot be written has nowhere to say so; the event is lost, the daemon goes on. */
+    /* A failed write of the log cannot be reported: the event is lost, the daemon goes on. */
     ssize_t ignored = write(log->fd, out, length);
     (void)ignored;
 }

@@ -15,7 +15,7 @@
 
 #define OTHERS_WRITE (S_IWGRP | S_IWOTH)
 
-/* Fault of owner or mode; NULL: none. */
+/* The fault of owner or mode, in words; NULL: none. */
 static const char *find_fault(const struct stat *facts)
 {
     if (facts->st_uid != geteuid() && facts->st_uid != 0) {
@@ -54,7 +54,7 @@ static enum umb_status prove_file(const char *what, const char *path, int fd,
 static enum umb_status open_in(const char *what, int folder, const char *path, const char *name,
                                int *fd, struct umb_error *error)
 {
-    /* O_NONBLOCK: opening a pipe must not wait. It changes nothing for files. */
+    /* O_NONBLOCK: opening a pipe must not wait. The flag has no effect on files. */
     *fd = openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
     if (*fd < 0 && errno == ELOOP) {
         return umb_fail(error, UMB_E_NO_INPUT,

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_TRUSTED_FILE_H
 #define UMBRAGE_SERVER_COMMON_TRUSTED_FILE_H
-/* Files that only the calling user can have written. The checks use the opened descriptor. */
+/* Files that only the calling user can have written. The checks use the open descriptor. */
 #include "umbrage/status.h"
 
 /*
