@@ -23,5 +23,5 @@ double umbd_box_bricks(const struct umb_frustum_info *frustum, const struct umb_
     for (size_t k = 0; k < 3; k++) {
         cut += 2 * edge[(k + 1) % 3] * edge[(k + 2) % 3] * density[k];
     }
-    return cut < most ? cut : most; /* also for NaN, which is refused later */
+    return cut < most ? cut : most; /* NaN too gives most; it is refused later */
 }

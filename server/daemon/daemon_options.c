@@ -328,7 +328,7 @@ static const struct option *find_option(const char *text, size_t length)
     return NULL;
 }
 
-/* Three quarters of this machine's memory. */
+/* Limit for memory options: three quarters of this machine's memory. */
 static uint64_t most_memory(void)
 {
     const long pages = sysconf(_SC_PHYS_PAGES);
@@ -382,7 +382,7 @@ static void set_defaults(struct umbd_options *options)
     };
 }
 
-/* Checks what single options cannot say. */
+/* Checks combinations of options. */
 static enum umb_status check_whole(struct umbd_options *options, struct umb_error *error)
 {
     struct umbn_address address;
@@ -478,7 +478,7 @@ void umbd_options_finish(struct umbd_options *options)
     }
 }
 
-/* Options that ask for something else than serving make no sense in a file. */
+/* False for options that replace serving, such as --help: they are not allowed in a file. */
 static int is_for_files(const struct option *option)
 {
     static const char *const others[] = {"--config",       "--check", "--check-config",
@@ -542,7 +542,7 @@ static enum umb_status set_from_file(void *user, const char *name, const char *v
     return set_option(option, text->text, reading->options, error);
 }
 
-/* Empties a list that the file filled, before the first of the command line's. */
+/* Empties a list that the file filled, before the command line's first item. */
 static void clear_list(const struct option *option, struct umbd_options *options)
 {
     if (option->kind == KIND_LISTEN) {
@@ -552,8 +552,8 @@ static void clear_list(const struct option *option, struct umbd_options *options
     }
 }
 
-/* Takes argv[*at] and its value; *at is then the last word taken. only_config: looks for --config
- * and passes everything else over. */
+/* Takes argv[*at] and its value; *at is then the last word taken. only_config: skips all options
+ * but --config. */
 static enum umb_status take_word(char **argv, int argc, int *at, int only_config,
                                  struct file_reading *reading, struct umb_error *error)
 {
@@ -608,14 +608,14 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
     return options->help || options->version ? UMB_OK : check_whole(options, error);
 }
 
-/* Prints a text. In the file a ';' behind a blank begins a comment, and a line has its limit. */
+/* Prints a text. In the file a ';' after a blank begins a comment, and lines have a limit. */
 static void print_text(FILE *out, const char *name, const char *text)
 {
     const int tight = text[0] == ';' || strlen(name) + strlen(text) + 3 > UMBD_CONFIG_LINE_MAX;
     (void)fprintf(out, "%s%s%s\n", name, tight ? "=" : " = ", text);
 }
 
-/* Prints one setting; a list as one line each, a text that is not set as a comment. */
+/* Prints one setting: a list as one line an item, an unset text as a comment. */
 static void print_option(const struct option *option, const struct umbd_options *options, FILE *out)
 {
     const char *name = option->name + 2;
