@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One mutex guards everything; a slice is tens of microseconds to milliseconds of work, so that
- * taking a lock for each does not show.
+ * One mutex guards everything. A slice is tens of microseconds to milliseconds of work, so the cost
+ * of a lock for each is negligible.
  */
 #include "bake/build/slice_pool.h"
 
@@ -16,14 +16,15 @@ struct worker {
 
 struct umbb_slice_pool {
     pthread_mutex_t lock;
-    pthread_cond_t wake; /* slices to take, or the end */
-    pthread_cond_t idle; /* the last slice is done, or any while the owner waits for one of them */
+    pthread_cond_t wake; /* slices are waiting, or the pool ends */
+    /* The last slice is done, or any slice while the owner waits for one of them. */
+    pthread_cond_t idle;
     umbb_slice_fn run;
     void *user;
     uint32_t next, count, done;
     int ending;
-    int is_owner_waiting;  /* for what some slice does */
-    unsigned worker_count; /* threads running */
+    int is_owner_waiting;  /* 1 while the owner waits for the result of a slice */
+    unsigned worker_count; /* number of running threads */
     struct worker workers[];
 };
 
