@@ -19,7 +19,7 @@ static int is_refusal(int code)
     return code == EACCES || code == EPERM || code == ENOSYS || code == EXDEV;
 }
 
-/* As a bake of the ground's scene: paths, and if `whole` the calls. */
+/* Enters the sandbox of a bake of the ground's scene: paths and, if `whole`, the calls. */
 static int enter_bake(const struct umbb_ground *ground, int whole, struct umbb_bake_sandbox *out)
 {
     struct umbb_path_rule rules[UMBB_GROUND_RULES];
