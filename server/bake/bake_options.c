@@ -218,7 +218,7 @@ static enum umb_status set_threads(struct umbb_options *o, const char *option, c
     return UMB_OK;
 }
 
-/* A number of bytes with or without a unit; 0 if it is none or too large. */
+/* A number of bytes with or without a unit; 0 if it is invalid or too large. */
 static uint64_t read_size(const char *value)
 {
     static const struct {
@@ -396,7 +396,7 @@ static enum umb_status set_progress_fd(struct umbb_options *o, const char *optio
     return UMB_OK;
 }
 
-/* Options with a value. */
+/* Options that take a value. */
 static const struct {
     const char *name;
     enum umb_status (*set)(struct umbb_options *, const char *option, const char *value,
@@ -429,7 +429,7 @@ static const struct {
     {"--scene-buffer", set_scene_buffer},
 };
 
-/* Options without one. */
+/* Options without a value. */
 static const struct {
     const char *name;
     size_t offset; /* of an int in struct umbb_options */
@@ -444,7 +444,7 @@ static const struct {
     {"--version", offsetof(struct umbb_options, version)},
 };
 
-/* Sets a flag; 0 if there is none of that name. */
+/* Sets a flag; 0 if there is no flag of that name. */
 static int take_flag(struct umbb_options *options, const char *name)
 {
     for (size_t i = 0; i < sizeof flags / sizeof flags[0]; i++) {
@@ -482,7 +482,7 @@ static enum umb_status take_valued(struct umbb_options *options, int argc, char 
     return umb_fail(error, UMB_E_ARGUMENT, "unknown option '%.64s'; see --help", word);
 }
 
-/* What no option can check alone. */
+/* Checks combinations of options. */
 static enum umb_status check_together(struct umbb_options *o, struct umb_error *error)
 {
     if (o->scene == NULL) {
@@ -521,7 +521,7 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
                         "--max-error: it chooses the resolution; give one of both");
     }
     if (o->max_error_m > 0) {
-        o->resolution_log2 = UMBB_RESOLUTION_LOG2_MIN; /* until the scene is known */
+        o->resolution_log2 = UMBB_RESOLUTION_LOG2_MIN; /* set once the scene is known */
     } else if (o->tile_log2 > o->resolution_log2) {
         if (o->tile_given) {
             return umb_fail(error, UMB_E_ARGUMENT, "--tile: '%u' is larger than --resolution %u",
@@ -532,7 +532,7 @@ static enum umb_status check_together(struct umbb_options *o, struct umb_error *
     return umbb_effects_settle(o, error);
 }
 
-/* Reads the task; returns how many words that took. */
+/* Reads the task; returns the number of words it took. */
 static int take_task(struct umbb_options *options, int argc, char *const argv[])
 {
     static const struct {
@@ -564,7 +564,7 @@ enum umb_status umbb_options_parse(int argc, char *const argv[], struct umbb_opt
         .cache_bytes = (uint64_t)10 << 30,
         .progress_fd = -1,
     };
-    int only_names = 0; /* after -- */
+    int only_names = 0; /* 1 after -- */
     for (int at = 1 + take_task(options, argc, argv); at < argc; at++) {
         const char *word = argv[at];
         if (!only_names && strcmp(word, "--") == 0) {

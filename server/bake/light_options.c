@@ -7,7 +7,7 @@
 
 #include "bake/option_text.h"
 
-/* The next free request, or NULL with a refusal. */
+/* The next free request, or NULL after a refusal. */
 static struct umbb_light_request *add_request(struct umbb_light_requests *requests,
                                               const char *option, const char *value,
                                               struct umb_error *error)
@@ -41,7 +41,7 @@ enum umb_status umbb_light_option_sun(struct umbb_light_requests *requests, cons
     return UMB_OK;
 }
 
-/* Exactly `digits` digits, then `end`. */
+/* Reads exactly `digits` digits, then `end`. */
 static int read_digits(const char **at, int digits, char end, int *value)
 {
     *value = 0;
@@ -54,7 +54,7 @@ static int read_digits(const char **at, int digits, char end, int *value)
     return *(*at)++ == end;
 }
 
-/* YYYY-MM-DD followed by a comma. */
+/* Reads YYYY-MM-DD followed by a comma. */
 static int read_date(const char **at, struct umbb_sun_path *path)
 {
     static const int days[] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};
@@ -107,7 +107,7 @@ enum umb_status umbb_light_option_name(struct umbb_light_requests *requests, con
     return UMB_OK;
 }
 
-/* Exactly `count` numbers with commas between them, each at most `limit` in magnitude. */
+/* Reads exactly `count` numbers with commas between them, each at most `limit` in magnitude. */
 static int read_numbers(const char *text, size_t count, double limit, double *numbers)
 {
     for (size_t i = 0; i < count; i++) {

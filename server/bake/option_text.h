@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_OPTION_TEXT_H
 #define UMBRAGE_SERVER_BAKE_OPTION_TEXT_H
-/* Numbers and refusals as every option of the command line reads and words them. */
+/* Numbers and refusals in the common form of all options. */
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* Says that an option's value is not what it may be. Returns E_ARGUMENT. */
+/* Makes the message that an option's value is invalid. Returns E_ARGUMENT. */
 enum umb_status umbb_option_refuse(struct umb_error *error, const char *option, const char *value,
                                    const char *limit);
 
-/* Decimal digits only, no sign, no blanks; 1 if there are some and they fit. Out: rest: behind
- * them. */
+/* Reads decimal digits only, no sign, no blanks; 1 if there are some and they fit. Out: rest: the
+ * text after them. */
 int umbb_option_count(const char *text, const char **rest, uint64_t *value);
 
-/* A finite decimal number; 1 if text starts with one. Out: rest: behind it. */
+/* Reads a finite decimal number; 1 if text starts with one. Out: rest: the text after it. */
 int umbb_option_number(const char *text, const char **rest, double *value);
 
 #endif

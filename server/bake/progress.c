@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing the line; the rate is the mean since the start. */
+/* Draws the line; the rate is the mean since the start. */
 #include "bake/progress.h"
 
 #include <string.h>
@@ -24,7 +24,7 @@ void umbb_progress_tell_to(int fd)
     report_fd = fd;
 }
 
-/* A line leaves in one write, so that a pipe does not cut it. */
+/* Writes a line to the supervisor in one write, so that a pipe does not cut it. */
 static void tell(const char *text, size_t length)
 {
     if (report_fd >= 0 && write(report_fd, text, length) < 0) {
@@ -98,7 +98,7 @@ void umbb_progress_text(char *text, size_t size, const char *unit, uint64_t done
              left_s - 60.0 * (double)(int64_t)(left_s / 60.0));
 }
 
-/* Tells a supervisor, if it is time. */
+/* Reports progress to the supervisor, if it is due. */
 static void tell_progress(struct umbb_progress *progress, uint64_t done, double now)
 {
     if (report_fd >= 0 && now - progress->reported_s >= INTERVAL_S) {

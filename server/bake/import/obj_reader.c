@@ -450,7 +450,8 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        if (obj.job->scene.textures.count == 0) { /* frees the memory before the sort needs it */
+        /* Without textures it is not needed: makes room for the sort. */
+        if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;
         }
