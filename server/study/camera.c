@@ -55,7 +55,7 @@ static enum umb_status key_read(const struct key *key, const char **at, struct u
     return UMB_OK;
 }
 
-/* What the keys say together. */
+/* Checks combinations of keys. */
 static enum umb_status request_check(const struct umbt_camera_request *request, int has_fov,
                                      struct umb_error *error)
 {
@@ -148,8 +148,8 @@ double umbt_compass_azimuth(const double direction[3], int z_up, double otherwis
     return degrees < 0.0 ? degrees + 360.0 : degrees;
 }
 
-/* right and up from forward, so that the picture stands upright; looking straight up or down,
- * north is at the top. */
+/* Computes right and up from forward, so that the picture stands upright; looking straight up or
+ * down, north is at the top. */
 static void axes_make(struct umbt_camera *camera, int z_up)
 {
     double vertical[3] = {0.0, z_up ? 0.0 : 1.0, z_up ? 1.0 : 0.0};
@@ -162,7 +162,7 @@ static void axes_make(struct umbt_camera *camera, int z_up)
     (void)umbt_normalize(camera->up);
 }
 
-/* Places the eye and returns how far it stands back from the centre, in metres along the view. */
+/* Places the eye and returns its distance from the centre, in metres along the view. */
 static double eye_fit(const struct umbt_camera_subject *subject, const double centre[3],
                       struct umbt_camera *camera)
 {
@@ -193,7 +193,7 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     return -back;
 }
 
-/* A camera from a compass direction, fitted; returns its distance as eye_fit does. */
+/* Makes a camera from a compass direction, fitted; returns its distance as eye_fit does. */
 static double compass_fit(const struct umbt_camera_subject *subject, const double centre[3],
                           double azimuth_deg, double elevation_deg, struct umbt_camera *camera)
 {

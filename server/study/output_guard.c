@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A handler that removes one file and gives the signal its usual effect.
+ * A handler that removes one file and then gives the signal its usual effect.
  *
  * The handler may run on any thread while the owner goes on, so it reads a copy of the name that is
- * never freed. The signals are held back while the name and the file change together; another
- * thread that takes one in that moment finds the old state, which is harmless but for a temporary
- * that was made an instant ago.
+ * never freed. The signals are blocked while the name and the file change together. Another thread
+ * may take a signal in that moment and finds the old state; at worst a temporary made an instant
+ * ago stays.
  */
 #include "study/output_guard.h"
 
@@ -33,7 +33,7 @@ static void handle(int number)
     (void)raise(number); /* arrives when this returns */
 }
 
-/* Holds the signals back, or lets them in again. */
+/* Blocks the signals, or unblocks them. */
 static void hold(int how)
 {
     sigset_t set;
@@ -100,7 +100,7 @@ enum umb_status umbt_output_begin(const char *path, struct umbs_file *file, stru
 enum umb_status umbt_output_commit(struct umbs_file *file, struct umb_error *error)
 {
     if (file->temporary == NULL) {
-        return UMB_OK; /* stdout: a write that failed was told */
+        return UMB_OK; /* stdout: a failed write was reported */
     }
     /* Once renamed, there is no file of the temporary's name to remove. */
     const enum umb_status status = umbs_file_commit(file, error);

@@ -2,18 +2,18 @@
 #ifndef UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
 #define UMBRAGE_SERVER_STUDY_OUTPUT_GUARD_H
 /*
- * Replacing a file as umbs_file does; SIGINT, SIGTERM, SIGHUP or SIGXCPU meanwhile end the process
- * as usual but take the temporary with them. One output at a time, by one thread.
- * A signal that was ignored when the program started (nohup) stays so.
+ * Replacing a file as umbs_file does. SIGINT, SIGTERM, SIGHUP or SIGXCPU meanwhile end the process
+ * as usual, after removing the temporary. One output at a time, by one thread. A signal that was
+ * ignored when the program started (nohup) stays ignored.
  *
- * The path "-" is stdout, which is written to as it comes.
+ * The path "-" is stdout, which is written to directly.
  */
 #include "common/file.h"
 
-/* NULL, no output, is not. */
+/* 1 if the path is "-". NULL, for no output, is not. */
 int umbt_output_is_stdout(const char *path);
 
-/* Where a command with that output says what it did: stderr if the output is stdout. */
+/* Stream for a command's messages: stderr if the output is stdout, else stdout. */
 FILE *umbt_output_talk(const char *path);
 
 /* Refuses --json together with -o -. Fails: E_ARGUMENT. */
@@ -33,8 +33,8 @@ UMB_CHECKED enum umb_status umbt_output_commit(struct umbs_file *file, struct um
 /* As umbs_file_abandon. */
 void umbt_output_abandon(struct umbs_file *file);
 
-/* All three for bytes that are there. Fails: as umbs_file_begin, umbs_file_write, umbs_file_commit.
- */
+/* umbt_output_begin, a write and umbt_output_commit in one call. Fails: as umbs_file_begin,
+ * umbs_file_write, umbs_file_commit. */
 UMB_CHECKED enum umb_status umbt_output_replace(const char *path, const void *bytes, size_t size,
                                                 struct umb_error *error);
 

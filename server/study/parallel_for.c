@@ -17,7 +17,7 @@ struct loop {
     struct umb_error error;
 };
 
-/* Draws the next block; returns its item count, 0 when there is none left or one failed. */
+/* Draws the next block; returns its item count, 0 if none is left or one has failed. */
 static size_t block_draw(struct loop *loop, size_t *first)
 {
     size_t count = 0;

@@ -9,7 +9,7 @@
 #include "study/shadow_source.h"
 #include "study/study_args.h"
 
-#define FOG_MAX   100.0 /* 1/m: nothing is seen beyond some centimetres */
+#define FOG_MAX   100.0 /* 1/m: the view ends after some centimetres */
 #define RAD_A_DEG 0.017453292519943295
 
 const char umbt_render_help[] =
@@ -65,13 +65,13 @@ const char umbt_render_help[] =
     "I/O,\n"
     "75 temporary.\n";
 
-/* What the table cannot hold directly. */
+/* Values that the option table cannot hold directly. */
 struct raw {
     const char *camera, *size, *bias, *truth, *up, *fog, *filter, *light_size;
     uint64_t taps, light, aa, threads, samples;
 };
 
-/* What is traced if nothing is said. */
+/* Kind of traced truth without an option. */
 static enum umbt_truth_kind truth_default(const struct raw *raw,
                                           const struct umbt_render_options *options)
 {
@@ -107,7 +107,7 @@ static enum umb_status truth_parse(const struct raw *raw, struct umbt_render_opt
     return UMB_OK;
 }
 
-/* The filter, its least width, and the light's extent. */
+/* Reads the filter, its least width, and the light's extent. */
 static enum umb_status filter_parse(const struct raw *raw, struct umb_query_settings *settings,
                                     struct umb_error *error)
 {
@@ -121,7 +121,8 @@ static enum umb_status filter_parse(const struct raw *raw, struct umb_query_sett
                         "--filter: '%.60s' is none of box, tent, penumbra, footprint", raw->filter);
     }
     settings->filter = found;
-    const bool grows = settings->filter >= UMB_FILTER_PENUMBRA; /* from its taps on */
+    /* The width grows from its taps on. */
+    const bool grows = settings->filter >= UMB_FILTER_PENUMBRA;
     settings->taps = raw->taps > 0 ? (uint32_t)raw->taps : grows ? 1 : 9;
     if (settings->taps % 2 == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "--taps: %u is not odd", settings->taps);
@@ -184,7 +185,7 @@ static enum umb_status raw_convert(const struct raw *raw, struct umbt_render_opt
     return status;
 }
 
-/* Only one thing goes to stdout. */
+/* Refuses a second output to stdout. */
 static enum umb_status stdout_check(struct umbt_render_options *options, struct umb_error *error)
 {
     const int pictures = umbt_output_is_stdout(options->output) +
@@ -197,7 +198,7 @@ static enum umb_status stdout_check(struct umbt_render_options *options, struct 
                : UMB_OK;
 }
 
-/* What the options say together. */
+/* Checks combinations of options. */
 static enum umb_status options_check(const struct umbt_render_options *options,
                                      struct umb_error *error)
 {

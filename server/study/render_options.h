@@ -22,10 +22,10 @@ struct umbt_render_options {
     double fog; /* extinction, 1/m; 0: clear air */
     int up_given, z_up;
     int force, json, quiet, help;
-    int to_stdout; /* one of the pictures goes there */
+    int to_stdout; /* 1: one of the pictures goes to stdout */
 };
 
-/* Parses and checks. With help set nothing else is. Fails: E_ARGUMENT. */
+/* Parses and checks. With help set nothing else is set. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbt_render_options_parse(int argc, char **argv,
                                                       struct umbt_render_options *options,
                                                       struct umb_error *error);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where shadows come from; see shadow_source.h. */
+/* Sources of shadows; see shadow_source.h. */
 #include "study/shadow_source.h"
 
 #include <errno.h>
@@ -11,7 +11,7 @@
 #include "study/study_scene.h"
 
 #define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
-/* Of a request: a point with its normal, and what stands beside all points. */
+/* bytes of a request: of a point with its normal, and of everything else */
 #define POINT_BYTES (3 * sizeof(double) + 3 * sizeof(float))
 #define HEAD_BYTES  512
 
@@ -62,7 +62,7 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     return UMB_OK;
 }
 
-/* The text, or the variable of that name, or what else holds; an empty variable is none. */
+/* The text, else the variable of that name, else a default; an empty variable counts as unset. */
 static const char *text_or_variable(const char *text, const char *variable, const char *otherwise)
 {
     const char *value = text != NULL ? text : getenv(variable);
@@ -86,7 +86,7 @@ static enum umb_status client_open(struct umbt_source *source, const struct umbt
                            &options, &source->client, error);
 }
 
-/* Points of a call as the server takes them; where it tells no limit, it has none. */
+/* Points of a call that the server accepts; a server that names no limit has none. */
 static size_t call_max(const struct umb_client_limits *limits)
 {
     const uint64_t bytes = limits->max_message_bytes;
@@ -163,7 +163,7 @@ enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3]
                : umb_query_prepare(source->asset, &source->settings, &source->query, error);
 }
 
-/* Asks the daemon, as many calls as it takes. */
+/* Queries the daemon in as many calls as needed. */
 static enum umb_status ask(const struct umbt_source *source, const struct umb_points *points,
                            float *values, struct umb_query_stats *stats, struct umb_error *error)
 {

@@ -60,7 +60,7 @@ static enum umb_status option_set(const struct umbt_option *option, const char *
     return UMB_OK;
 }
 
-/* Puts an argument that is no option into the first word that has none. */
+/* Stores an argument that is not an option as the first unset word. */
 static enum umb_status word_set(const char *text, const struct umbt_option *options,
                                 size_t option_count, struct umb_error *error)
 {
@@ -80,7 +80,7 @@ static enum umb_status word_set(const char *text, const struct umbt_option *opti
                     words);
 }
 
-/* Without --help every word is needed. */
+/* Checks that every word is set, unless --help is. */
 static enum umb_status words_check(const struct umbt_option *options, size_t option_count,
                                    struct umb_error *error)
 {
@@ -99,7 +99,7 @@ static enum umb_status words_check(const struct umbt_option *options, size_t opt
                : umb_fail(error, UMB_E_ARGUMENT, "%s: is needed; see --help", missing->name);
 }
 
-/* The long name of a flag that has a letter. */
+/* The long name of a flag's letter. */
 static const char *name_of(const char *word)
 {
     return strcmp(word, "-h") == 0 ? "--help" : strcmp(word, "-q") == 0 ? "--quiet" : word;

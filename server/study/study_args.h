@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_STUDY_STUDY_ARGS_H
 /*
  * Command lines by table. Options are `--name VALUE`, `--name=VALUE` or a flag `--name`; `-h` is
- * `--help`; `--` ends them; everything else fills the table's words in turn. Every refusal names
+ * `--help`; `--` ends them; all other arguments fill the table's words in turn. Every refusal names
  * the option, the value and the limit. Nothing is copied: texts point into argv.
  */
 #include <stddef.h>
@@ -18,8 +18,9 @@ enum umbt_option_kind {
 };
 
 struct umbt_option {
-    const char *name; /* with its dashes; "-o" style names take a separate value only; of a word:
-                         what --help calls it */
+    /* With its dashes; "-o" style names take a separate value only; of a word: its name in
+     * --help. */
+    const char *name;
     enum umbt_option_kind kind;
     void *value;
     uint64_t min, max; /* UMBT_COUNT */
@@ -31,9 +32,9 @@ UMB_CHECKED enum umb_status umbt_args_parse(int argc, char **argv,
                                             struct umb_error *error);
 
 /*
- * Reads a finite number at *text and moves *text behind it.
+ * Reads a finite number at *text and moves *text past it.
  *
- * Returns 1, or 0 (and leaves *text alone) if there is none.
+ * Returns 1, or 0 (and leaves *text unchanged) if there is none.
  */
 int umbt_number_read(const char **text, double *value);
 

@@ -108,7 +108,7 @@ static enum umb_status options_parse(int argc, char **argv, struct umbt_study_op
     return status != UMB_OK || options->help ? status : options_check(options, error);
 }
 
-/* The aliasing heat map of the same view, by the command that makes one. */
+/* Draws the aliasing heat map of the same view, by the command `aliasing`. */
 static enum umb_status heat_draw(const struct umbt_study *study, struct umb_error *error)
 {
     char path[PATH_BYTES], threads[16];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * report.html (study_report.h): the template of study_page.html with the study's JSON and pictures
- * put in. The page needs no network; what it shows it draws from the JSON.
+ * inserted. The page needs no network; its charts are drawn from the JSON.
  */
 #include "study/study_report.h"
 
@@ -32,7 +32,7 @@ static void base64(FILE *to, const uint8_t *bytes, size_t size)
     }
 }
 
-/* A picture file as an <img>; nothing if it is not there. */
+/* Writes a picture file as an <img>; nothing if the file is missing. */
 static void image(FILE *to, const struct umbt_study *study, const char *name, const char *label)
 {
     char path[PATH_BYTES];
@@ -72,7 +72,7 @@ static void pictures(FILE *to, const struct umbt_study *study)
     }
 }
 
-/* The JSON inside a <script>: no '<' may stand there, and in JSON it stands in texts only. */
+/* Writes the JSON inside a <script>. '<' is escaped; in JSON it occurs in strings only. */
 static void data(FILE *to, const struct umbt_study *study)
 {
     char *text = NULL;

@@ -12,10 +12,10 @@
 struct umbt_view_options {
     const char *sun, *camera, *size, *up; /* as given, or NULL */
     uint32_t width, height;               /* pixels; set to the defaults before parsing */
-    uint32_t size_max;                    /* of each */
+    uint32_t size_max;                    /* limit of each side */
 };
 
-/* What they open. */
+/* The opened scene, sun and camera. */
 struct umbt_view {
     struct umbt_scene scene;
     struct umbt_camera camera;
