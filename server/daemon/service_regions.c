@@ -14,9 +14,8 @@
 #include "daemon/loop.h"
 #include "wire/regions.h"
 
-#define BYTES_A_POINT                                                                              \
-    16 /* what a token or an address pays for bytes: about what an answer costs                    \
-        */
+/* Bytes that a token or an address pays for as a point: about what an answer costs. */
+#define BYTES_A_POINT 16
 
 /* A read for the workers, placed after the batch. */
 struct reading {

@@ -23,9 +23,9 @@
 
 #define UMBS_SCENE_MAGIC "UMBSCN1\n"
 
-/* Limits of every scene; options can only be stricter. */
-#define UMBS_COORDINATE_MAX 1e15 /* metres, and matrix entries: products stay finite in float too  \
-                                  */
+/* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries too
+ * are below UMBS_COORDINATE_MAX, so products stay finite in float. */
+#define UMBS_COORDINATE_MAX      1e15
 #define UMBS_WORLD_TRIANGLES_MAX 0xffffffffULL
 #define UMBS_TEXTURE_SIDE_MAX    65536U
 

@@ -28,9 +28,8 @@
 #include "common/private_folder.h"
 #include "common/sha256.h"
 
-#define REACH_BYTES                                                                                \
-    (((uint64_t)1 << 38) + ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end                   \
-                                                 */
+/* 2^32 bricks, and a node's end. */
+#define REACH_BYTES (((uint64_t)1 << 38) + ((uint64_t)1 << 20))
 
 /* A block that an asset allocated while it was opened. */
 struct block {
@@ -380,13 +379,12 @@ static enum umb_status open_checked(struct umbs_asset_map *map,
                                     const struct umbs_asset_map_options *options,
                                     struct umb_error *error)
 {
-    const int known = options->known != NULL && !options->copy &&
-                      umbs_stamp_equal(options->known, &map->stamp);
+    const int known =
+        options->known != NULL && !options->copy && umbs_stamp_equal(options->known, &map->stamp);
     enum umb_status status = known ? UMB_OK : check_digest(map, error);
-    return status == UMB_OK
-               ? open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING, &map->alloc,
-                              &map->asset, error)
-               : status;
+    return status == UMB_OK ? open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING,
+                                           &map->alloc, &map->asset, error)
+                            : status;
 }
 
 enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_map_options *options,

@@ -19,9 +19,9 @@
 #define BLOCK         1024U    /* candidates a thread takes at a time */
 #define HOPELESS      1000000U /* candidates after which sampling ends if ... */
 #define HOPELESS_RATE 1000U    /* ... fewer than one in this many is accepted */
-#define CLEARANCE                                                                                  \
-    1e-6                     /* off a surface before asking where that is, of the diagonal: ten    \
-                                times the ray tracer's float rounding */
+/* Distance off a surface before the inside test, as a share of the diagonal: ten times the ray
+ * tracer's float rounding. */
+#define CLEARANCE  1e-6
 #define SIDE_MAX   16384U    /* pixels of a view */
 #define PIXELS_MAX 67108864U /* pixels of a view; 64 Mi, as for a picture */
 

@@ -21,9 +21,8 @@
 #include "umbrage/asset.h"
 
 #define UMBB_BLOCK_LOG2 8
-#define UMBB_BLOCK                                                                                 \
-    (1 << UMBB_BLOCK_LOG2) /* texels a side of the unit of depth work: fits the second-level cache \
-                            */
+/* Texels a side of the unit of depth work: fits the second-level cache. */
+#define UMBB_BLOCK (1 << UMBB_BLOCK_LOG2)
 
 /* Log2 of the texels a side of a square that may be proven from bounds. */
 #define UMBB_SQUARE_LOG2 6
@@ -63,8 +62,8 @@ enum umbb_prove {
 struct umbb_tile {
     int32_t x0, y0; /* first texel */
     uint32_t log2_size;
-    int32_t size;                        /* texels a side */
-    int32_t *lit;                        /* [size * size] by 8x8 blocks */
+    int32_t size; /* texels a side */
+    int32_t *lit; /* [size * size] by 8x8 blocks */
     int32_t *end; /* [size * size] by 8x8 blocks; is `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];

@@ -13,8 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define COORDINATE_MAX 1e30 /* of a texture: products with sides stay finite in double and float   \
-                             */
+/* Limit of texture coordinates: products with sides stay finite in double and float. */
+#define COORDINATE_MAX 1e30
 
 /* Values of glTF samplers (OpenGL's). */
 enum {
