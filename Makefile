@@ -10,6 +10,9 @@
 
 config ?= release
 BUILD  ?= build/$(config)
+# One name for a folder, however it is given: the files that say which headers an object depends on
+# (*.d) name the object as it was compiled.
+override BUILD := $(patsubst $(CURDIR)/%,%,$(abspath $(BUILD)))
 ifeq ($(origin CC),default)
 CC := gcc
 endif
@@ -24,7 +27,10 @@ DESTDIR ?=
 Q := $(if $(V),,@)
 say = $(if $(V),,@echo "  $(1) $(2)")
 
-VERSION := 0.1.0
+# The headers hold the version (umbrage/version.h). SONAME is the number behind the libraries' names.
+VERSION := $(shell awk '/^.define UMB_VERSION_(MAJOR|MINOR|PATCH) / { v = v dot $$3; dot = "." } END { print v }' \
+	client/include/umbrage/version.h)
+SONAME := 1
 CORES := $(shell nproc)
 
 opt_release := -O2 -DNDEBUG
@@ -36,9 +42,9 @@ ifeq ($(opt_$(config)),)
 $(error config=$(config) is not one of release debug asan tsan ubsan)
 endif
 
-# Hardening of release builds: docs/testing.md says what each flag is for, tests/system/test_hardening.py
-# reads it back from the built programs. Debug builds have no optimiser for FORTIFY, and sanitizers see
-# more than it does.
+# Hardening of release builds: docs/explained/testing.md says what each flag is for,
+# tests/system/test_hardening.py reads it back from the built programs. Debug builds have no
+# optimiser for FORTIFY, and sanitizers see more than it does.
 harden ?= yes
 ifeq ($(config)$(harden),releaseyes)
 takes = $(shell $(CC) -Werror $(1) -fsyntax-only -x c /dev/null 2>/dev/null && echo $(1))
@@ -52,7 +58,7 @@ endif
 WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla
 CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
-	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -DUMB_VERSION='"$(VERSION)"' -MMD -MP $(CFLAGS)
+	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)
 LDFLAGS_ALL := -pthread $(HARDEN_LDFLAGS) $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 
 # The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# libumbrage-core (pure), libumbrage (rpc) and the umbrage command.
+# libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc) and the umbrage command.
 INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
-CORE_SRC := $(wildcard client/core/*/*.c)
+MAPS_SRC := $(wildcard client/core/maps/*.c)
+MAPS_OBJ := $(MAPS_SRC:%.c=$(BUILD)/%.o)
+MAPS_LIB := $(BUILD)/libumbrage-maps.a
+CORE_SRC := $(filter-out $(MAPS_SRC),$(wildcard client/core/*/*.c))
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
 CORE_LIB := $(BUILD)/libumbrage-core.a
 ifeq ($(config),release)
@@ -22,6 +25,29 @@ RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
+# Shared libraries for other programs; ours link the archives. A library exports what its list in
+# client/exports names, and nothing else of it can be seen. Calls within a library are direct.
+EXPORTS := umbrage umbrage-core umbrage-maps
+SHARED_LIBS := $(if $(filter release debug,$(config)),$(EXPORTS:%=$(BUILD)/lib%.so.$(SONAME)))
+$(EXPORTS:%=$(BUILD)/gen/%.map): $(BUILD)/gen/%.map: client/exports/%.txt
+	@mkdir -p $(@D)
+	$(call say,GEN,$@)
+	$(Q){ echo 'UMBRAGE_$(SONAME) { global:'; sed 's/$$/;/' $<; echo 'local: *; };'; } >$@
+
+$(EXPORTS:%=$(BUILD)/lib%.so.$(SONAME)): $(BUILD)/lib%.so.$(SONAME): $(BUILD)/gen/%.map
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) -shared -Wl,-soname,$(@F),-z,defs,-Bsymbolic-functions,--version-script=$< \
+		$(filter %.o,$^) -Wl,--as-needed $(filter-out %.o %.map,$^) $(LIBS_$*) -o $@
+
+# Small private units that two libraries use are compiled into both.
+RPC_SHARED := $(patsubst %,$(BUILD)/client/core/%.o,base/utf8 maps/map_view)
+$(BUILD)/libumbrage-core.so.$(SONAME): $(CORE_OBJ)
+$(BUILD)/libumbrage-maps.so.$(SONAME): $(MAPS_OBJ) $(BUILD)/client/core/base/memory.o $(BUILD)/libumbrage-core.so.$(SONAME)
+$(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)
+LIBS_umbrage-core = $(CORE_LIBS)
+LIBS_umbrage-maps = -lm
+LIBS_umbrage      = $(RPC_LIBS) -lm
+
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
 LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c))
 
@@ -34,14 +60,21 @@ FLOAT_CHECKS := -fsanitize=float-cast-overflow,float-divide-by-zero
 $(foreach part,base format maps partial query,$(BUILD)/client/core/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(CORE_LIB): $(CORE_OBJ)
-$(RPC_LIB): $(RPC_OBJ)
+$(MAPS_LIB): $(MAPS_OBJ)
+$(RPC_LIB): $(RPC_OBJ) $(RPC_SHARED)
 $(LOAD_LIB): $(LOAD_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(BUILD)/libumbrage-wire.a $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 
 core: $(CORE_LIB) ## the core library alone
-client: $(BUILD)/umbrage ## libumbrage and the umbrage command
-.PHONY: core client
+libraries: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) $(SHARED_LIBS) ## libumbrage-core, libumbrage-maps, libumbrage
+client: $(BUILD)/umbrage libraries ## the libraries and the umbrage command
+
+abi: libraries ## compare the libraries with those of the last tag (abidiff, where it is)
+	@sh tests/abi/last_tag.sh $(BUILD)
+abi-record: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) ## write export lists and tests/abi/record.txt anew from the headers
+	@tests/abi/abi.py write $(BUILD)
+.PHONY: core libraries client abi abi-record

@@ -23,7 +23,7 @@ if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then
     needed="$needed libipsec-mb-dev"
 fi
 optional="
-    clang clang-tidy clang-format valgrind
+    clang clang-tidy clang-format valgrind abigail-tools
     chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
 "
 

@@ -16,6 +16,7 @@ container: ## the container image (BASE_DIGEST=sha256:..., IMAGE=umbrage; podman
 
 bindir ?= $(PREFIX)/bin
 libdir ?= $(PREFIX)/lib
+pkgconfigdir ?= $(libdir)/pkgconfig
 includedir ?= $(PREFIX)/include
 mandir ?= $(PREFIX)/share/man
 docdir ?= $(PREFIX)/share/doc/umbrage
@@ -43,15 +44,24 @@ $(UNIT): deploy/systemd/umbraged.service.in FORCE
 
 # The pages lie to one another as they do here, with what they link to, so that every link leads
 # somewhere.
-DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/decisions/* docs/pictures/* docs/examples/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
+DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/*/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
 install-docs:
 	for file in $(DOC_FILES); do install -D -m 0644 $$file $(DESTDIR)$(docdir)/$$file || exit 1; done
 
-install: all man $(UNIT) install-docs ## install everything under DESTDIR and PREFIX
-	install -d $(DESTDIR)$(bindir) $(DESTDIR)$(libdir) $(DESTDIR)$(includedir)/umbrage
-	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
-	install -m 0644 $(CORE_LIB) $(RPC_LIB) $(WIRE_LIB) $(DESTDIR)$(libdir)
+# The .pc files name folders from their own, so that a tree that is moved as a whole still works.
+below = $(shell realpath -m --relative-to=$(1) $(2))
+install-libraries: libraries ## install headers, libraries and .pc files under DESTDIR and PREFIX
+	install -d $(DESTDIR)$(libdir) $(DESTDIR)$(pkgconfigdir) $(DESTDIR)$(includedir)/umbrage
 	install -m 0644 client/include/umbrage/*.h $(DESTDIR)$(includedir)/umbrage
+	install -m 0644 $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) $(SHARED_LIBS) $(DESTDIR)$(libdir)
+	for lib in $(notdir $(SHARED_LIBS)); do ln -sf $$lib $(DESTDIR)$(libdir)/$${lib%.$(SONAME)} || exit 1; done
+	for name in $(EXPORTS); do sed -e 's|@prefix@|$(call below,$(pkgconfigdir),$(PREFIX))|; s|@libdir@|$(call below,$(PREFIX),$(libdir))|' \
+		-e 's|@includedir@|$(call below,$(PREFIX),$(includedir))|; s|@version@|$(VERSION)|' client/pkgconfig/$$name.pc.in \
+		>$(DESTDIR)$(pkgconfigdir)/$$name.pc || exit 1; done
+
+install: all man $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
+	install -d $(DESTDIR)$(bindir)
+	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
 	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
 	install -D -m 0644 deploy/systemd/umbraged.socket $(DESTDIR)$(unitdir)/umbraged.socket
@@ -67,4 +77,4 @@ install: all man $(UNIT) install-docs ## install everything under DESTDIR and PR
 
 FORCE:
 
-.PHONY: container deps deps-full demo man install install-docs FORCE
+.PHONY: container deps deps-full demo man install install-docs install-libraries FORCE

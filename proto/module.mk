@@ -37,10 +37,11 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
-
 # Addresses and TLS: part of the client library and of the daemon.
 NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/net/*.c))
-$(RPC_LIB): $(NET_OBJ)
+$(RPC_LIB) $(BUILD)/libumbrage.so.$(SONAME): $(NET_OBJ)
+# Outside, messages are no library of their own. Compressed requests are for servers.
+$(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))
 
 wire: $(WIRE_LIB) ## the wire library alone
 .PHONY: wire

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbraged, umbrage-bake and umbrage-study. common, scene, store, jobs and rays are
 # libraries that they share.
-INC_server = -Iclient/include -Iclient/core -Iproto -Iserver -I$(BUILD)/gen
+INC_server = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -I$(BUILD)/gen
 
 COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
 SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/scene/*.c))
@@ -74,7 +74,7 @@ $(BAKE_LIB): $(filter-out %/bake_main.o,$(BAKE_OBJ))
 $(STUDY_LIB): $(filter-out %/study_main.o,$(STUDY_OBJ))
 $(DAEMON_LIB): $(filter-out %/daemon_main.o,$(DAEMON_OBJ)) $(NET_OBJ)
 
-$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
@@ -82,7 +82,7 @@ $(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) 
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS) -o $@
 
-$(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS) -o $@
 

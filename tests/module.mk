@@ -5,19 +5,19 @@ INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/har
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
-TEST_LIBS_maps   = $(CORE_LIB)
+TEST_LIBS_maps   = $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_rpc    = $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
-TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_rpc    = $(RPC_LIB) $(CORE_LIB)
+TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_scene  = $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_store  = $(STORE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
@@ -148,7 +148,7 @@ file-sweeps: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/file_sweep ## every prefix a
 .PHONY: file-sweeps
 
 # False shadow and false light at full size.
-accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/accuracy.md; false shadow and false light against rays: minutes
+accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/results/accuracy.md and study.md; false shadow and false light against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/accuracy_tables.py
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
@@ -162,7 +162,7 @@ study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
-effects-table: $(PROGRAMS) ## tables of docs/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
+effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
 larger-than-memory: $(PROGRAMS) $(BUILD)/scenegen ## a large asset under 128 MiB of memory (root, a memory cgroup)
@@ -196,7 +196,7 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything: units, sanitizers, system, interop (see docs/testing.md)
+test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
 	@$(MAKE) --no-print-directory lint check
 	@$(MAKE) --no-print-directory system
@@ -208,6 +208,7 @@ layers: ## prove the include rules
 
 lint: ## banned functions, names, lengths
 	@sh tests/lint/lint.sh
+	@tests/abi/abi.py check && echo "abi: ok"
 
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i

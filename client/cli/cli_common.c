@@ -9,9 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include "base/open_status.h"
-#include "base/utf8.h"
+#include "tool/base.h"
 #include "cli_session.h"
+#include "tool/exit_code.h"
 
 #define NAME_BYTES ((size_t)200) /* of a path, in messages of the libraries */
 
@@ -68,7 +68,7 @@ static const char *said(const struct umb_error *error)
 int umbc_complain(const struct umb_error *error)
 {
     (void)fprintf(stderr, "umbrage: %s\n", said(error));
-    return umb_status_exit(error->status);
+    return umbu_exit_code(error->status);
 }
 
 /* What stands after the name in messages of the form `NAME: reason`; NULL in others. */
@@ -95,7 +95,7 @@ int umbc_complain_file(const char *path, const struct umb_error *error)
         (void)fprintf(stderr, "%s%s\n", reason != NULL ? "" : ": ",
                       reason != NULL ? reason : message);
     }
-    int code = umb_status_exit(error->status);
+    int code = umbu_exit_code(error->status);
     return code == UMBC_EXIT_USAGE ? UMBC_EXIT_DATA : code;
 }
 
@@ -107,7 +107,7 @@ int umbc_complain_as(enum umb_status status, const char *format, ...)
     (void)vfprintf(stderr, format, arguments);
     va_end(arguments);
     (void)fputc('\n', stderr);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }
 
 /* All options of a command: its own, then those that lead to the daemon. */

@@ -11,10 +11,11 @@
 
 /* The file that was made, wherever. */
 struct made {
-    uint8_t *bytes;
+    const uint8_t *bytes; /* of one of the next two */
     size_t size;
     uint8_t asset[UMB_ID_BYTES];
-    struct umb_derived *derived; /* made here; NULL: by a daemon */
+    struct umb_derived *derived; /* made here, or NULL */
+    uint8_t *received;           /* from a daemon, or NULL */
     bool bad_file;
 };
 
@@ -44,8 +45,9 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
     struct umb_client *client;
     enum umb_status status = umbc_connect(options->session, &client, error);
     if (status == UMB_OK) {
-        status = umb_client_derive(client, options->target, settings, &made->bytes, &made->size,
-                                   made->asset, error);
+        status = umb_client_derive(client, options->target, settings, &made->received, &made->size,
+                                   made->asset, NULL, error);
+        made->bytes = made->received;
         umb_client_close(client);
     }
     return status;
@@ -103,7 +105,7 @@ int umbc_derive(int argc, char **argv)
         return code;
     }
     struct umb_derive_settings settings = options.settings;
-    settings.camera = settings.cascades.count > 0 ? &options.camera : NULL;
+    settings.camera = &options.camera;
     const double from = umbc_clock_s();
     enum umb_status status = umbc_is_file(options.target)
                                  ? derive_here(&options, &settings, &made, &error)
@@ -112,12 +114,8 @@ int umbc_derive(int argc, char **argv)
     if (status == UMB_OK) {
         status = write_file(options.output, &made, &error);
     }
-    if (made.derived != NULL) {
-        umb_derived_free(made.derived, made.bytes);
-        umb_derived_destroy(made.derived);
-    } else {
-        umb_client_derived_free(made.bytes);
-    }
+    umb_derived_destroy(made.derived);
+    umb_free(made.received);
     if (status != UMB_OK) {
         return made.bad_file ? umbc_complain_file(options.target, &error) : umbc_complain(&error);
     }

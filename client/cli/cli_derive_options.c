@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "base/vec.h"
 #include "cli_paging_view.h"
 
 enum derive_option {
@@ -62,8 +61,8 @@ static const struct umbc_command COMMAND = {
     .usage = "umbrage derive FILE|ASSET [-o OUT.ktx2] [options]",
     .summary =
         "Makes shadow maps for a GPU from an asset alone: a rectangle of a light's voxels, or the\n"
-        "cascades of a camera. docs/techniques.md tells how to sample them. Closed assets need to\n"
-        "be baked with --effect front=on.",
+        "cascades of a camera. docs/guide/gpu-maps.md tells how to sample them. Closed assets\n"
+        "need to be baked with --effect front=on.",
     .options = OPTIONS,
     .option_count = OPTION_COUNT,
     .min_words = 1,
@@ -229,26 +228,14 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_derive_opt
     return -1;
 }
 
-/* The frame of a view. Returns false if there is none: no direction, or along the up axis. */
-static bool frame_view(const struct umb_partial_view *view, struct umb_cascade_camera *camera)
+/* False if the camera has no direction, or looks along its up axis. */
+static bool looks_somewhere(const struct umb_camera *camera)
 {
-    double right[3];
-    const double along = umb__length(view->forward);
-    umb__cross(view->forward, view->up, right);
-    const double across = umb__length(right);
-    if (!(along > 0) || !(across > 1e-9 * along)) {
-        return false;
-    }
-    for (unsigned i = 0; i < 3; i++) {
-        camera->eye[i] = view->eye[i];
-        camera->forward[i] = view->forward[i] / along;
-        camera->right[i] = right[i] / across;
-    }
-    umb__cross(camera->right, camera->forward, camera->up);
-    camera->tan_y = tan(view->fov_y / 2);
-    camera->tan_x = camera->tan_y * view->aspect;
-    camera->far_m = view->far_m;
-    return true;
+    const double *f = camera->forward, *u = camera->up;
+    const double across[3] = {f[1] * u[2] - f[2] * u[1], f[2] * u[0] - f[0] * u[2],
+                              f[0] * u[1] - f[1] * u[0]};
+    const double along = hypot(f[0], hypot(f[1], f[2]));
+    return along > 0 && hypot(across[0], hypot(across[1], across[2])) > 1e-9 * along;
 }
 
 static int read_view(const struct umbc_parsed *parsed, struct umbc_derive_options *o)
@@ -275,12 +262,15 @@ static int read_view(const struct umbc_parsed *parsed, struct umbc_derive_option
     if (v[OPTION_ASPECT] && !(umbc_parse_number(v[OPTION_ASPECT], &aspect) && aspect > 0)) {
         return umbc_usage_error("derive: --aspect '%s', no ratio", v[OPTION_ASPECT]);
     }
-    if (!umbc_parse_camera(v[OPTION_CAMERA], aspect, up, &view) || !(view.far_m > 0)) {
+    if (!umbc_parse_camera(v[OPTION_CAMERA], aspect, up, &view) || !(view.camera.far_m > 0)) {
         return umbc_usage_error(
             "derive: --camera '%s', must be eye=X,Y,Z,target=X,Y,Z,far=M[,fov=DEG]",
             v[OPTION_CAMERA]);
     }
-    if (!frame_view(&view, &o->camera)) {
+    const double near_m = o->camera.near_m;
+    o->camera = view.camera;
+    o->camera.near_m = near_m;
+    if (!looks_somewhere(&o->camera)) {
         return umbc_usage_error("derive: --camera '%s' looks nowhere, or along the up axis",
                                 v[OPTION_CAMERA]);
     }

@@ -13,7 +13,7 @@ struct umbc_derive_options {
     char named[4096]; /* where `output` is if none was given; a longer path is cut and fails to open
                        */
     struct umb_derive_settings settings; /* camera: NULL; cascades.count > 0: `camera` */
-    struct umb_cascade_camera camera;
+    struct umb_camera camera;
     bool json, quiet;
 };
 

@@ -14,17 +14,12 @@
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
-#include "base/bytes.h"
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_progress.h"
 #include "cli_session.h"
-#include "format/content.h"
-#include "format/file_map.h"
-#include "format/head.h"
-#include "format/layout.h"
-#include "rpc/rpc_sha256.h"
 #include "umbrage/jobs.h"
+#include "umbrage/region.h"
 
 #define TRIES 5 /* without one byte more between two */
 
@@ -95,24 +90,25 @@ static enum umb_status check_size(struct fetch *fetch, uint64_t size)
  */
 static enum umb_status check_head(struct fetch *fetch)
 {
-    uint8_t head[UMB__HEAD_SIZE];
-    if (fetch->head_checked || fetch->at < sizeof head) {
+    uint8_t bytes[UMB_FILE_HEAD_BYTES];
+    struct umb_file_head head;
+    if (fetch->head_checked || fetch->at < sizeof bytes) {
         return UMB_OK;
     }
-    if (pread(fetch->fd, head, sizeof head, 0) != (ssize_t)sizeof head) {
+    if (pread(fetch->fd, bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes) {
         return umb_fail_errno(&fetch->error, UMB_E_IO, errno, "cannot read '%.200s'", fetch->part);
     }
     fetch->head_checked = true;
-    if (memcmp(head, UMB__MAGIC_PACKED, 8) != 0 ||
-        memcmp(head + UMB__HEAD_ID, fetch->asset, UMB_ID_BYTES) != 0) {
+    if (umb_file_read_head(bytes, sizeof bytes, &head, NULL) != UMB_OK ||
+        head.encoding != UMB_ENCODING_PACKED || memcmp(head.id, fetch->asset, UMB_ID_BYTES) != 0) {
         return umb_fail(&fetch->error, UMB_E_CORRUPT, "'%.200s' is of another asset", fetch->part);
     }
-    const uint64_t length = umb__load64(head + UMB__HEAD_FILE_LENGTH);
-    return length == fetch->size
+    return head.file_bytes == fetch->size
                ? UMB_OK
                : umb_fail(&fetch->error, UMB_E_CORRUPT,
                           "'%.200s': %llu bytes by its head, the server announces %llu",
-                          fetch->part, (unsigned long long)length, (unsigned long long)fetch->size);
+                          fetch->part, (unsigned long long)head.file_bytes,
+                          (unsigned long long)fetch->size);
 }
 
 static enum umb_status take(void *user, uint64_t offset, const void *bytes, size_t count,
@@ -154,7 +150,7 @@ static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch
     fetch->head_checked = false;
     do {
         const uint64_t before = fetch->at;
-        status = umb_client_fetch(client, fetch->asset, fetch->at, take, fetch, error);
+        status = umb_client_fetch(client, fetch->asset, fetch->at, take, fetch, NULL, error);
         tries = fetch->at > before ? 0 : tries + 1;
         if (status == UMB_E_UNAVAILABLE) {
             (void)nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
@@ -190,21 +186,12 @@ static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
 /* What a stranger sent is the asset of that id, byte by byte. */
 static enum umb_status prove_file(const char *path, const uint8_t *asset, struct umb_error *error)
 {
-    struct umb__head head;
-    void *map;
-    size_t size;
-    enum umb_status status = umb__file_map(path, &map, &size, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb__head_parse(map, size, &head, error);
-    if (status == UMB_OK && memcmp(head.id, asset, UMB_ID_BYTES) != 0) {
-        status = umb_fail(error, UMB_E_CORRUPT, "'%.200s' is of another asset", path);
-    }
+    struct umb_file file;
+    enum umb_status status = umb_file_open(path, &file, error);
     if (status == UMB_OK) {
-        status = umb_pack_prove(map, size, 1, &umb__client_sha256, error);
+        status = umb_packed_prove(file.bytes, file.size, asset, umb_sha256_openssl(), error);
+        umb_file_close(&file);
     }
-    umb__file_unmap(map, size);
     return status;
 }
 
@@ -269,7 +256,7 @@ int umbc_fetch(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (!umb_id_from_text(parsed.words[0], asset)) {
+    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
         return umbc_usage_error("fetch: '%s' is not an id of 64 hexadecimal digits",
                                 parsed.words[0]);
     }

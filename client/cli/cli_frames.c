@@ -211,10 +211,7 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
                               f->parsed->values[OPTION_DEPTH], frame, f->views.count, f->size[0],
                               f->size[1]);
     }
-    memcpy(f->picture.eye, view->eye, sizeof view->eye);
-    memcpy(f->picture.forward, view->forward, sizeof view->forward);
-    memcpy(f->picture.up, view->up, sizeof view->up);
-    f->picture.fov_y = view->fov_y;
+    f->picture.camera = view->camera;
     f->request.base = f->request.pack && frame > 0 ? f->values[(frame + 1) % 2] : NULL;
     uint8_t *values = f->values[frame % 2];
     const double start = seconds();

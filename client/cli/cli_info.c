@@ -179,7 +179,9 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
             print_light(i, &light);
             print_frusta(asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_print(rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_print(rows, NULL, count);
         }
     }
     (void)printf("unique nodes  ");
@@ -251,7 +253,9 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-            umbc_curve_json(&json, rows, NULL, umb_curve_get(asset, i, rows));
+            size_t count;
+            (void)umb_asset_get_curve(asset, i, rows, &count);
+            umbc_curve_json(&json, rows, NULL, count);
             umbc_json_end(&json, '}');
         }
     }
@@ -361,7 +365,7 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     if (umbc_connect(parsed->session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    enum umb_status status = umb_client_describe(client, name, &about, &error);
+    enum umb_status status = umb_client_describe(client, name, &about, NULL, &error);
     umb_client_close(client);
     if (status != UMB_OK) {
         return umbc_complain(&error);
@@ -375,7 +379,7 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     } else {
         print_description(about);
     }
-    umb_client_description_free(about);
+    umb_free(about);
     return umbc_finish_stdout(0);
 }
 

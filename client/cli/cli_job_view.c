@@ -8,6 +8,7 @@
 #include <time.h>
 #include <unistd.h>
 #include "cli_progress.h"
+#include "tool/exit_code.h"
 
 #define BAR_WIDTH    30
 #define PAUSE_MS     250
@@ -34,13 +35,13 @@ int umbc_job_exit(const struct umb_job_status *status)
     }
     switch (status->failure) {
     case UMB_JOB_REJECTED:
-        return umb_status_exit(UMB_E_BAD_SCENE);
+        return umbu_exit_code(UMB_E_BAD_SCENE);
     case UMB_JOB_CRASH:
     case UMB_JOB_SANDBOX:
     case UMB_JOB_INTERNAL:
-        return umb_status_exit(UMB_E_INTERNAL);
+        return umbu_exit_code(UMB_E_INTERNAL);
     default:
-        return umb_status_exit(UMB_E_BUSY);
+        return umbu_exit_code(UMB_E_BUSY);
     }
 }
 
@@ -136,7 +137,7 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
     enum umb_status result = UMB_OK;
     do {
         const double heard_s = view.heard_s;
-        result = umb_client_watch(client, job, on_status, &view, error);
+        result = umb_client_watch(client, job, on_status, &view, NULL, error);
         if ((result == UMB_OK && is_over(view.status.state)) || !may_pass(result)) {
             break;
         }

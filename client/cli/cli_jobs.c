@@ -147,10 +147,10 @@ int umbc_jobs(int argc, char **argv)
     if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    if (umb_client_jobs(client, (uint32_t)limit, &jobs, &count, &error) == UMB_OK) {
+    if (umb_client_list_jobs(client, (uint32_t)limit, &jobs, &count, NULL, &error) == UMB_OK) {
         print_jobs(jobs, count, parsed.values[OPTION_JSON] != NULL,
                    parsed.values[OPTION_QUIET] != NULL);
-        umb_client_jobs_free(jobs);
+        umb_free(jobs);
         code = umbc_finish_stdout(0);
     } else {
         code = umbc_complain(&error);
@@ -181,7 +181,7 @@ int umbc_cancel(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (umb_client_cancel_job(client, parsed.words[0], &status, &error) != UMB_OK) {
+    if (umb_client_cancel_job(client, parsed.words[0], &status, NULL, &error) != UMB_OK) {
         code = umbc_complain(&error);
     } else {
         if (parsed.values[OPTION_JSON] != NULL) {
@@ -223,13 +223,14 @@ int umbc_rm(int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if (!umb_id_from_text(parsed.words[0], asset)) {
+    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
         return umbc_usage_error("rm: '%s' is not an id of 64 hexadecimal digits", parsed.words[0]);
     }
     if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    code = umb_client_delete_asset(client, asset, &error) == UMB_OK ? 0 : umbc_complain(&error);
+    code =
+        umb_client_delete_asset(client, asset, NULL, &error) == UMB_OK ? 0 : umbc_complain(&error);
     umb_client_close(client);
     if (code == 0 && parsed.values[OPTION_JSON] != NULL) {
         struct umbc_json json = {.file = stdout};

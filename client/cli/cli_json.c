@@ -6,7 +6,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
-#include "base/utf8.h"
+#include "tool/base.h"
 
 static void put_string(FILE *file, const char *text)
 {

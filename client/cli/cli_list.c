@@ -85,14 +85,14 @@ int umbc_list(int argc, char **argv)
     if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    enum umb_status status = umb_client_list(client, &assets, &count, &error);
+    enum umb_status status = umb_client_list_assets(client, &assets, &count, &error);
     if (status == UMB_OK) {
         if (parsed.values[OPTION_JSON] != NULL) {
             print_json(assets, count);
         } else {
             print_table(assets, count, parsed.values[OPTION_QUIET] != NULL);
         }
-        umb_client_assets_free(assets);
+        umb_free(assets);
     }
     umb_client_close(client);
     return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);

@@ -1,13 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage: the command people type. Finds the sub-command and runs it. */
 #include "cli_common.h"
+#include "umbrage/version.h"
 
 #include <stdio.h>
 #include <string.h>
-
-#ifndef UMB_VERSION
-#define UMB_VERSION "unversioned"
-#endif
 
 static int run_bake(int argc, char **argv)
 {
@@ -50,8 +47,8 @@ static int run_version(int argc, char **argv)
     if (argc > 1 && !as_json) {
         return umbc_usage_error("version: takes --json and nothing else, not '%s'", argv[1]);
     }
-    (void)puts(as_json ? "{\"program\":\"umbrage\",\"version\":\"" UMB_VERSION "\"}"
-                       : "umbrage " UMB_VERSION);
+    (void)puts(as_json ? "{\"program\":\"umbrage\",\"version\":\"" UMB_VERSION_TEXT "\"}"
+                       : "umbrage " UMB_VERSION_TEXT);
     return umbc_finish_stdout(0);
 }
 

@@ -9,7 +9,7 @@
  */
 #include <stdbool.h>
 #include <stdio.h>
-#include "format/content.h"
+#include "umbrage/file.h"
 
 struct umbc_output {
     FILE *file;

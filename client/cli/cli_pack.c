@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_repack.h"
+#include "umbrage/region.h"
 
 enum pack_option {
     OPTION_OUTPUT,
@@ -42,8 +42,8 @@ static const struct umbc_command UNPACK = {
     .max_words = 1,
 };
 
-static enum umb_status write_file(const struct umb_asset *asset, bool packed, const char *path,
-                                  struct umb_error *error)
+static enum umb_status write_file(const struct umb_asset *asset, enum umb_encoding encoding,
+                                  const char *path, struct umb_error *error)
 {
     struct umbc_output output;
     enum umb_status status = umbc_output_begin(path, &output, error);
@@ -51,8 +51,8 @@ static enum umb_status write_file(const struct umb_asset *asset, bool packed, co
         return status;
     }
     error->message[0] = '\0';
-    struct umb_sink sink = umbc_output_sink(&output);
-    status = packed ? umbc_repack(asset, &sink, error) : umb_mapped_write(asset, &sink, error);
+    const struct umb_sink sink = umbc_output_sink(&output);
+    status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
     if (status != UMB_OK) {
         if (output.system_error != 0) { /* the core knows only that a write failed, not why */
             status =
@@ -86,7 +86,8 @@ static void report(const struct umbc_parsed *parsed, const struct umb_asset *ass
     }
 }
 
-static int convert(const struct umbc_command *command, bool packed, int argc, char **argv)
+static int convert(const struct umbc_command *command, enum umb_encoding encoding, int argc,
+                   char **argv)
 {
     struct umbc_parsed parsed;
     struct umb_error error = {.status = UMB_OK};
@@ -106,7 +107,7 @@ static int convert(const struct umbc_command *command, bool packed, int argc, ch
     if (umb_asset_open_file(parsed.words[0], NULL, &asset, &error) != UMB_OK) {
         return umbc_complain_file(parsed.words[0], &error);
     }
-    enum umb_status status = write_file(asset, packed, path, &error);
+    enum umb_status status = write_file(asset, encoding, path, &error);
     if (status == UMB_OK) {
         report(&parsed, asset, path);
     }
@@ -116,10 +117,10 @@ static int convert(const struct umbc_command *command, bool packed, int argc, ch
 
 int umbc_pack(int argc, char **argv)
 {
-    return convert(&PACK, true, argc, argv);
+    return convert(&PACK, UMB_ENCODING_PACKED, argc, argv);
 }
 
 int umbc_unpack(int argc, char **argv)
 {
-    return convert(&UNPACK, false, argc, argv);
+    return convert(&UNPACK, UMB_ENCODING_MAPPED, argc, argv);
 }

@@ -18,8 +18,6 @@
 #include "cli_session.h"
 #include "cli_progress.h"
 #include "cli_paging_options.h"
-#include "format/content.h"
-#include "format/file_map.h"
 
 #define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
 
@@ -140,12 +138,12 @@ static enum umb_status open_region(struct stream *s, struct umb_error *error)
     if (!resume) {
         return umb_region_open(&s->source, &s->o.region, &s->region, error);
     }
-    void *bytes;
-    size_t size;
-    enum umb_status status = umb__file_map(resume, &bytes, &size, error);
+    struct umb_file file;
+    enum umb_status status = umb_file_open(resume, &file, error);
     if (status == UMB_OK) {
-        status = umb_region_resume(bytes, size, &s->source, &s->o.region, &s->region, error);
-        umb__file_unmap(bytes, size);
+        status =
+            umb_region_resume(file.bytes, file.size, &s->source, &s->o.region, &s->region, error);
+        umb_file_close(&file);
     }
     return status;
 }

@@ -139,7 +139,7 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_paging_opt
         return umbc_usage_error("stream: --memory '%s', no number of bytes", v[OPTION_MEMORY]);
     }
     if (v[OPTION_ID]) {
-        if (!umb_id_from_text(v[OPTION_ID], o->id)) {
+        if (umb_id_from_text(v[OPTION_ID], o->id) != UMB_OK) {
             return umbc_usage_error("stream: --id '%s', must be 64 hexadecimal digits",
                                     v[OPTION_ID]);
         }
@@ -154,7 +154,7 @@ static int read_numbers(const struct umbc_parsed *parsed, struct umbc_paging_opt
 
 static void set_pixels(struct umb_partial_view *view, size_t height)
 {
-    view->max_error_rad *= view->fov_y / (double)height;
+    view->max_error_rad *= view->camera.fov_y / (double)height;
 }
 
 /* Boxes and cameras. Returns -1 to go on, else the exit code. */

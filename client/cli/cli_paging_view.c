@@ -70,13 +70,13 @@ bool umbc_parse_camera(const char *text, double aspect, char up, struct umb_part
         return false;
     }
     view->has_camera = 1;
-    view->fov_y = fov * PI / 180;
-    view->aspect = aspect;
-    view->far_m = far;
+    view->camera.fov_y = fov * PI / 180;
+    view->camera.aspect = aspect;
+    view->camera.far_m = far;
     for (unsigned i = 0; i < 3; i++) {
-        view->eye[i] = eye[i];
-        view->forward[i] = target[i] - eye[i];
-        view->up[i] = (i == 1 && up == 'y') || (i == 2 && up == 'z') ? 1 : 0;
+        view->camera.eye[i] = eye[i];
+        view->camera.forward[i] = target[i] - eye[i];
+        view->camera.up[i] = (i == 1 && up == 'y') || (i == 2 && up == 'z') ? 1 : 0;
     }
     return true;
 }
@@ -132,14 +132,14 @@ void umbc_views_finish(struct umbc_views *views)
 bool umbc_project(const struct umb_partial_view *view, const double point[3], size_t width,
                   size_t height, size_t pixel[2])
 {
-    const double *f = view->forward, *u = view->up;
+    const double *f = view->camera.forward, *u = view->camera.up;
     const double right[3] = {f[1] * u[2] - f[2] * u[1], f[2] * u[0] - f[0] * u[2],
                              f[0] * u[1] - f[1] * u[0]};
     const double top[3] = {right[1] * f[2] - right[2] * f[1], right[2] * f[0] - right[0] * f[2],
                            right[0] * f[1] - right[1] * f[0]};
     double along = 0, across = 0, upwards = 0, f2 = 0, r2 = 0, t2 = 0;
     for (unsigned i = 0; i < 3; i++) {
-        const double d = point[i] - view->eye[i];
+        const double d = point[i] - view->camera.eye[i];
         along += d * f[i];
         across += d * right[i];
         upwards += d * top[i];
@@ -147,8 +147,8 @@ bool umbc_project(const struct umb_partial_view *view, const double point[3], si
         r2 += right[i] * right[i];
         t2 += top[i] * top[i];
     }
-    const double half = tan(view->fov_y / 2), depth = along / sqrt(f2);
-    const double x = across / sqrt(r2) / (depth * half * view->aspect);
+    const double half = tan(view->camera.fov_y / 2), depth = along / sqrt(f2);
+    const double x = across / sqrt(r2) / (depth * half * view->camera.aspect);
     const double y = upwards / sqrt(t2) / (depth * half);
     if (!(along > 0) || !(fabs(x) < 1) || !(fabs(y) < 1)) {
         return false;

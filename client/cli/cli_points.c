@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include "base/bytes.h"
+#include "tool/base.h"
 #include "cli_common.h"
 
 #define SHOWN 60 /* bytes of a bad line in the message */

@@ -114,7 +114,7 @@ static enum umb_status start_slot(struct job *job, struct slot *slot, struct umb
         .points = slot->points,
         .want_stats = 1,
     };
-    return umb_client_query_start(job->client, &request, on_answered, slot, error);
+    return umb_client_query_start(job->client, &request, on_answered, slot, NULL, error);
 }
 
 static void explain_slot(struct job *job, struct slot *slot)

@@ -90,7 +90,8 @@ void umbc_dial_state(const struct umb_asset *asset, const struct umb_query_setti
                      const struct umb_calibration *calibration, struct umbc_query_total *total)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    const size_t count = umb_curve_get(asset, settings->light, rows);
+    size_t count;
+    (void)umb_asset_get_curve(asset, settings->light, rows, &count);
     total->level = settings->level;
     total->bound_m = umb_query_bound_m(asset, settings);
     for (size_t i = 0; i < count; i++) {

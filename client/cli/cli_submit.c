@@ -154,9 +154,10 @@ static enum umb_status submit(struct umb_client *client,
                               const struct umb_job_submission *submission,
                               struct umb_job_submitted *submitted, struct umb_error *error)
 {
-    enum umb_status status = umb_client_submit(client, submission, submitted, error);
-    return status == UMB_E_UNAVAILABLE ? umb_client_submit(client, submission, submitted, error)
-                                       : status;
+    enum umb_status status = umb_client_submit(client, submission, submitted, NULL, error);
+    return status == UMB_E_UNAVAILABLE
+               ? umb_client_submit(client, submission, submitted, NULL, error)
+               : status;
 }
 
 static int run(const struct umbc_parsed *parsed, const struct settings *settings, int priority)

@@ -9,10 +9,8 @@
 
 #include <stdio.h>
 #include <string.h>
-#include "rpc/rpc_sha256.h"
 #include "cli_json.h"
-#include "cli_repack.h"
-#include "format/file_map.h"
+#include "umbrage/region.h"
 
 enum verify_option {
     OPTION_JSON,
@@ -74,19 +72,19 @@ static int fail_open(const struct umbc_parsed *parsed, const struct umb_error *e
 }
 
 /* Opens and proves one and the same map, so that the file cannot be another one in between. */
-static enum umb_status prove(const void *bytes, size_t size, struct umb_asset_info *info,
-                             bool *opened, struct umb_error *error)
+static enum umb_status prove(const struct umb_file *file, struct umb_asset_info *info, bool *opened,
+                             struct umb_error *error)
 {
     struct umb_asset *asset;
-    enum umb_status status = umb_asset_open_bytes(bytes, size, NULL, &asset, error);
+    enum umb_status status = umb_asset_open_bytes(file->bytes, file->size, NULL, &asset, error);
     *opened = status == UMB_OK;
     if (status != UMB_OK) {
         return status;
     }
     umb_asset_get_info(asset, info);
     status = info->encoding == UMB_ENCODING_PACKED
-                 ? umb_pack_prove(bytes, size, 1, &umb__client_sha256, error)
-                 : umbc_repack(asset, NULL, error);
+                 ? umb_packed_prove(file->bytes, file->size, NULL, umb_sha256_openssl(), error)
+                 : umb_asset_prove(asset, umb_sha256_openssl(), error);
     umb_asset_close(asset);
     return status;
 }
@@ -95,13 +93,12 @@ static int verify_file(const struct umbc_parsed *parsed)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umb_asset_info info;
-    void *map;
-    size_t size;
+    struct umb_file file;
     bool opened = false;
-    enum umb_status status = umb__file_map(parsed->words[0], &map, &size, &error);
+    enum umb_status status = umb_file_open(parsed->words[0], &file, &error);
     if (status == UMB_OK) {
-        status = prove(map, size, &info, &opened, &error);
-        umb__file_unmap(map, size);
+        status = prove(&file, &info, &opened, &error);
+        umb_file_close(&file);
     }
     error.status = status;
     if (!opened) {

@@ -27,14 +27,7 @@ static enum umb_status first_frustum(struct umbc_volume_asset *asset, struct umb
 static enum umb_status prepare_boxes(struct umbc_volume_asset *asset, struct umb_error *error)
 {
     const enum umb_status status = umb_volume_check_parallel(&asset->volume, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    asset->boxes = calloc(asset->batch_size, sizeof *asset->boxes);
-    if (asset->boxes == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu boxes", asset->batch_size);
-    }
-    return first_frustum(asset, error);
+    return status == UMB_OK ? first_frustum(asset, error) : status;
 }
 
 static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_error *error)
@@ -58,10 +51,21 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
     case UMBC_ASK_BOXES:
         return prepare_boxes(asset, error);
     case UMBC_ASK_COLUMNS:
-        return umb_columns_check(&asset->volume, error);
+        return umb_volume_check_columns(&asset->volume, error);
     default:
         return UMB_OK;
     }
+}
+
+static enum umb_status connect_to(const struct umbc_query_options *options,
+                                  struct umbc_volume_asset *asset, struct umb_error *error)
+{
+    enum umb_status status = umbc_connect(options->session, &asset->client, error);
+    if (status == UMB_OK) {
+        status = umb_client_get_limits(asset->client, &asset->limits, error);
+    }
+    return status == UMB_OK ? umbc_call_size(options, &asset->limits, &asset->batch_size, error)
+                            : status;
 }
 
 enum umb_status umbc_volume_open(const struct umbc_query_options *options,
@@ -70,15 +74,15 @@ enum umb_status umbc_volume_open(const struct umbc_query_options *options,
     memset(asset, 0, sizeof *asset);
     asset->options = options;
     asset->batch_size = options->batch;
-    if (umbc_is_file(options->target)) {
-        return open_file(asset, error);
+    enum umb_status status =
+        umbc_is_file(options->target) ? open_file(asset, error) : connect_to(options, asset, error);
+    if (status != UMB_OK || options->volume_query != UMBC_ASK_BOXES) {
+        return status;
     }
-    enum umb_status status = umbc_connect(options->session, &asset->client, error);
-    if (status == UMB_OK) {
-        status = umb_client_get_limits(asset->client, &asset->limits, error);
-    }
-    return status == UMB_OK ? umbc_call_size(options, &asset->limits, &asset->batch_size, error)
-                            : status;
+    asset->boxes = calloc(asset->batch_size, sizeof *asset->boxes);
+    return asset->boxes != NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu boxes", asset->batch_size);
 }
 
 void umbc_volume_close(struct umbc_volume_asset *asset)
@@ -127,7 +131,7 @@ enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
         enum umb_status status = umb_segments_check(segments, error);
         for (size_t i = 0, n; status == UMB_OK && i < segments->count; i += n) {
             n = segments->count - i < SLICE ? segments->count - i : SLICE;
-            umb_segments_run(&asset->volume, segments, i, n, answers);
+            umb_volume_segments(&asset->volume, segments, i, n, answers);
             show(progress, (double)(i + n));
         }
         return status;
@@ -135,7 +139,7 @@ enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
     enum umb_status status =
-        umb_client_segments(asset->client, &volume_query, segments, answers, &reply, error);
+        umb_client_segments(asset->client, &volume_query, segments, answers, &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -148,7 +152,7 @@ enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
         enum umb_status status = umb_points_check(points, error);
         for (size_t i = 0, n; status == UMB_OK && i < points->count; i += n) {
             n = points->count - i < SLICE ? points->count - i : SLICE;
-            umb_columns_run(&asset->volume, points, i, n, answers);
+            umb_volume_columns(&asset->volume, points, i, n, answers);
             show(progress, (double)(i + n));
         }
         return status;
@@ -156,7 +160,7 @@ enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
     enum umb_status status =
-        umb_client_columns(asset->client, &volume_query, points, answers, &reply, error);
+        umb_client_columns(asset->client, &volume_query, points, answers, &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }
 
@@ -184,27 +188,19 @@ static int show_box(void *user, uint64_t steps)
     return 1;
 }
 
-static enum umb_status count_boxes(struct umbc_volume_asset *asset,
-                                   const struct umb_segments *corners,
+static enum umb_status count_boxes(struct umbc_volume_asset *asset, size_t boxes,
                                    struct umbc_record_progress *progress,
                                    struct umb_box_answers *answers, struct umb_error *error)
 {
-    const enum umb_status status = umb_corners_check(corners, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    umb_corners_get(corners, 0, corners->count, asset->boxes);
-    for (size_t i = 0; i < corners->count; i++) {
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < boxes; i++) {
         struct box_count count = {
             .asset = asset, .progress = progress, .answers = answers->boxes, .box = i};
-        answers->go_on = show_box;
-        answers->go_on_user = &count;
-        umb_boxes_run(&asset->volume, asset->boxes, i, 1, answers);
+        const struct umb_box_watch watch = {show_box, &count};
+        status = umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers, error);
         show(progress, (double)(i + 1));
     }
-    answers->go_on = NULL;
-    answers->go_on_user = NULL;
-    return UMB_OK;
+    return status;
 }
 
 enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
@@ -212,12 +208,17 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
                                   struct umbc_record_progress *progress,
                                   struct umb_box_answers *answers, struct umb_error *error)
 {
+    umb_boxes_from_corners(corners, 0, corners->count, asset->boxes);
+    enum umb_status status = umb_boxes_check(asset->boxes, corners->count, error);
+    if (status != UMB_OK) {
+        return status;
+    }
     if (asset->client == NULL) {
-        return count_boxes(asset, corners, progress, answers, error);
+        return count_boxes(asset, corners->count, progress, answers, error);
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
-    enum umb_status status =
-        umb_client_boxes(asset->client, &volume_query, corners, answers, &reply, error);
+    status = umb_client_boxes(asset->client, &volume_query, asset->boxes, corners->count, answers,
+                              &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }

@@ -64,7 +64,7 @@ static enum umb_status prepare(struct test *test, struct umb_error *error)
     }
     test->options.settings.address = test->session.address;
     test->options.settings.client = test->session.options;
-    status = umb_client_describe(client, test->options.settings.asset, &test->about, error);
+    status = umb_client_describe(client, test->options.settings.asset, &test->about, NULL, error);
     if (status == UMB_OK && test->options.source.light >= test->about->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u of %u lights",
                           (unsigned)test->options.source.light, (unsigned)test->about->light_count);
@@ -143,7 +143,7 @@ int umbc_load(int argc, char **argv)
         code = UMBC_EXIT_NEGATIVE;
     }
     umbc_output_abandon(&test->report);
-    umb_client_description_free(test->about);
+    umb_free(test->about);
     umbc_load_pool_finish(&test->pool);
     free(test);
     return umbc_finish_stdout(code);

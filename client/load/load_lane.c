@@ -89,7 +89,7 @@ static enum umb_status send_call(struct umbc_load_lane *lane, struct umbc_load_s
         .timeout_ms = settings->timeout_ms,
         .stream = lane->stream,
     };
-    return umb_client_query_start(lane->client, &request, on_answer, slot, error);
+    return umb_client_query_start(lane->client, &request, on_answer, slot, NULL, error);
 }
 
 /* Takes a free slot for the next call if one is due; NULL if not. */

@@ -3,7 +3,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
-#include "base/utf8.h"
+#include "tool/base.h"
 #include "load/load_plot.h"
 #include "load/load_print.h"
 

@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "format/layout.h"
-#include "rpc_sha256.h"
 
 enum {
     FIRST_BYTES = 32 << 10,
@@ -75,8 +75,8 @@ static enum umb_status add_front_pages(struct umb_region *region, const struct f
     for (uint32_t page = 0; page < stats.page_count; page++) {
         uint64_t offset;
         uint32_t length;
-        umb_partial_locate(region->partial, page, &offset, &length);
-        if (length == 0 || offset + length > front->size) {
+        if (umb_partial_locate(region->partial, page, &offset, &length) != UMB_OK ||
+            offset + length > front->size) {
             break;
         }
         enum umb_status status =
@@ -94,10 +94,11 @@ static enum umb_status add_front_pages(struct umb_region *region, const struct f
 
 static struct umb_partial_options partial_options(const struct umb_region_options *options)
 {
-    return (struct umb_partial_options){.sha256 = &umb__client_sha256,
-                                        .id = options ? options->id : NULL,
-                                        .max_memory_bytes =
-                                            options ? options->max_memory_bytes : 0};
+    return (struct umb_partial_options){
+        .sha256 = umb_sha256_openssl(),
+        .id = options ? options->id : NULL,
+        .max_memory_bytes = options ? options->max_memory_bytes : 0,
+    };
 }
 
 static enum umb_status open_front(struct umb_region *region,
@@ -107,17 +108,17 @@ static enum umb_status open_front(struct umb_region *region,
     const struct umb_partial_options partial = partial_options(options);
     const uint64_t limit = partial.max_memory_bytes ? partial.max_memory_bytes : (uint64_t)1 << 30;
     const uint64_t first = options && options->first_bytes ? options->first_bytes : FIRST_BYTES;
-    uint64_t head = 0;
+    struct umb_file_head head = {0};
     enum umb_status status = read_front(region, front, first, error);
     if (status == UMB_OK) {
-        status = umb_partial_head_length(front->bytes, front->size, &head, error);
+        status = umb_file_read_head(front->bytes, front->size, &head, error);
     }
-    if (status == UMB_OK && head > limit) {
+    if (status == UMB_OK && head.open_bytes > limit) {
         status = umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the memory budget is %llu",
-                          (unsigned long long)head, (unsigned long long)limit);
+                          (unsigned long long)head.open_bytes, (unsigned long long)limit);
     }
-    if (status == UMB_OK && head > front->size) {
-        status = read_front(region, front, head, error);
+    if (status == UMB_OK && head.open_bytes > front->size) {
+        status = read_front(region, front, head.open_bytes, error);
     }
     region->received_bytes = front->received;
     if (status == UMB_OK) {
@@ -126,16 +127,21 @@ static enum umb_status open_front(struct umb_region *region,
     return status == UMB_OK ? add_front_pages(region, front, error) : status;
 }
 
-static struct umb_region *make_region(const struct umb_region_source *source,
-                                      struct umb_error *error)
+static enum umb_status make_region(const struct umb_region_source *source,
+                                   const struct umb_region_options *options,
+                                   struct umb_region **out, struct umb_error *error)
 {
-    struct umb_region *region = calloc(1, sizeof *region);
-    if (region) {
-        region->source = *source;
-    } else {
-        (void)umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    *out = NULL;
+    if (UMB__UNKNOWN(source, "source", error) ||
+        (options && UMB__UNKNOWN(options, "options", error))) {
+        return UMB_E_ARGUMENT;
     }
-    return region;
+    *out = calloc(1, sizeof **out);
+    if (!*out) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
+    }
+    (*out)->source = *source;
+    return UMB_OK;
 }
 
 enum umb_status umb_region_open(const struct umb_region_source *source,
@@ -143,12 +149,13 @@ enum umb_status umb_region_open(const struct umb_region_source *source,
                                 struct umb_error *error)
 {
     struct front front = {0};
+    struct umb_region *region;
     *out = NULL;
-    struct umb_region *region = make_region(source, error);
-    if (!region) {
-        return UMB_E_NO_MEMORY;
+    enum umb_status status = make_region(source, options, &region, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    enum umb_status status = open_front(region, options, &front, error);
+    status = open_front(region, options, &front, error);
     free(front.bytes);
     if (status != UMB_OK) {
         umb_region_close(region);
@@ -164,12 +171,13 @@ enum umb_status umb_region_resume(const void *bytes, size_t size,
                                   struct umb_error *error)
 {
     const struct umb_partial_options partial = partial_options(options);
+    struct umb_region *region;
     *out = NULL;
-    struct umb_region *region = make_region(source, error);
-    if (!region) {
-        return UMB_E_NO_MEMORY;
+    enum umb_status status = make_region(source, options, &region, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    enum umb_status status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
+    status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
     if (status != UMB_OK) {
         umb_region_close(region);
         return status;
@@ -199,7 +207,7 @@ static void locate(const struct umb_region *region, enum item_kind kind, uint32_
     if (kind == ITEM_BLOCK) {
         umb_partial_locate_block(region->partial, item, offset, length);
     } else {
-        umb_partial_locate(region->partial, item, offset, length);
+        (void)umb_partial_locate(region->partial, item, offset, length);
     }
 }
 
@@ -384,6 +392,9 @@ static enum umb_status check_source(struct umb_region *region, struct umb_error 
 enum umb_status umb_region_update(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(request, "request", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const uint64_t start = region->received_bytes;
     if (region->resumed) {
         enum umb_status status = check_source(region, error);

@@ -53,7 +53,7 @@ static void call_free(struct umb__call *call)
 }
 
 /* Takes a place and queues, or says why not. */
-static enum umb_status enqueue(struct umb_client *client, struct umb__call *call,
+static enum umb_status enqueue(struct umb_client *client, struct umb__call *call, uint64_t *number,
                                struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
@@ -72,6 +72,10 @@ static enum umb_status enqueue(struct umb_client *client, struct umb__call *call
     } else {
         client->pending++;
         client->pending_bytes += call->body.size;
+        call->number = ++client->last_number;
+        if (number != NULL) {
+            *number = call->number; /* before `done` can run */
+        }
         umb__call_move(call, &client->inbox);
         /* Under the lock, so that a closing client has not closed the handle yet. */
         (void)uv_async_send(&client->wake);
@@ -109,7 +113,6 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     call->key = umb__asset_key(asset);
     memcpy(call->asset, asset, asset_size);
     call->safe = plan->safe;
-    call->tag = plan->tag;
     call->done = done;
     call->user = user;
     call->feed = plan->feed;
@@ -117,7 +120,7 @@ enum umb_status umb__call_start(struct umb_client *client, const struct umb__cal
     umb__reply_init(&call->reply, (size_t)client->options.max_reply_bytes);
     call->reply.take = plan->take;
     call->reply.take_user = plan->flow_user;
-    enum umb_status status = enqueue(client, call, error);
+    enum umb_status status = enqueue(client, call, plan->number, error);
     if (status != UMB_OK) {
         call_free(call);
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cancelling queries, see rpc_cancel.h. */
+/* Cancelling calls, see rpc_cancel.h. */
 #include "rpc_cancel.h"
 
 #include <stdlib.h>
@@ -7,11 +7,11 @@
 #include "rpc_connection.h"
 #include "rpc_stream.h"
 
-static bool mark_list(const struct umb__call_list *list, const void *tag)
+static bool mark_list(const struct umb__call_list *list, uint64_t number)
 {
     bool any = false;
     for (struct umb__call *call = list->first; call != NULL; call = call->next) {
-        if (call->tag == tag) {
+        if (call->number == number) {
             call->cancelled = true;
             call->deadline_ns = 0;
             any = true;
@@ -21,18 +21,18 @@ static bool mark_list(const struct umb__call_list *list, const void *tag)
 }
 
 /* Wherever a call may be once it was routed. */
-static bool mark(const struct umb_client *client, const void *tag)
+static bool mark(const struct umb_client *client, uint64_t number)
 {
-    bool any = mark_list(&client->resting, tag);
+    bool any = mark_list(&client->resting, number);
     for (size_t i = 0; i < client->endpoint_count; i++) {
-        any |= mark_list(&client->endpoints[i].waiting, tag);
+        any |= mark_list(&client->endpoints[i].waiting, number);
     }
     for (const struct umb__connection *at = client->connections; at != NULL; at = at->next) {
-        any |= mark_list(&at->active, tag);
+        any |= mark_list(&at->active, number);
     }
     for (const struct umb_client_stream *at = client->streams; at != NULL; at = at->next) {
-        any |= mark_list(&at->queue, tag);
-        any |= mark_list(&at->sent, tag);
+        any |= mark_list(&at->queue, number);
+        any |= mark_list(&at->sent, number);
     }
     return any;
 }
@@ -43,20 +43,19 @@ bool umb__cancels_apply(struct umb_client *client, struct umb__cancel *cancels)
     while (cancels != NULL) {
         struct umb__cancel *first = cancels;
         cancels = first->next;
-        any |= first->tag != NULL && mark(client, first->tag);
+        any |= first->number != 0 && mark(client, first->number);
         free(first);
     }
     return any;
 }
 
-enum umb_status umb_client_query_cancel(struct umb_client *client, const void *user,
-                                        struct umb_error *error)
+enum umb_status umb_client_cancel(struct umb_client *client, uint64_t call, struct umb_error *error)
 {
     struct umb__cancel *cancel = malloc(sizeof *cancel);
     if (cancel == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a cancellation");
     }
-    cancel->tag = user;
+    cancel->number = call;
     pthread_mutex_lock(&client->lock);
     bool closing = client->closing; /* then all are cancelled anyway */
     if (!closing) {

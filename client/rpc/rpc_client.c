@@ -6,6 +6,7 @@
  * a closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
 #include "rpc_cancel.h"
+#include "base/reserved.h"
 #include "rpc_connection.h"
 #include "rpc_endpoint.h"
 #include "rpc_identity.h"
@@ -323,6 +324,9 @@ enum umb_status umb_client_open(const char *address, const struct umb_client_opt
 {
     enum umb_status status;
     *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_client *client = calloc(1, sizeof *client);
     if (client == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");

@@ -14,7 +14,8 @@
  * A connection that ends before it took any call counts as such a try too, with a pause before the
  * next: a server that greets and hangs up is not asked without end.
  *
- * Threads: `lock` guards inbox, pending, cancels and closing; everything else is the loop thread's
+ * Threads: `lock` guards inbox, last_number, pending, cancels and closing; everything else is the
+ *          loop thread's
  * alone once umb_client_open has returned. No lock is held while a caller's function runs. A
  * connection that got GOAWAY finishes its calls beside the next one.
  */
@@ -54,7 +55,7 @@ typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 /* What a call asks and how. */
 struct umb__call_plan {
     const char *asset;   /* that it is about: decides which replica is asked; NULL = any */
-    const void *tag;     /* by which it can be cancelled, see rpc_cancel.h; NULL = cannot be */
+    uint64_t *number;    /* Out: by which it can be cancelled, see rpc_cancel.h; or NULL */
     bool safe;           /* changes nothing: may be sent again once the server may have begun it */
     const char *path;    /* static */
     uint32_t timeout_ms; /* 0 = the client's */
@@ -86,7 +87,7 @@ struct umb__call {
     uint64_t ready_ns;    /* while it rests */
     uint64_t tried;       /* bits of the replicas that were no good */
     bool safe;
-    const void *tag;                /* see rpc_cancel.h */
+    uint64_t number;                /* see rpc_cancel.h; 0: of a carrier */
     bool cancelled;                 /* and its deadline is over */
     struct umb__endpoint *endpoint; /* it waits for or was sent to; NULL = not yet routed */
     umb__done_fn done;
@@ -130,6 +131,7 @@ struct umb_client {
     char *bearer;         /* value of the authorization header, or NULL */
     pthread_mutex_t lock;
     struct umb__call_list inbox;
+    uint64_t last_number;   /* of the newest call */
     uint32_t pending;       /* calls from start to done */
     uint64_t pending_bytes; /* of their requests */
     bool closing;
@@ -199,6 +201,34 @@ UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
                                            const struct umb__call_plan *plan,
                                            struct umbw_buffer *body, umb__decode_fn decode,
                                            void *out, struct umb_error *error);
+
+/* Last word on a call's status, however it ended; frees what the context holds. */
+typedef enum umb_status (*umb__finish_fn)(void *context, enum umb_status status,
+                                          struct umb_error *error);
+
+/* What comes after a call. The context is malloc's and freed behind `finish`. */
+struct umb__ending {
+    void *context;
+    umb__decode_fn
+        decode; /* of the reply, with the context; umb__decode_nothing if it says nothing */
+    umb__finish_fn finish; /* or NULL */
+};
+
+/*
+ * Runs a call: waits for its end, or leaves it to `async`.
+ *
+ * In:    body and ending's context: taken over, also on failure. async: NULL: waits.
+ * Fails: as umb__call_start and, if it waited, as the call did.
+ */
+UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client,
+                                          const struct umb__call_plan *plan,
+                                          struct umbw_buffer *body,
+                                          const struct umb__ending *ending,
+                                          struct umb_client_async *async, struct umb_error *error);
+
+/* The same for a call that could not be encoded: frees what it has. Returns status. */
+enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__ending *ending,
+                               enum umb_status status, struct umb_error *error);
 
 /* A reply that cannot be decoded is the server's fault: E_ARGUMENT becomes E_PROTOCOL. */
 enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,

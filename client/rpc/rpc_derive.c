@@ -5,10 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "wire/regions.h"
 
 struct gathered {
-    struct umb_error *error;
+    uint8_t **out; /* where the bytes go */
+    size_t *out_size;
+    uint8_t *out_id;
+    struct umb_error error; /* of a message that is none */
     enum umb_status status; /* of the messages */
     uint64_t most;          /* bytes that are taken */
     uint8_t *bytes;         /* [total], once the first piece came */
@@ -19,14 +23,14 @@ struct gathered {
 static enum umb_status begin(struct gathered *g, const struct umbw_region_reply *reply)
 {
     if (reply->file_bytes == 0 || reply->file_bytes > g->most) {
-        return umb_fail(g->error, UMB_E_TOO_LARGE, "file_bytes: %llu, must be 1 to %llu",
+        return umb_fail(&g->error, UMB_E_TOO_LARGE, "file_bytes: %llu, must be 1 to %llu",
                         (unsigned long long)reply->file_bytes, (unsigned long long)g->most);
     }
     g->bytes = malloc((size_t)reply->file_bytes);
     g->total = reply->file_bytes;
     memcpy(g->asset_id, reply->asset_id, UMB_ID_BYTES);
     return g->bytes != NULL ? UMB_OK
-                            : umb_fail(g->error, UMB_E_NO_MEMORY, "out of memory for %llu bytes",
+                            : umb_fail(&g->error, UMB_E_NO_MEMORY, "out of memory for %llu bytes",
                                        (unsigned long long)g->total);
 }
 
@@ -34,14 +38,14 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
 {
     struct gathered *g = user;
     struct umbw_region_reply reply;
-    g->status = umbw_decode_region_reply(message, size, &reply, g->error);
+    g->status = umbw_decode_region_reply(message, size, &reply, &g->error);
     if (g->status == UMB_OK && g->bytes == NULL) {
         g->status = begin(g, &reply);
     }
     if (g->status == UMB_OK &&
         (reply.file_bytes != g->total || reply.data_size > g->total - g->at)) {
         g->status =
-            umb_fail(g->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu", reply.data_size,
+            umb_fail(&g->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu", reply.data_size,
                      (unsigned long long)g->at, (unsigned long long)g->total);
     }
     if (g->status == UMB_OK) {
@@ -55,55 +59,66 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
                               struct umbw_buffer *body, struct umb_error *error)
 {
     struct umbw_derive_request request = {.settings = *settings};
+    if (UMB__UNKNOWN(settings, "settings", error) ||
+        UMB__UNKNOWN(&settings->map, "settings.map", error) ||
+        UMB__UNKNOWN(&settings->cascades, "settings.cascades", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const size_t length = strlen(asset);
     if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,
                         UMBW_ASSET_NAME_MAX);
     }
     memcpy(request.asset, asset, length + 1);
-    if (settings->camera != NULL) {
-        request.camera = *settings->camera;
-    } else {
-        request.settings.cascades.count = 0;
+    if (settings->cascades.count > 0 && settings->camera == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
+                        settings->cascades.count);
     }
-    return umbw_encode_derive_request(&request, body, error);
+    enum umb_status status = settings->cascades.count > 0
+                                 ? umb__map_view_make(settings->camera, &request.view, error)
+                                 : UMB_OK;
+    return status == UMB_OK ? umbw_encode_derive_request(&request, body, error) : status;
+}
+
+static enum umb_status finish(void *context, enum umb_status status, struct umb_error *error)
+{
+    struct gathered *g = context;
+    if (g->status != UMB_OK) {
+        status = umb__reply_fault(g->status, &g->error, error);
+    } else if (status == UMB_OK && (g->at != g->total || g->bytes == NULL)) {
+        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
+                          (unsigned long long)g->at, (unsigned long long)g->total);
+    }
+    if (status != UMB_OK) {
+        free(g->bytes);
+        return status;
+    }
+    *g->out = g->bytes;
+    *g->out_size = (size_t)g->total;
+    memcpy(g->out_id, g->asset_id, UMB_ID_BYTES);
+    return UMB_OK;
 }
 
 enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
                                   const struct umb_derive_settings *settings, uint8_t **bytes,
                                   size_t *size, uint8_t asset_id[UMB_ID_BYTES],
-                                  struct umb_error *error)
+                                  struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct umb_error detail = {.status = UMB_OK};
-    struct gathered g = {.error = &detail, .most = client->options.max_reply_bytes};
+    struct gathered *g = calloc(1, sizeof *g);
     *bytes = NULL;
     *size = 0;
-    enum umb_status status = encode(asset, settings, &body, error);
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
+    if (g == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
+    *g = (struct gathered){.out = bytes,
+                           .out_size = size,
+                           .out_id = asset_id,
+                           .most = client->options.max_reply_bytes};
+    const struct umb__ending ending = {g, umb__decode_nothing, finish};
     const struct umb__call_plan plan = {
-        .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece, .flow_user = &g};
-    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
-    if (g.status != UMB_OK) {
-        status = umb__reply_fault(g.status, &detail, error);
-    } else if (status == UMB_OK && (g.at != g.total || g.bytes == NULL)) {
-        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
-                          (unsigned long long)g.at, (unsigned long long)g.total);
-    }
-    if (status != UMB_OK) {
-        free(g.bytes);
-        return status;
-    }
-    *bytes = g.bytes;
-    *size = (size_t)g.total;
-    memcpy(asset_id, g.asset_id, UMB_ID_BYTES);
-    return UMB_OK;
-}
-
-void umb_client_derived_free(uint8_t *bytes)
-{
-    free(bytes);
+        .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece, .flow_user = g};
+    enum umb_status status = encode(asset, settings, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }

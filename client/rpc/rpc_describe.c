@@ -29,8 +29,8 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
     return umbw_decode_list_reply(message, size, out, error);
 }
 
-enum umb_status umb_client_list(struct umb_client *client, struct umb_client_asset **assets,
-                                size_t *count, struct umb_error *error)
+enum umb_status umb_client_list_assets(struct umb_client *client, struct umb_client_asset **assets,
+                                       size_t *count, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct umbw_list_reply reply = {0, NULL};
@@ -59,15 +59,17 @@ enum umb_status umb_client_list(struct umb_client *client, struct umb_client_ass
     return status;
 }
 
-void umb_client_assets_free(struct umb_client_asset *assets)
-{
-    free(assets);
-}
+/* A description under way. */
+struct describing {
+    struct umbw_describe_reply reply;
+    struct umb_client_description **out;
+};
 
 static enum umb_status decode_description(void *out, const uint8_t *message, size_t size,
                                           struct umb_error *error)
 {
-    return umbw_decode_describe_reply(message, size, out, error);
+    struct describing *describing = out;
+    return umbw_decode_describe_reply(message, size, &describing->reply, error);
 }
 
 static void copy_curve(const struct umbw_curve *curve, struct umb_client_light *light)
@@ -78,16 +80,18 @@ static void copy_curve(const struct umbw_curve *curve, struct umb_client_light *
     memcpy(light->coherent_ns, curve->coherent_ns, sizeof light->coherent_ns);
 }
 
-/* Moves the texts of a reply and copies the rest. NULL if memory is short. */
-static struct umb_client_description *make_description(struct umbw_describe_reply *reply)
+/* Copies a reply into one block, lights and texts behind the description. NULL if memory is short.
+ * */
+static struct umb_client_description *make_description(const struct umbw_describe_reply *reply)
 {
-    struct umb_client_description *out = calloc(1, sizeof *out);
-    struct umb_client_light *lights = calloc((size_t)reply->light_count + 1, sizeof *lights);
-    if (out == NULL || lights == NULL) {
-        free(lights);
-        free(out);
+    const size_t plan = strlen(reply->plan) + 1, settings = strlen(reply->settings) + 1;
+    struct umb_client_description *out;
+    struct umb_client_light *lights;
+    out = calloc(1, sizeof *out + reply->light_count * sizeof *lights + plan + settings);
+    if (out == NULL) {
         return NULL;
     }
+    lights = (struct umb_client_light *)(void *)(out + 1);
     for (uint32_t i = 0; i < reply->light_count; i++) {
         lights[i].info = reply->lights[i].info;
         lights[i].resolution = reply->lights[i].resolution;
@@ -101,46 +105,41 @@ static struct umb_client_description *make_description(struct umbw_describe_repl
     memcpy(out->origin, reply->origin, sizeof out->origin);
     out->bounds = reply->bounds;
     memcpy(out->scene_hash, reply->scene_hash, sizeof out->scene_hash);
-    out->plan = reply->plan;
-    out->settings = reply->settings;
-    reply->plan = NULL;
-    reply->settings = NULL;
+    out->plan = memcpy(lights + reply->light_count, reply->plan, plan);
+    out->settings = memcpy(out->plan + plan, reply->settings, settings);
     return out;
+}
+
+static enum umb_status finish_description(void *context, enum umb_status status,
+                                          struct umb_error *error)
+{
+    struct describing *describing = context;
+    if (status == UMB_OK) {
+        *describing->out = make_description(&describing->reply);
+        if (*describing->out == NULL) {
+            status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a description");
+        }
+    }
+    umbw_describe_reply_finish(&describing->reply);
+    return status;
 }
 
 enum umb_status umb_client_describe(struct umb_client *client, const char *asset,
                                     struct umb_client_description **description,
-                                    struct umb_error *error)
+                                    struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct umbw_describe_reply reply;
-    memset(&reply, 0, sizeof reply);
+    struct describing *describing = calloc(1, sizeof *describing);
     *description = NULL;
+    if (describing == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
+    }
+    describing->out = description;
+    const struct umb__ending ending = {describing, decode_description, finish_description};
+    const struct umb__call_plan plan = {.path = UMBW_PATH_DESCRIBE, .asset = asset, .safe = true};
     enum umb_status status = umbw_encode_describe_request(asset, 1, &body, error);
-    if (status == UMB_OK) {
-        status = umb__call_wait(
-            client,
-            &(struct umb__call_plan){.path = UMBW_PATH_DESCRIBE, .asset = asset, .safe = true},
-            &body, decode_description, &reply, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    *description = make_description(&reply);
-    umbw_describe_reply_finish(&reply);
-    return *description != NULL
-               ? UMB_OK
-               : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a description");
-}
-
-void umb_client_description_free(struct umb_client_description *description)
-{
-    if (description != NULL) {
-        free(description->lights);
-        free(description->plan);
-        free(description->settings);
-        free(description);
-    }
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 static enum umb_status decode_limits(void *out, const uint8_t *message, size_t size,

@@ -36,14 +36,15 @@ static void status_from_wire(const struct umbw_job_status *from, struct umb_job_
     to->tiles_found = from->tiles_found;
 }
 
-static enum umb_status check_job(const char *job, struct umb_error *error)
+static enum umb_status encode_job(const char *job, struct umbw_buffer *body,
+                                  struct umb_error *error)
 {
     const size_t length = job == NULL ? 0 : strlen(job);
     if (length == 0 || length > UMBW_JOB_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "job: has %zu bytes, must have 1 to %d", length,
                         UMBW_JOB_MAX);
     }
-    return UMB_OK;
+    return umbw_encode_job_request(job, body, error);
 }
 
 /* --- Watch --- */
@@ -51,7 +52,7 @@ static enum umb_status check_job(const char *job, struct umb_error *error)
 struct watch {
     umb_job_status_fn on_status;
     void *user;
-    struct umb_error *error; /* of a message that is none; its status is UMB_OK otherwise */
+    struct umb_error error; /* of a message that is none; its status is UMB_OK otherwise */
     int stopped;
 };
 
@@ -60,7 +61,7 @@ static bool take_status(void *user, const uint8_t *message, size_t size)
     struct watch *watch = user;
     struct umbw_job_status wire;
     struct umb_job_status status;
-    if (umbw_decode_job_status(message, size, &wire, watch->error) != UMB_OK) {
+    if (umbw_decode_job_status(message, size, &wire, &watch->error) != UMB_OK) {
         return false;
     }
     status_from_wire(&wire, &status);
@@ -71,42 +72,51 @@ static bool take_status(void *user, const uint8_t *message, size_t size)
     return !watch->stopped;
 }
 
+static enum umb_status finish_watch(void *context, enum umb_status status, struct umb_error *error)
+{
+    struct watch *watch = context;
+    if (watch->stopped) {
+        return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
+    }
+    return status != UMB_OK && watch->error.status != UMB_OK
+               ? umb__reply_fault(watch->error.status, &watch->error, error)
+               : status;
+}
+
 enum umb_status umb_client_watch(struct umb_client *client, const char *job,
-                                 umb_job_status_fn on_status, void *user, struct umb_error *error)
+                                 umb_job_status_fn on_status, void *user,
+                                 struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct umb_error detail = {.status = UMB_OK};
-    struct watch watch = {on_status, user, &detail, 0};
-    enum umb_status status = check_job(job, error);
-    if (status == UMB_OK) {
-        status = umbw_encode_job_request(job, &body, error);
+    struct watch *watch = calloc(1, sizeof *watch);
+    if (watch == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
-    }
+    *watch = (struct watch){.on_status = on_status, .user = user};
+    const struct umb__ending ending = {watch, umb__decode_nothing, finish_watch};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_WATCH,
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_status,
-                                        .flow_user = &watch};
-    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
-    if (watch.stopped) {
-        return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
-    }
-    return status != UMB_OK && detail.status != UMB_OK
-               ? umb__reply_fault(detail.status, &detail, error)
-               : status;
+                                        .flow_user = watch};
+    enum umb_status status = encode_job(job, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 /* --- Cancel --- */
 
-static enum umb_status decode_status(void *out, const uint8_t *message, size_t size,
+struct cancel {
+    struct umb_job_status *out; /* or NULL */
+};
+
+static enum umb_status decode_status(void *context, const uint8_t *message, size_t size,
                                      struct umb_error *error)
 {
+    const struct cancel *cancel = context;
     struct umbw_job_status wire;
     enum umb_status status = umbw_decode_job_status(message, size, &wire, error);
-    if (status == UMB_OK && out != NULL) {
-        status_from_wire(&wire, out);
+    if (status == UMB_OK && cancel->out != NULL) {
+        status_from_wire(&wire, cancel->out);
     }
     if (status == UMB_OK) {
         umbw_job_status_finish(&wire);
@@ -115,26 +125,27 @@ static enum umb_status decode_status(void *out, const uint8_t *message, size_t s
 }
 
 enum umb_status umb_client_cancel_job(struct umb_client *client, const char *job,
-                                      struct umb_job_status *out, struct umb_error *error)
+                                      struct umb_job_status *out, struct umb_client_async *async,
+                                      struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    enum umb_status status = check_job(job, error);
-    if (status == UMB_OK) {
-        status = umbw_encode_job_request(job, &body, error);
+    struct cancel *cancel = malloc(sizeof *cancel);
+    if (cancel == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
-    }
+    cancel->out = out;
+    const struct umb__ending ending = {cancel, decode_status, NULL};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_CANCEL};
-    return umb__call_wait(client, &plan, &body, decode_status, out, error);
+    enum umb_status status = encode_job(job, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 /* --- List --- */
 
 struct list {
-    struct umb_job_status *jobs;
-    size_t count;
+    struct umb_job_status **jobs;
+    size_t *count;
 };
 
 static enum umb_status decode_list(void *out, const uint8_t *message, size_t size,
@@ -146,11 +157,12 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
     if (status != UMB_OK) {
         return status;
     }
-    list->jobs = calloc(wire.count + 1, sizeof *list->jobs);
-    if (list->jobs != NULL) {
-        list->count = wire.count;
+    struct umb_job_status *jobs = calloc(wire.count + 1, sizeof *jobs);
+    if (jobs != NULL) {
+        *list->jobs = jobs;
+        *list->count = wire.count;
         for (size_t i = 0; i < wire.count; i++) {
-            status_from_wire(&wire.jobs[i], &list->jobs[i]);
+            status_from_wire(&wire.jobs[i], &jobs[i]);
         }
     } else {
         status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu jobs", wire.count);
@@ -159,27 +171,23 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
     return status;
 }
 
-enum umb_status umb_client_jobs(struct umb_client *client, uint32_t limit,
-                                struct umb_job_status **jobs, size_t *count,
-                                struct umb_error *error)
+enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
+                                     struct umb_job_status **jobs, size_t *count,
+                                     struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct list list = {NULL, 0};
-    enum umb_status status = umbw_encode_list_jobs_request(limit, &body, error);
-    if (status == UMB_OK) {
-        const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_LIST};
-        status = umb__call_wait(client, &plan, &body, decode_list, &list, error);
-    } else {
-        umbw_buffer_finish(&body);
+    struct list *list = malloc(sizeof *list);
+    *jobs = NULL;
+    *count = 0;
+    if (list == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
-    *jobs = list.jobs;
-    *count = list.count;
-    return status;
-}
-
-void umb_client_jobs_free(struct umb_job_status *jobs)
-{
-    free(jobs);
+    *list = (struct list){jobs, count};
+    const struct umb__ending ending = {list, decode_list, NULL};
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_LIST};
+    enum umb_status status = umbw_encode_list_jobs_request(limit, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 /* --- Fetch --- */
@@ -188,7 +196,7 @@ struct fetch {
     umb_job_bytes_fn on_bytes;
     void *user;
     uint64_t at, size;
-    struct umb_error *error;
+    struct umb_error error;
     enum umb_status status; /* of got, or of the messages */
 };
 
@@ -196,12 +204,12 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
 {
     struct fetch *fetch = user;
     struct umbw_fetch_reply reply;
-    fetch->status = umbw_decode_fetch_reply(message, size, &reply, fetch->error);
+    fetch->status = umbw_decode_fetch_reply(message, size, &reply, &fetch->error);
     if (fetch->status == UMB_OK && (reply.offset != fetch->at || reply.offset > reply.size ||
                                     reply.data_size > reply.size - reply.offset ||
                                     (reply.data_size == 0 && reply.offset < reply.size))) {
         fetch->status =
-            umb_fail(fetch->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu, after %llu",
+            umb_fail(&fetch->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu, after %llu",
                      reply.data_size, (unsigned long long)reply.offset,
                      (unsigned long long)reply.size, (unsigned long long)fetch->at);
     }
@@ -211,56 +219,61 @@ static bool take_piece(void *user, const uint8_t *message, size_t size)
         fetch->status =
             fetch->on_bytes(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
         if (fetch->status != UMB_OK) {
-            (void)umb_fail(fetch->error, fetch->status, "the fetch was ended here: %s",
+            (void)umb_fail(&fetch->error, fetch->status, "the fetch was ended here: %s",
                            umb_status_text(fetch->status));
         }
     }
     return fetch->status == UMB_OK;
 }
 
+static enum umb_status finish_fetch(void *context, enum umb_status status, struct umb_error *error)
+{
+    const struct fetch *fetch = context;
+    if (fetch->status != UMB_OK) {
+        return umb_fail(error, fetch->status, "%.300s", fetch->error.message);
+    }
+    if (status == UMB_OK && fetch->at != fetch->size) {
+        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
+                          (unsigned long long)fetch->at, (unsigned long long)fetch->size);
+    }
+    return status;
+}
+
 enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[UMB_ID_BYTES],
                                  uint64_t offset, umb_job_bytes_fn on_bytes, void *user,
-                                 struct umb_error *error)
+                                 struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_fetch_request request = {.offset = offset};
     struct umbw_buffer body = {NULL, 0, 0};
-    struct umb_error detail = {.status = UMB_OK};
-    struct fetch fetch = {.on_bytes = on_bytes, .user = user, .at = offset, .error = &detail};
-    umb_id_to_text(asset, request.asset);
-    enum umb_status status = umbw_encode_fetch_request(&request, &body, error);
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
+    struct fetch *fetch = calloc(1, sizeof *fetch);
+    if (fetch == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
+    *fetch = (struct fetch){.on_bytes = on_bytes, .user = user, .at = offset};
+    const struct umb__ending ending = {fetch, umb__decode_nothing, finish_fetch};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_FETCH,
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_piece,
-                                        .flow_user = &fetch,
+                                        .flow_user = fetch,
                                         .flows = true};
-    status = umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
-    if (fetch.status != UMB_OK) {
-        return umb_fail(error, fetch.status, "%.300s", detail.message);
-    }
-    if (status == UMB_OK && fetch.at != fetch.size) {
-        status = umb_fail(error, UMB_E_PROTOCOL, "data: ended at byte %llu of %llu",
-                          (unsigned long long)fetch.at, (unsigned long long)fetch.size);
-    }
-    return status;
+    umb_id_to_text(asset, request.asset);
+    enum umb_status status = umbw_encode_fetch_request(&request, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 /* --- Delete --- */
 
 enum umb_status umb_client_delete_asset(struct umb_client *client,
-                                        const uint8_t asset[UMB_ID_BYTES], struct umb_error *error)
+                                        const uint8_t asset[UMB_ID_BYTES],
+                                        struct umb_client_async *async, struct umb_error *error)
 {
     char id[UMB_ID_TEXT_SIZE];
     struct umbw_buffer body = {NULL, 0, 0};
+    const struct umb__ending ending = {.decode = umb__decode_nothing};
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_DELETE};
     umb_id_to_text(asset, id);
     enum umb_status status = umbw_encode_delete_request(id, &body, error);
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
-    }
-    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_DELETE};
-    return umb__call_wait(client, &plan, &body, umb__decode_nothing, NULL, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }

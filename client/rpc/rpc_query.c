@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Query, asynchronous and blocking. */
 #include "rpc_client.h"
+#include "base/reserved.h"
 
 #include <stdbool.h>
 #include <stdlib.h>
@@ -31,6 +32,13 @@ static size_t value_bytes_of(const struct umb_client_query_request *request)
 static enum umb_status encode(const struct umb_client_query_request *request,
                               struct umbw_buffer *body, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(request, "request", error) ||
+        UMB__UNKNOWN(&request->settings, "settings", error) ||
+        UMB__UNKNOWN(&request->dial, "dial", error) ||
+        UMB__UNKNOWN(&request->points, "points", error) ||
+        (request->picture && UMB__UNKNOWN(request->picture, "picture", error))) {
+        return UMB_E_ARGUMENT;
+    }
     struct umbw_query_request wire = {
         .settings = request->settings,
         .points = request->points,
@@ -187,7 +195,7 @@ static struct query_call *make_call(const struct umb_client_query_request *reque
 
 enum umb_status umb_client_query_start(struct umb_client *client,
                                        const struct umb_client_query_request *request,
-                                       umb_client_query_fn done, void *user,
+                                       umb_client_query_fn done, void *user, uint64_t *number,
                                        struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
@@ -201,7 +209,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
     struct umb__call_plan plan = plan_of(request);
-    plan.tag = user;
+    plan.number = number;
     status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
         free(call->base);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/utf8.h"
+#include "wire/grpc_status.h"
 
 void umb__reply_init(struct umb__reply *reply, size_t max_message)
 {
@@ -174,7 +175,7 @@ static enum umb_status server_status(const struct umb__reply *reply, struct umb_
     size_t size = umbw_message_unescape(reply->grpc_message, reply->grpc_message_size, message,
                                         sizeof message);
     (void)umb__utf8_printable((const uint8_t *)message, size, clean, sizeof clean);
-    enum umb_status status = umb_status_from_grpc(reply->grpc_status);
+    enum umb_status status = umbw_grpc_status(reply->grpc_status);
     if (reply->grpc_status == UMBW_GRPC_RESOURCE_EXHAUSTED && reply->come_again) {
         status = UMB_E_BUSY;
     }

@@ -16,10 +16,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "wire/grpc.h"
-
-#ifndef UMB_VERSION
-#define UMB_VERSION "unversioned"
-#endif
+#include "umbrage/version.h"
 
 #define WINDOW_BYTES   (64 << 20)
 #define HEADERS_ALWAYS 8 /* of a request, and some that depend */
@@ -308,7 +305,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
         header(":authority", connection->endpoint->authority),
         header("te", "trailers"),
         header("content-type", "application/grpc"),
-        header("user-agent", "umbrage/" UMB_VERSION),
+        header("user-agent", "umbrage/" UMB_VERSION_TEXT),
         header("grpc-accept-encoding", "identity"),
     };
     size_t header_count = HEADERS_ALWAYS;

@@ -3,7 +3,7 @@
  * Bakes.Submit: the files are hashed, then read again while they are sent, a message at a time, as
  * flow control asks for them. Reading blocks the client's thread for a piece at a time.
  */
-#define OPENSSL_API_COMPAT 0x10100000L /* as rpc_sha256.c, for its reasons */
+#define OPENSSL_API_COMPAT 0x10100000L /* as sha256_openssl.c, for its reasons */
 #include <errno.h>
 #include <fcntl.h>
 #include <openssl/sha.h>
@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "rpc_client.h"
+#include "base/reserved.h"
 #include "umbrage/jobs.h"
 #include "wire/bakes.h"
 
@@ -19,6 +20,7 @@
 
 struct upload {
     const struct umb_job_submission *submission;
+    struct umb_job_submitted *submitted;
     struct umbw_manifest manifest;
     uint8_t *piece; /* [PIECE_BYTES] */
     int fd;         /* of the file that is being sent, -1 = none */
@@ -160,7 +162,7 @@ static enum umb_status feed(void *user, struct umbw_buffer *body)
 static enum umb_status decode(void *out, const uint8_t *message, size_t size,
                               struct umb_error *error)
 {
-    struct umb_job_submitted *submitted = out;
+    struct umb_job_submitted *submitted = ((struct upload *)out)->submitted;
     struct umbw_submit_reply reply;
     enum umb_status status = umbw_decode_submit_reply(message, size, &reply, error);
     if (status == UMB_OK) {
@@ -170,34 +172,45 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
     return status;
 }
 
+static enum umb_status finish(void *context, enum umb_status status, struct umb_error *error)
+{
+    struct upload *upload = context;
+    if (status != UMB_OK && upload->error.status != UMB_OK) {
+        status = umb_fail(error, upload->error.status, "%.300s", upload->error.message);
+    }
+    if (upload->fd >= 0) {
+        close(upload->fd);
+    }
+    umbw_manifest_finish(&upload->manifest);
+    free(upload->piece);
+    return status;
+}
+
 enum umb_status umb_client_submit(struct umb_client *client,
                                   const struct umb_job_submission *submission,
-                                  struct umb_job_submitted *submitted, struct umb_error *error)
+                                  struct umb_job_submitted *submitted,
+                                  struct umb_client_async *async, struct umb_error *error)
 {
-    struct upload upload = {.submission = submission, .fd = -1, .error = {.status = UMB_OK}};
     struct umbw_buffer body = {NULL, 0, 0};
     memset(submitted, 0, sizeof *submitted);
-    enum umb_status status = make_manifest(&upload, error);
+    if (UMB__UNKNOWN(submission, "submission", error)) {
+        return UMB_E_ARGUMENT;
+    }
+    struct upload *upload = calloc(1, sizeof *upload);
+    if (upload == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a submission");
+    }
+    *upload = (struct upload){.submission = submission, .submitted = submitted, .fd = -1};
+    const struct umb__ending ending = {upload, decode, finish};
+    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_SUBMIT,
+                                        .timeout_ms = UINT32_MAX,
+                                        .feed = feed,
+                                        .flow_user = upload,
+                                        .flows = true};
+    enum umb_status status = make_manifest(upload, error);
     if (status == UMB_OK) {
-        status = umbw_encode_manifest(&upload.manifest, &body, error);
+        status = umbw_encode_manifest(&upload->manifest, &body, error);
     }
-    if (status == UMB_OK) {
-        const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_SUBMIT,
-                                            .timeout_ms = UINT32_MAX,
-                                            .feed = feed,
-                                            .flow_user = &upload,
-                                            .flows = true};
-        status = umb__call_wait(client, &plan, &body, decode, submitted, error);
-        if (status != UMB_OK && upload.error.status != UMB_OK) {
-            status = umb_fail(error, upload.error.status, "%.300s", upload.error.message);
-        }
-    } else {
-        umbw_buffer_finish(&body);
-    }
-    if (upload.fd >= 0) {
-        close(upload.fd);
-    }
-    umbw_manifest_finish(&upload.manifest);
-    free(upload.piece);
-    return status;
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }

@@ -2,8 +2,10 @@
 /* Questions.Segments, Columns and Boxes; see umbrage/volume_queries.h. */
 #include "umbrage/volume_queries.h"
 
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "rpc_client.h"
 #include "wire/volume_queries.h"
 
@@ -96,16 +98,21 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
     stats->bricks += wire.bricks;
     if (asked->reply != NULL) {
         memcpy(asked->reply->asset_id, wire.asset_id, sizeof wire.asset_id);
-        asked->reply->stats = (struct umb_volume_stats){wire.nodes, wire.bricks};
+        asked->reply->stats = (struct umb_volume_stats){.nodes = wire.nodes, .bricks = wire.bricks};
         asked->reply->nanoseconds = wire.nanoseconds;
         asked->reply->ignores_translucent = wire.ignores_translucent;
     }
     return UMB_OK;
 }
 
+/* Asks; what is asked is copied. */
 static enum umb_status ask(struct umb_client *client, const struct umb_volume_query *volume_query,
-                           const char *path, struct asked *asked, struct umb_error *error)
+                           const char *path, const struct asked *asked,
+                           struct umb_client_async *async, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(volume_query, "volume_query", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umbw_buffer body = {NULL, 0, 0};
     const size_t length = volume_query->asset != NULL ? strlen(volume_query->asset) : 0;
     if (asked->reply != NULL) {
@@ -115,19 +122,22 @@ static enum umb_status ask(struct umb_client *client, const struct umb_volume_qu
         return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
                         UMBW_ASSET_NAME_MAX);
     }
-    memcpy(asked->request.asset, volume_query->asset, length + 1);
-    asked->request.light = volume_query->light;
-    asked->request.want_stats = 1;
-    enum umb_status status = umbw_encode_volume_query_request(&asked->request, &body, error);
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&body);
-        return status;
+    struct asked *kept = malloc(sizeof *kept);
+    if (kept == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
+    *kept = *asked;
+    memcpy(kept->request.asset, volume_query->asset, length + 1);
+    kept->request.light = volume_query->light;
+    kept->request.want_stats = 1;
+    const struct umb__ending ending = {.context = kept, .decode = decode};
     const struct umb__call_plan plan = {.path = path,
                                         .asset = volume_query->asset,
                                         .safe = true,
                                         .timeout_ms = volume_query->timeout_ms};
-    return umb__call_wait(client, &plan, &body, decode, asked, error);
+    enum umb_status status = umbw_encode_volume_query_request(&kept->request, &body, error);
+    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
+                            : umb__call_drop(&body, &ending, status, error);
 }
 
 /* A request of pairs of points. */
@@ -146,23 +156,28 @@ enum umb_status umb_client_segments(struct umb_client *client,
                                     const struct umb_volume_query *volume_query,
                                     const struct umb_segments *segments,
                                     struct umb_segment_answers *answers,
-                                    struct umb_volume_query_reply *reply, struct umb_error *error)
+                                    struct umb_volume_query_reply *reply,
+                                    struct umb_client_async *async, struct umb_error *error)
 {
     struct asked asked = {
         .request = pairs_request(UMBW_SEGMENTS, segments), .segments = answers, .reply = reply};
+    if (UMB__UNKNOWN(segments, "segments", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if (answers->interval_max > UINT32_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "stretch_max: %zu, must be at most %lu",
+        return umb_fail(error, UMB_E_ARGUMENT, "interval_max: %zu, must be at most %lu",
                         answers->interval_max, (unsigned long)UINT32_MAX);
     }
     asked.request.max_intervals = (uint32_t)answers->interval_max;
-    return ask(client, volume_query, UMBW_PATH_SEGMENTS, &asked, error);
+    return ask(client, volume_query, UMBW_PATH_SEGMENTS, &asked, async, error);
 }
 
 enum umb_status umb_client_columns(struct umb_client *client,
                                    const struct umb_volume_query *volume_query,
                                    const struct umb_points *points,
                                    struct umb_column_answers *answers,
-                                   struct umb_volume_query_reply *reply, struct umb_error *error)
+                                   struct umb_volume_query_reply *reply,
+                                   struct umb_client_async *async, struct umb_error *error)
 {
     struct asked asked = {.request = {.volume_query = UMBW_COLUMNS,
                                       .records = points->positions,
@@ -171,16 +186,23 @@ enum umb_status umb_client_columns(struct umb_client *client,
                           .columns = answers,
                           .reply = reply};
     memcpy(asked.request.origin, points->origin, sizeof asked.request.origin);
-    return ask(client, volume_query, UMBW_PATH_COLUMNS, &asked, error);
+    if (UMB__UNKNOWN(points, "points", error)) {
+        return UMB_E_ARGUMENT;
+    }
+    return ask(client, volume_query, UMBW_PATH_COLUMNS, &asked, async, error);
 }
+
+_Static_assert(sizeof(struct umb_box) == 6 * sizeof(double), "boxes are pairs of corners");
 
 enum umb_status umb_client_boxes(struct umb_client *client,
                                  const struct umb_volume_query *volume_query,
-                                 const struct umb_segments *corners,
+                                 const struct umb_box *boxes, size_t count,
                                  struct umb_box_answers *answers,
-                                 struct umb_volume_query_reply *reply, struct umb_error *error)
+                                 struct umb_volume_query_reply *reply,
+                                 struct umb_client_async *async, struct umb_error *error)
 {
+    const struct umb_segments corners = {.ends = boxes, .format = UMB_POINT_F64, .count = count};
     struct asked asked = {
-        .request = pairs_request(UMBW_BOXES, corners), .boxes = answers, .reply = reply};
-    return ask(client, volume_query, UMBW_PATH_BOXES, &asked, error);
+        .request = pairs_request(UMBW_BOXES, &corners), .boxes = answers, .reply = reply};
+    return ask(client, volume_query, UMBW_PATH_BOXES, &asked, async, error);
 }

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The blocking face of a call: the asynchronous one and a condition variable. */
+/* The ends of calls: waited for with a condition variable, or handed to a callback. */
 #include "rpc_client.h"
+#include "base/reserved.h"
+
+#include <stdlib.h>
 
 struct waiter {
     pthread_mutex_t lock;
@@ -87,4 +90,76 @@ end_condition:
 end_lock:
     (void)pthread_mutex_destroy(&waiter.lock);
     return status;
+}
+
+/* Lets the ending have its word, and frees its context. */
+static enum umb_status end(const struct umb__ending *ending, enum umb_status status,
+                           struct umb_error *error)
+{
+    if (ending->finish != NULL) {
+        status = ending->finish(ending->context, status, error);
+    }
+    free(ending->context);
+    return status;
+}
+
+enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__ending *ending,
+                               enum umb_status status, struct umb_error *error)
+{
+    umbw_buffer_finish(body);
+    return end(ending, status, error);
+}
+
+/* A call that nothing waits for. */
+struct running {
+    struct umb__ending ending;
+    umb_client_done_fn done;
+    void *user;
+};
+
+static void on_end(void *user, enum umb_status status, const uint8_t *message, size_t size,
+                   const struct umb_error *error)
+{
+    struct running *running = user;
+    struct umb_error detail = {.status = UMB_OK}, fault = {.status = UMB_OK};
+    if (status != UMB_OK) {
+        fault = *error;
+    } else {
+        status = running->ending.decode(running->ending.context, message, size, &detail);
+        if (status != UMB_OK) {
+            status = umb__reply_fault(status, &detail, &fault);
+        }
+    }
+    status = end(&running->ending, status, &fault);
+    running->done(running->user, status, status == UMB_OK ? NULL : &fault);
+    free(running);
+}
+
+enum umb_status umb__call_run(struct umb_client *client, const struct umb__call_plan *plan,
+                              struct umbw_buffer *body, const struct umb__ending *ending,
+                              struct umb_client_async *async, struct umb_error *error)
+{
+    if (async == NULL) {
+        return end(ending,
+                   umb__call_wait(client, plan, body, ending->decode, ending->context, error),
+                   error);
+    }
+    if (UMB__UNKNOWN(async, "async", error)) {
+        return umb__call_drop(body, ending, UMB_E_ARGUMENT, error);
+    }
+    struct umb__call_plan numbered = *plan;
+    struct running *running = malloc(sizeof *running);
+    numbered.number = &async->call;
+    async->call = 0;
+    if (running == NULL) {
+        return umb__call_drop(body, ending,
+                              umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call"), error);
+    }
+    *running = (struct running){*ending, async->done, async->user};
+    enum umb_status status = umb__call_start(client, &numbered, body, on_end, running, error);
+    if (status != UMB_OK) {
+        free(running);
+        return end(ending, status, error);
+    }
+    return UMB_OK;
 }

@@ -27,7 +27,7 @@ static enum umb_status check_enum(const char *name, int value, size_t count,
 static enum umb_status take_view(const Umbrage__V1__CascadeView *view,
                                  struct umbw_derive_request *request, struct umb_error *error)
 {
-    struct umb_cascade_camera *camera = &request->camera;
+    struct umb__map_view *camera = &request->view;
     const struct {
         const char *name;
         const double *values;
@@ -154,7 +154,7 @@ static size_t wire_format(enum umb_map_format format)
 /* Borrows from the request, which the encoder only reads. */
 static void put_view(const struct umbw_derive_request *request, Umbrage__V1__CascadeView *view)
 {
-    struct umb_cascade_camera *camera = (struct umb_cascade_camera *)(uintptr_t)&request->camera;
+    struct umb__map_view *camera = (struct umb__map_view *)(uintptr_t)&request->view;
     view->n_eye = view->n_right = view->n_up = view->n_forward = 3;
     view->eye = camera->eye;
     view->right = camera->right;
@@ -178,8 +178,10 @@ enum umb_status umbw_encode_derive_request(const struct umbw_derive_request *req
     Umbrage__V1__CascadeView view = UMBRAGE__V1__CASCADE_VIEW__INIT;
     const size_t technique = wire_technique(map->technique), format = wire_format(map->format);
     if (technique == COUNT_OF(TECHNIQUES) || format == COUNT_OF(FORMATS)) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "technique '%s', format %d: not derived",
-                        umb_map_technique_name(map->technique), (int)map->format);
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "map: technique %d in format %d is not derived; depth, vsm, esm, evsm and "
+                        "msm are, in f32, f16 and u16",
+                        (int)map->technique, (int)map->format);
     }
     message.asset = (char *)(uintptr_t)request->asset; /* read only by the encoder */
     message.light = settings->light;

@@ -35,8 +35,8 @@ static void look_through(const struct umb_picture *picture, struct umb_query_set
 {
     if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
         settings->pixel_rad == 0) {
-        memcpy(settings->eye, picture->eye, sizeof settings->eye);
-        settings->pixel_rad = fmin(2 * tan(picture->fov_y / 2) / picture->height, 1);
+        memcpy(settings->eye, picture->camera.eye, sizeof settings->eye);
+        settings->pixel_rad = fmin(2 * tan(picture->camera.fov_y / 2) / picture->height, 1);
     }
 }
 
@@ -63,15 +63,15 @@ enum umb_status umbw_take_picture(const struct umbw_field_found *field,
         return status;
     }
     const Umbrage__V1__Picture *p = (const Umbrage__V1__Picture *)message;
-    status = umbw_vector_copy("picture.eye", p->eye, p->n_eye, picture->eye, error);
+    status = umbw_vector_copy("picture.eye", p->eye, p->n_eye, picture->camera.eye, error);
     if (status == UMB_OK) {
-        status =
-            umbw_vector_copy("picture.forward", p->forward, p->n_forward, picture->forward, error);
+        status = umbw_vector_copy("picture.forward", p->forward, p->n_forward,
+                                  picture->camera.forward, error);
     }
     if (status == UMB_OK) {
-        status = umbw_vector_copy("picture.up", p->up, p->n_up, picture->up, error);
+        status = umbw_vector_copy("picture.up", p->up, p->n_up, picture->camera.up, error);
     }
-    picture->fov_y = p->fov_y;
+    picture->camera.fov_y = p->fov_y;
     picture->width = p->width;
     picture->height = p->height;
     umbw_message_free(message);
@@ -90,14 +90,14 @@ enum umb_status umbw_put_picture(const struct umbw_query_request *request,
     static const Umbrage__V1__Picture empty = UMBRAGE__V1__PICTURE__INIT;
     const struct umb_picture *picture = &request->picture;
     out->message = empty;
-    memcpy(out->vectors[0], picture->eye, sizeof out->vectors[0]);
-    memcpy(out->vectors[1], picture->forward, sizeof out->vectors[1]);
-    memcpy(out->vectors[2], picture->up, sizeof out->vectors[2]);
+    memcpy(out->vectors[0], picture->camera.eye, sizeof out->vectors[0]);
+    memcpy(out->vectors[1], picture->camera.forward, sizeof out->vectors[1]);
+    memcpy(out->vectors[2], picture->camera.up, sizeof out->vectors[2]);
     out->message.eye = out->vectors[0];
     out->message.forward = out->vectors[1];
     out->message.up = out->vectors[2];
     out->message.n_eye = out->message.n_forward = out->message.n_up = 3;
-    out->message.fov_y = picture->fov_y;
+    out->message.fov_y = picture->camera.fov_y;
     out->message.width = picture->width;
     out->message.height = picture->height;
     return check(request, error);

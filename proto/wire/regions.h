@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_WIRE_REGIONS_H
 #define UMBRAGE_WIRE_REGIONS_H
 /* The messages of umbrage.v1.Regions as plain structs; rules as in messages.h. */
-#include "umbrage/derive.h"
+#include "maps/map_view.h"
 #include "wire/messages.h"
 
 #define UMBW_PATH_REGIONS_STREAM "/umbrage.v1.Regions/Stream"
@@ -30,9 +30,8 @@ struct umbw_region_reply {
 
 struct umbw_derive_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    struct umb_derive_settings
-        settings; /* camera: NULL; cascades.count > 0: `camera` is asked for */
-    struct umb_cascade_camera camera;
+    struct umb_derive_settings settings; /* camera: NULL */
+    struct umb__map_view view;           /* Of cascades, if settings.cascades.count > 0 */
 };
 
 /* Enums and lengths of vectors are checked, the rest by umb_derive. Fails and trust as below. */

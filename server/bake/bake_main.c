@@ -8,6 +8,8 @@
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"
 #include "common/standard_streams.h"
+#include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 int main(int argc, char **argv)
 {
@@ -25,7 +27,7 @@ int main(int argc, char **argv)
         return fputs(umbb_options_help, stdout) < 0 || fflush(stdout) != 0;
     }
     if (status == UMB_OK && options.version) {
-        return puts("umbrage-bake " UMB_VERSION) < 0 || fflush(stdout) != 0;
+        return puts("umbrage-bake " UMB_VERSION_TEXT) < 0 || fflush(stdout) != 0;
     }
     if (status == UMB_OK) {
         status = umbb_run(&options, &error);
@@ -34,5 +36,5 @@ int main(int argc, char **argv)
         fprintf(stderr, "umbrage-bake: %s\n",
                 error.message[0] != '\0' ? error.message : umb_status_text(status));
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

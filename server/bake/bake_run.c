@@ -28,6 +28,7 @@
 #include "common/file.h"
 #include "scene/scene_file.h"
 #include "format/receiver_mask.h"
+#include "umbrage/version.h"
 
 /* Limit of frusta under the static rule: 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
@@ -392,7 +393,7 @@ static void write_notes(const struct run *run, char *text, size_t size)
         strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", &utc);
     }
     snprintf(text, size, "seconds=%.3f\ntime=%s\nwriter=umbrage-bake %s\n",
-             umbb_clock_s() - run->start_s, stamp, UMB_VERSION);
+             umbb_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
 }
 
 static enum umb_status write_asset(struct run *run, struct umb_error *error)

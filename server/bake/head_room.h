@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_BAKE_HEAD_ROOM_H
 /*
  * Space in an asset's head besides lights and texts, divided before the work. Readers accept
- * canonical blocks of up to 64 MiB (docs/umb-format.md). A bake that exceeded that would find out
- * only at its end.
+ * canonical blocks of up to 64 MiB (docs/reference/umb-format.md). A bake that exceeded that would
+ * find out only at its end.
  */
 #include "format/content.h"
 

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "umbrage/status.h"
+#include "tool/exit_code.h"
 
 #define BURST_S 1
 
@@ -45,7 +46,7 @@ void umbb_interrupt_install(void)
 {
     static const int caught_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGXCPU};
     struct sigaction action, before;
-    atomic_store(&exit_code, umb_status_exit(UMB_E_CANCELLED));
+    atomic_store(&exit_code, umbu_exit_code(UMB_E_CANCELLED));
     memset(&action, 0, sizeof action);
     sigemptyset(&action.sa_mask);
     action.sa_handler = SIG_IGN;

@@ -191,7 +191,7 @@ enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error
     if (file->system_error != 0) {
         status = umb_fail_errno(error, UMB_E_IO, file->system_error, "cannot write '%.200s'",
                                 file->path);
-    } else if (fsync(file->fd) != 0) {
+    } else if (!file->unsynced && fsync(file->fd) != 0) {
         status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", file->path);
     }
     int closed = close(file->fd);
@@ -214,7 +214,7 @@ enum umb_status umbs_file_commit(struct umbs_file *file, struct umb_error *error
     }
     free(file->temporary);
     file->temporary = NULL;
-    status = sync_folder(file->path, folder, error);
+    status = file->unsynced ? UMB_OK : sync_folder(file->path, folder, error);
     close(folder);
     free(file->path);
     file->path = NULL;

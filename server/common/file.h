@@ -15,6 +15,7 @@ struct umbs_file {
     char *path;       /* path of the target */
     char *temporary;  /* path of the temporary, beside the target */
     int system_error; /* errno of the first failed write, else 0; commit then refuses */
+    int unsynced;     /* 1: commit syncs nothing, for many files whose caller syncs them together */
 };
 
 /*

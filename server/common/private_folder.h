@@ -19,6 +19,16 @@
 UMB_CHECKED enum umb_status umbs_private_folder(const char *path, char **resolved,
                                                 struct umb_error *error);
 
+/*
+ * Opens a file for reading, once, with two proofs: its folder is as umbs_private_folder says, and
+ * the open file is as umbs_private_file says. The last component is no symbolic link.
+ *
+ * Out:   fd: >= 0, or -1 on failure.
+ * Fails: E_NO_INPUT (missing, no regular file), E_PERMISSION (not proven: the message names what to
+ *        do), E_IO, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbs_private_open(const char *path, int *fd, struct umb_error *error);
+
 /* 1 if an open file is regular, ours, has one name only and no other user may write to it. */
 int umbs_private_file(const struct stat *facts);
 

@@ -76,7 +76,8 @@ void umbd__batch_set_slice(struct umbd_batch *batch)
 static double expected_ns(const struct umbd_part *part, const struct umb_calibration *calibration)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    const size_t count = umb_curve_get(umbs_entry_asset(part->entry), part->light, rows);
+    size_t count;
+    (void)umb_asset_get_curve(umbs_entry_asset(part->entry), part->light, rows, &count);
     for (size_t i = 0; i < count && i < calibration->count; i++) {
         if (rows[i].level == part->level && rows[i].taps == part->taps) {
             return calibration->ns[i];

@@ -7,6 +7,7 @@
  * HTTP/2, "Responses" (github.com/grpc/grpc, doc/PROTOCOL-HTTP2.md).
  */
 #include "daemon/call.h"
+#include "wire/grpc_status.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -190,7 +191,7 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
     if (call->pushback_ms == 0 && is_temporary(status)) {
         call->pushback_ms = UMBD_PUSHBACK_MS;
     }
-    umbd_call_fail(call, umb_status_grpc(status), message);
+    umbd_call_fail(call, umbw_grpc_code(status), message);
 }
 
 void umbd_call_shed(struct umbd_call *call, const struct umb_error *error)

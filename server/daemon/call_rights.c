@@ -95,7 +95,7 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
 {
     uint8_t id[UMB_ID_BYTES];
     *out = NULL;
-    if (umb_id_from_text(name_or_id, id) && !umbd_call_sees(call, id)) {
+    if (umb_id_from_text(name_or_id, id) == UMB_OK && !umbd_call_sees(call, id)) {
         return umbs_store_not_found(name_or_id, error); /* neither that it is damaged */
     }
     enum umb_status status = umbs_reader_acquire(call->conn->loop->reader, name_or_id, out, error);
@@ -236,4 +236,19 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
         return refuse_rate(call, "the token", "points", conn->token->points_per_second, wait_ns);
     }
     return 1;
+}
+
+void umbd_call_owe_points(struct umbd_call *call, uint64_t points)
+{
+    struct umbd_token *token = NULL;
+    const uint64_t now_ns = umbd_now_ns();
+    struct umbd_conn *conn = call->conn;
+    struct umbd_daemon *daemon = conn->loop->daemon;
+    if (daemon->tokens != NULL && call->has_token) {
+        token = find_token(call);
+    }
+    umbd_rate_owe(&conn->account->paid_until_ns, daemon->options.address_rate, points, now_ns);
+    if (token != NULL) {
+        umbd_rate_owe(&token->paid_until_ns, token->points_per_second, points, now_ns);
+    }
 }

@@ -33,6 +33,9 @@ int umbd_call_may_name_assets(struct umbd_call *call);
  * umbd_call_is_allowed. */
 int umbd_call_take_points(struct umbd_call *call, uint64_t points);
 
+/* Takes points off the rates for work that has been allowed; what follows pays for them. */
+void umbd_call_owe_points(struct umbd_call *call, uint64_t points);
+
 /*
  * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
  * is separate from --address-rate, so that a client over its rate does not fail a balancer's health

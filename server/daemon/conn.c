@@ -163,9 +163,20 @@ static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
                                  (uint64_t)(((double)spread_ms * (double)draw) / 4294967296.0);
 }
 
+/* A connection that is being admitted. */
+struct newcomer {
+    struct umbd_conn *conn;
+    enum umbn_transport transport;
+    uint32_t refusals;  /* Number of loops that had no room for it */
+    int room_elsewhere; /* 1: its address has connections without rights on another loop */
+    const char *reason; /* Reason why it is not admitted */
+};
+
 /* Identifies the peer and counts the connection for its address. Returns 0 if it has too many. */
-static int know_peer(struct umbd_conn *conn, enum umbn_transport transport, const char **reason)
+static int know_peer(struct newcomer *newcomer)
 {
+    struct umbd_conn *conn = newcomer->conn;
+    const enum umbn_transport transport = newcomer->transport;
     struct umbd_daemon *daemon = conn->loop->daemon;
     struct sockaddr_storage address;
     memset(&address, 0, sizeof address);
@@ -180,9 +191,14 @@ static int know_peer(struct umbd_conn *conn, enum umbn_transport transport, cons
     const struct sockaddr_storage *from = transport == UMBN_UNIX ? NULL : &address;
     /* A Unix socket's mode admits its peers; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
-    return umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason) ||
-           (umbd_conn_make_room_at(conn->loop, from) &&
-            umbd_peers_acquire(daemon->peers, from, limit, &conn->account, reason));
+    size_t strangers = 0;
+    const int known = umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
+                                         &newcomer->reason) ||
+                      (umbd_conn_make_room_at(conn->loop, from) &&
+                       umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
+                                          &newcomer->reason));
+    newcomer->room_elsewhere = !known && strangers > 0;
+    return known;
 }
 
 /* Charges a TLS handshake to its address's rate. Returns 0 if that is exceeded. */
@@ -201,14 +217,15 @@ static int may_shake_hands(struct umbd_conn *conn, const char **reason)
 
 /* Checks the address's limits, then finds room: a newcomer that is refused closes no connection of
  * another address. Returns 0 with the reason; the account is then released. */
-static int admit(struct umbd_conn *conn, enum umbn_transport transport, const char **reason)
+static int admit(struct newcomer *newcomer)
 {
-    if (!know_peer(conn, transport, reason)) {
+    struct umbd_conn *conn = newcomer->conn;
+    if (!know_peer(newcomer)) {
         return 0;
     }
-    int admitted = transport != UMBN_TLS || may_shake_hands(conn, reason);
+    int admitted = newcomer->transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
     if (admitted && !umbd_conn_make_room(conn->loop)) {
-        *reason = "too many connections";
+        newcomer->reason = "too many connections";
         admitted = 0;
     }
     if (!admitted) {
@@ -223,6 +240,24 @@ static void refuse(struct umbd_conn *conn, const char *reason)
     umbs_log_event(&conn->loop->daemon->log, UMB_LOG_DEBUG, "conn_refused",
                    "peer=\"%s\" reason=\"%s\"", conn->peer, reason);
     uv_close(&conn->socket.handle, on_closed);
+}
+
+/* Hands a copy of the socket to the next loop, where the address may give up a connection. Returns
+ * 0 if there is no such loop, or no descriptor. */
+static int pass_on(const struct newcomer *newcomer)
+{
+    uv_os_fd_t fd = -1;
+    struct umbd_conn *conn = newcomer->conn;
+    if (!newcomer->room_elsewhere || newcomer->refusals + 1 >= conn->loop->daemon->loop_count ||
+        uv_fileno(&conn->socket.handle, &fd) != 0) {
+        return 0;
+    }
+    const int copy = fcntl(fd, F_DUPFD_CLOEXEC, 0);
+    if (copy >= 0) {
+        umbd_loop_hand(umbd_loop_after(conn->loop), copy, newcomer->transport,
+                       newcomer->refusals + 1);
+    }
+    return copy >= 0;
 }
 
 static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport transport)
@@ -243,13 +278,19 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport t
 }
 
 /* Begins a connection whose socket is open. code: result of opening the socket. */
-static void begin(struct umbd_conn *conn, enum umbn_transport transport, int code)
+static void begin(struct newcomer *newcomer, int code)
 {
+    struct umbd_conn *conn = newcomer->conn;
+    const enum umbn_transport transport = newcomer->transport;
     struct umbd_loop *loop = conn->loop;
     struct umbd_daemon *daemon = loop->daemon;
-    const char *reason = code != 0 ? uv_strerror(code) : "the server ends";
-    if (code != 0 || loop->drain >= UMBD_DRAIN_LAST || !admit(conn, transport, &reason)) {
-        refuse(conn, reason);
+    newcomer->reason = code != 0 ? uv_strerror(code) : "the server ends";
+    if (code != 0 || loop->drain >= UMBD_DRAIN_LAST || !admit(newcomer)) {
+        if (pass_on(newcomer)) {
+            uv_close(&conn->socket.handle, on_closed);
+        } else {
+            refuse(conn, newcomer->reason);
+        }
         return;
     }
     conn->opened_ms = conn->last_call_ms = conn->last_work_ms = conn->ticked_ms = uv_now(&loop->uv);
@@ -275,7 +316,8 @@ static void begin(struct umbd_conn *conn, enum umbn_transport transport, int cod
     umbd_conn_flush(conn);
 }
 
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport)
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
+                     uint32_t refusals)
 {
     struct umbd_conn *conn = make_conn(loop, transport);
     if (conn == NULL) {
@@ -287,7 +329,8 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport tra
     if (code != 0) {
         close(socket);
     }
-    begin(conn, transport, code);
+    struct newcomer newcomer = {.conn = conn, .transport = transport, .refusals = refusals};
+    begin(&newcomer, code);
 }
 
 static int has_unsent(const struct umbd_conn *conn)

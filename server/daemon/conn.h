@@ -85,8 +85,11 @@ struct umbd_conn {
 /* Frames queued for a peer: an answer for each of its streams, and the refusals of a burst. */
 #define UMBD_QUEUED_FRAMES 1500
 
-/* Takes over a connected socket; closes it if there is no room or memory. */
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport);
+/* Takes over a connected socket; closes it if there is no room or memory. If other loops have the
+ * connections that its address must give up, they get it in turn; refusals: number of loops that
+ * had none. */
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
+                     uint32_t refusals);
 
 /*
  * Room for connections (conn_room.c).
@@ -96,7 +99,7 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport tra
  *     umbd_conn_doubt              its tokens were read again
  *     umbd_conn_evict              closes a stranger or an idle connection, at least a second old
  *     umbd_conn_make_room          closes one if a newcomer needs its place; 1 if there is room
- *     umbd_conn_make_room_at       closes the oldest stranger of an address; 1 if there was one
+ *     umbd_conn_make_room_at       closes the loop's oldest stranger of an address; 1 if it had one
  *     umbd_conn_relieve            closes strangers while they hold more than their share of
  *                                  --max-buffer; called once an event has set the loop's `crowded`
  */

@@ -49,6 +49,7 @@ static void stranger_link(struct umbd_conn *conn)
     }
     loop->newest_stranger = conn;
     loop->stranger_count++;
+    atomic_fetch_add(&conn->account->strangers, 1);
     atomic_fetch_add(&loop->daemon->metrics.strangers, 1);
 }
 
@@ -66,6 +67,7 @@ static void stranger_unlink(struct umbd_conn *conn)
         loop->newest_stranger = conn->previous_stranger;
     }
     loop->stranger_count--;
+    atomic_fetch_sub(&conn->account->strangers, 1);
     atomic_fetch_sub(&loop->daemon->metrics.strangers, 1);
 }
 

@@ -3,7 +3,7 @@
  * umbraged: answers shadow queries over gRPC on the assets of a folder.
  *
  * Exit codes: 0 after a drain or an information option, 2 for bad arguments, else those of
- * docs/operations.md by status.
+ * docs/reference/operations.md by status.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -21,6 +21,8 @@
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
+#include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 /* Request and reply blocks are big and short-lived. Keeping their pages avoids new page faults for
  * each batch (65536 points are 786 kB; measured: 1.1 to 1.2 times the CPU otherwise). */
@@ -97,7 +99,7 @@ static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
 static int complain(enum umb_status status, const struct umb_error *error)
 {
     fprintf(stderr, "umbraged: %s\n", error->message);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }
 
 /* Writes the chosen addresses, one a line. The file appears whole, so no reader sees half of it. */
@@ -134,13 +136,27 @@ static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_
     return status;
 }
 
+/* Tells that clients are served: the threads of all loops run. */
+static enum umb_status announce(struct umbd_daemon *daemon, struct umb_error *error)
+{
+    const struct umbd_options *options = &daemon->options;
+    const enum umb_status status = write_addresses(daemon->loops, error);
+    if (status == UMB_OK) {
+        umbs_log_event(&daemon->log, UMB_LOG_INFO, "ready",
+                       "version=%s loops=%u workers=%u pid=%ld", UMB_VERSION_TEXT, options->loops,
+                       options->workers, (long)getpid());
+        umbd_notify("READY=1\nSTATUS=serving");
+    }
+    return status;
+}
+
 /* Takes the daemon down; does not return if its store is still loading. */
 static void take_down(struct umbd_daemon *daemon, enum umb_status status)
 {
     umbs_log_event(&daemon->log, UMB_LOG_INFO, "stopped", NULL);
     if (!umbd_daemon_finish(daemon)) {
         umbs_log_event(&daemon->log, UMB_LOG_WARN, "load_abandoned", NULL);
-        _exit(status == UMB_OK ? 0 : umb_status_exit(status));
+        _exit(status == UMB_OK ? 0 : umbu_exit_code(status));
     }
 }
 
@@ -163,13 +179,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
         status = umbd_admin_open(loop, error);
     }
     if (status == UMB_OK) {
-        status = write_addresses(loop, error);
-    }
-    if (status == UMB_OK) {
-        umbs_log_event(&daemon.log, UMB_LOG_INFO, "ready", "version=%s loops=%u workers=%u pid=%ld",
-                       UMB_VERSION, options->loops, options->workers, (long)getpid());
-        umbd_notify("READY=1\nSTATUS=serving");
-        status = umbd_loops_run(&daemon, error);
+        status = umbd_loops_run(&daemon, announce, error);
     }
     umbd_daemon_end_jobs(&daemon);
     umbd_loops_finish(&daemon);
@@ -193,7 +203,7 @@ int main(int argc, char **argv)
     } else if (options.help) {
         umbd_options_usage(stdout);
     } else if (options.version) {
-        printf("umbraged %s\n", UMB_VERSION);
+        printf("umbraged %s\n", UMB_VERSION_TEXT);
     } else if (options.print_config) {
         umbd_options_print(&options, stdout);
     } else if (options.check_files) {
@@ -205,7 +215,7 @@ int main(int argc, char **argv)
         options.argc = argc;
         options.argv = argv;
         status = serve(&options, &error);
-        code = status == UMB_OK ? 0 : umb_status_exit(status);
+        code = status == UMB_OK ? 0 : umbu_exit_code(status);
     }
     umbd_options_finish(&options);
     return code;

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "wire/grpc.h"
+#include "umbrage/version.h"
 
 struct method_name {
     const char *service, *method, *type;
@@ -257,7 +258,7 @@ static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd
     single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",
            gauges->ready ? 1 : 0);
     head(out, "umbrage_build_info", "gauge", "Version of this program.");
-    fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION);
+    fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION_TEXT);
 }
 
 static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_tiles *tiles)

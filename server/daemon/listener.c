@@ -29,9 +29,9 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     struct umbd_loop *to = umbd_loops_idlest(listener->loop->daemon);
     listener->logged = 0;
     if (to != listener->loop) {
-        umbd_loop_hand(to, fd, listener->transport);
+        umbd_loop_hand(to, fd, listener->transport, 0);
     } else {
-        umbd_conn_adopt(to, fd, listener->transport);
+        umbd_conn_adopt(to, fd, listener->transport, 0);
     }
 }
 

@@ -3,8 +3,8 @@
  * All loops together. Loops exchange only sockets, in a list under the receiver's mutex, and the
  * order to drain, a counter; both wake the receiver by its async handle.
  *
- * No socket is lost at the end: the first loop hands over only while it listens, and an ended loop
- * closes the sockets left in its list.
+ * No socket is lost at the end: the first loop takes sockets only while it listens. Sockets left in
+ * the list of an ended loop are closed when all loops have ended.
  */
 #include "daemon/loop_group.h"
 
@@ -18,6 +18,7 @@ struct umbd_handed {
     struct umbd_handed *next;
     int socket;
     enum umbn_transport transport;
+    uint32_t refusals;
 };
 
 enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *error)
@@ -46,7 +47,10 @@ static void *run_loop(void *argument)
     return NULL;
 }
 
-enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *error)
+enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
+                               enum umb_status (*ready)(struct umbd_daemon *daemon,
+                                                        struct umb_error *error),
+                               struct umb_error *error)
 {
     uint32_t started = 1;
     enum umb_status status = UMB_OK;
@@ -59,6 +63,9 @@ enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *err
             break;
         }
         atomic_fetch_add(&daemon->loops_running, 1);
+    }
+    if (status == UMB_OK) {
+        status = ready(daemon, error);
     }
     if (status == UMB_OK) {
         umbd_loop_run(&daemon->loops[0]);
@@ -110,7 +117,13 @@ struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon)
     return best;
 }
 
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport)
+struct umbd_loop *umbd_loop_after(struct umbd_loop *loop)
+{
+    return &loop->daemon->loops[(loop->index + 1) % loop->daemon->loop_count];
+}
+
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
+                    uint32_t refusals)
 {
     struct umbd_handed *handed = malloc(sizeof *handed);
     if (handed == NULL) {
@@ -119,6 +132,7 @@ void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transp
     }
     handed->socket = socket;
     handed->transport = transport;
+    handed->refusals = refusals;
     /* Until the socket is taken; then the connection counts itself. */
     atomic_fetch_add(&to->load, 1);
     pthread_mutex_lock(&to->done_mutex);
@@ -166,7 +180,7 @@ void umbd_loop_take_orders(struct umbd_loop *loop)
     while (handed != NULL) {
         struct umbd_handed *next = handed->next;
         atomic_fetch_sub(&loop->load, 1);
-        umbd_conn_adopt(loop, handed->socket, handed->transport);
+        umbd_conn_adopt(loop, handed->socket, handed->transport, handed->refusals);
         free(handed);
         handed = next;
     }

@@ -15,9 +15,14 @@
 /* Makes the loops of the options (--loops); the first is daemon->loops. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *error);
 
-/* Starts the threads, runs until all loops are drained. Fails: E_LIMIT (thread); nothing runs then.
+/*
+ * Starts the threads and calls `ready`, whose failure ends them; then runs until all loops are
+ * drained. Fails: E_LIMIT (thread), what ready fails with; nothing runs then.
  */
-UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_daemon *daemon, struct umb_error *error);
+UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
+                                           enum umb_status (*ready)(struct umbd_daemon *daemon,
+                                                                    struct umb_error *error),
+                                           struct umb_error *error);
 
 /* Closes everything, ends the pool, frees the loops. */
 void umbd_loops_finish(struct umbd_daemon *daemon);
@@ -25,8 +30,13 @@ void umbd_loops_finish(struct umbd_daemon *daemon);
 /* The loop with the fewest connections. */
 struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon);
 
-/* Hands an accepted socket to another loop; closes it if memory is short. */
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport);
+/* The loop after this one, in a ring. */
+struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
+
+/* Hands an accepted socket to another loop; closes it if memory is short. refusals: number of
+ * loops that had no room for it. */
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
+                    uint32_t refusals);
 
 /* Makes every other loop begin its drain; the second call ends them at once. */
 void umbd_loops_drain(struct umbd_loop *from);

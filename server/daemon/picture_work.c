@@ -35,7 +35,7 @@ void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_quer
                                     .normals = normals ? normals + 12 * at : NULL,
                                     .count = pixels,
                                     .footprints = footprints ? footprints + 4 * at : NULL};
-        memcpy(points.origin, picture.eye, sizeof points.origin);
+        memcpy(points.origin, picture.camera.eye, sizeof points.origin);
         umb_picture_points(&picture, at, pixels, positions);
         answers->values = values + umb_answer_bytes(format, at);
         umb_query_run(query, &points, 0, pixels, answers);

@@ -69,7 +69,7 @@ static enum umb_status ready_points(struct detour *detour, struct umb_error *err
     detour->picture.depth = points->positions;
     umb_picture_points(&detour->picture, 0, points->count, detour->pixels);
     points->positions = detour->pixels;
-    memcpy(points->origin, detour->picture.eye, sizeof points->origin);
+    memcpy(points->origin, detour->picture.camera.eye, sizeof points->origin);
     return UMB_OK;
 }
 

@@ -42,6 +42,20 @@ int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
     return 1;
 }
 
+void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
+                   uint64_t now_ns)
+{
+    uint64_t until = atomic_load_explicit(paid_until_ns, memory_order_relaxed);
+    uint64_t next;
+    if (per_second == 0) {
+        return;
+    }
+    do {
+        next = (until > now_ns ? until : now_ns) + cost_ns(per_second, points);
+    } while (!atomic_compare_exchange_weak_explicit(paid_until_ns, &until, next,
+                                                    memory_order_relaxed, memory_order_relaxed));
+}
+
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points)
 {
     if (per_second > 0) { /* undoes exactly the taking, so the value never passes below zero */
@@ -130,7 +144,8 @@ static struct umbd_peer_account **chain_of(struct umbd_peer_table *table,
 }
 
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
-                       size_t limit, struct umbd_peer_account **out, const char **reason)
+                       size_t limit, struct umbd_peer_account **out, size_t *strangers,
+                       const char **reason)
 {
     uint8_t key[UMBD_PEER_KEY_BYTES];
     umbd_peer_key(address, key);
@@ -150,6 +165,7 @@ int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_stor
             *chain = account;
         }
     }
+    *strangers = account != NULL ? atomic_load(&account->strangers) : 0;
     if (account != NULL && account->connections >= limit) {
         *reason = "too many connections of one address";
         account = NULL;

@@ -27,6 +27,10 @@
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns);
 
+/* Takes points beyond the rate if needed: later takers wait until they are paid for. */
+void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
+                   uint64_t now_ns);
+
 /* Returns points of work that was then refused for another reason. */
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points);
 
@@ -37,6 +41,7 @@ struct umbd_peer_account {
     struct umbd_peer_account *next;
     uint8_t key[UMBD_PEER_KEY_BYTES]; /* umbd_peer_key */
     size_t connections;
+    atomic_size_t strangers;                 /* Number of those without rights, on all loops */
     atomic_uint_fast64_t paid_until_ns;      /* Points: --address-rate */
     atomic_uint_fast64_t open_until_ns;      /* Calls without rights: UMBD_OPEN_CALLS_PER_SECOND */
     atomic_uint_fast64_t handshake_until_ns; /* TLS handshakes: --address-handshakes */
@@ -64,9 +69,11 @@ size_t umbd_peers_chain(const struct umbd_peer_table *table,
 /*
  * Counts a connection of an address (NULL: Unix socket) and gives its account, valid until the
  * release. Returns 1, or 0 with the reason: the address has `limit` connections, or no memory.
+ * Out: strangers: Number of the address's connections without rights; 0 without memory.
  */
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
-                       size_t limit, struct umbd_peer_account **out, const char **reason);
+                       size_t limit, struct umbd_peer_account **out, size_t *strangers,
+                       const char **reason);
 void umbd_peers_release(struct umbd_peer_table *table, struct umbd_peer_account *account,
                         uint64_t now_ns);
 

@@ -4,6 +4,7 @@
 #include "daemon/call_rights.h"
 #include "daemon/volume_query_work.h"
 #include "jobs/bundle.h"
+#include "umbrage/version.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -43,7 +44,7 @@ static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs
 {
     const uint8_t *id = umbs_entry_item(entry)->id;
     struct umb_calibration known;
-    curve->count = umb_curve_get(umbs_entry_asset(entry), light, curve->rows);
+    (void)umb_asset_get_curve(umbs_entry_asset(entry), light, curve->rows, &curve->count);
     if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_SCATTERED, &known) ||
         umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_FEW, &known)) {
         memcpy(curve->scattered_ns, known.ns, sizeof curve->scattered_ns);
@@ -162,7 +163,7 @@ void umbd_service_limits(struct umbd_call *call)
         .max_taps = UMB_TAPS_MAX,
         .max_streams = UMBD_STREAMS_MAX,
         .queue = options->queue,
-        .version = UMB_VERSION,
+        .version = UMB_VERSION_TEXT,
         .takes_gzip = 1,
         .max_segments = options->max_points / umbw_volume_query_points(UMBW_SEGMENTS, 0),
         .max_columns = options->max_points / umbw_volume_query_points(UMBW_COLUMNS, 0),

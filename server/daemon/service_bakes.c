@@ -231,7 +231,7 @@ void umbd_service_bakes_delete(struct umbd_call *call)
     }
     enum umb_status status =
         umbw_decode_delete_request(call->message, call->message_size, text, &error);
-    if (status == UMB_OK && !umb_id_from_text(text, job_request->asset)) {
+    if (status == UMB_OK && umb_id_from_text(text, job_request->asset) != UMB_OK) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           "asset: '%.80s' is not an id of 64 hexadecimal digits", text);
     }

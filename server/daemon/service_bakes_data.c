@@ -74,10 +74,17 @@ static void begin_upload(struct umbd_job_request *job_request, struct umbj_servi
                                               &job_request->upload, &job_request->error);
 }
 
+/*
+ * Charges the files of an upload before their first byte, because one that is refused midway must
+ * start again and would never end at a low rate. A submission that is refused, or whose job exists,
+ * brings no files: it costs the call alone.
+ */
 static void upload_begun(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     if (job_request->upload == NULL) {
         reply_job(call, &job_request->job, 1);
+    } else {
+        umbd_call_owe_points(call, job_request->prepared->bytes / BYTES_A_POINT);
     }
 }
 
@@ -91,21 +98,6 @@ static void data_written(struct umbd_job_request *job_request, struct umbd_call 
 {
     (void)job_request;
     (void)call;
-}
-
-/*
- * Price of a submission, with its files. It is charged at the manifest: an upload refused midway
- * must start again, and at a low rate would never end. A bundle over --max-bundle costs the call
- * alone: a claimed size costs nothing to write, and the address may be shared.
- */
-static uint64_t price_of(const struct umbw_submit_request *request, uint64_t max_bundle)
-{
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < request->manifest.file_count; i++) {
-        const uint64_t size = request->manifest.files[i].size;
-        bytes = size < UINT64_MAX - bytes ? bytes + size : UINT64_MAX;
-    }
-    return UMBD_CALL_POINTS + (bytes <= max_bundle ? bytes / BYTES_A_POINT : 0);
 }
 
 static void take_manifest(struct umbd_call *call, struct umbw_submit_request *request)
@@ -135,8 +127,7 @@ void umbd_service_bakes_submit(struct umbd_call *call)
     enum umb_status status =
         umbw_decode_submit_request(call->message, call->message_size, &request, &error);
     const int begins = call->job_request == NULL;
-    const uint64_t most = call->conn->loop->daemon->options.max_bundle;
-    if (begins ? !umbd_call_take_points(call, price_of(&request, most))
+    if (begins ? !umbd_call_take_points(call, UMBD_CALL_POINTS)
                : !umbd_job_request_is_allowed(call)) {
         umbw_manifest_finish(&request.manifest);
         return;
@@ -289,7 +280,7 @@ void umbd_service_bakes_fetch(struct umbd_call *call)
     }
     enum umb_status status =
         umbw_decode_fetch_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK && !umb_id_from_text(request.asset, job_request->asset)) {
+    if (status == UMB_OK && umb_id_from_text(request.asset, job_request->asset) != UMB_OK) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           "asset: '%.80s' is not an id of 64 hexadecimal digits", request.asset);
     }

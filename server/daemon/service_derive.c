@@ -28,7 +28,7 @@ struct deriving {
     struct block ledger; /* head of a ring of the allocated blocks */
     struct umb_error error;
     enum umb_status status;
-    uint8_t *file; /* memory of the ledger */
+    const uint8_t *file; /* memory of the ledger */
     size_t size;
     struct umbw_buffer messages; /* the replies, prefixes included */
 };
@@ -82,11 +82,12 @@ static void derive(void *user)
     struct umb_derived *derived;
     settings.cancelled = is_given_up;
     settings.cancel_user = d;
-    d->status = umb_derive(umbs_entry_asset(d->entry), &settings, &alloc, &derived, &d->error);
+    d->status = umb__derive(umbs_entry_asset(d->entry), &settings,
+                            settings.cascades.count > 0 ? &d->request.view : NULL, &alloc, &derived,
+                            &d->error);
     if (d->status == UMB_OK) {
         d->status = umb_derived_ktx2(derived, &d->file, &d->size, &d->error);
-        umb_derived_destroy(derived);
-    }
+    } /* the ledger frees what was derived */
 }
 
 static enum umb_status make_messages(struct deriving *d, struct umb_error *error)
@@ -132,7 +133,7 @@ static void free_deriving(void *user)
 
 static uint64_t map_count(const struct deriving *d)
 {
-    return d->request.settings.camera != NULL ? d->request.settings.cascades.count : 1;
+    return d->request.settings.cascades.count > 0 ? d->request.settings.cascades.count : 1;
 }
 
 /* Checks the size. The core limits the sides; this is the server's limit for one request. */
@@ -165,8 +166,6 @@ void umbd_service_derive(struct umbd_call *call)
     enum umb_status status =
         umbw_decode_derive_request(call->message, call->message_size, &d->request, &error);
     if (status == UMB_OK) {
-        d->request.settings.camera =
-            d->request.settings.cascades.count > 0 ? &d->request.camera : NULL;
         status = umbd_call_acquire(call, d->request.asset, &d->entry, &error);
     }
     if (status == UMB_OK) {

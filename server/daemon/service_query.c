@@ -73,7 +73,8 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     reply->level = part->level;
     reply->expected_ns = part->expected_ns;
     reply->bound_m = umb_query_bound_m(asset, &settings);
-    const size_t count = umb_curve_get(asset, part->light, rows);
+    size_t count;
+    (void)umb_asset_get_curve(asset, part->light, rows, &count);
     for (size_t i = 0; i < count; i++) {
         if (rows[i].level == part->level && rows[i].taps == part->taps &&
             settings.filter == UMB_FILTER_BOX) { /* filter that the curve was measured with */

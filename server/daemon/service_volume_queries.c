@@ -47,7 +47,7 @@ static uint64_t side_points(const struct umbd_volume_query *volume_query)
     for (size_t at = 0; at < pairs.count; at += BOXES_CHUNK) {
         struct umb_box boxes[BOXES_CHUNK];
         const size_t left = pairs.count - at, count = left < BOXES_CHUNK ? left : BOXES_CHUNK;
-        umb_corners_get(&pairs, at, count, boxes);
+        umb_boxes_from_corners(&pairs, at, count, boxes);
         for (size_t i = 0; i < count; i++) {
             sum += umbd_box_bricks(&frustum, &boxes[i]);
         }
@@ -110,7 +110,7 @@ static enum umb_status open_volume_query(struct umbd_call *call, enum umbw_volum
         status = umb_volume_check_parallel(&volume_query->volume, error);
     }
     return status == UMB_OK && kind == UMBW_COLUMNS
-               ? umb_columns_check(&volume_query->volume, error)
+               ? umb_volume_check_columns(&volume_query->volume, error)
                : status;
 }
 

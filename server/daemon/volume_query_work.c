@@ -10,6 +10,7 @@
 #include <time.h>
 
 #include "store/store.h"
+#include "query/volume_parts.h"
 
 #define CHUNK 64
 
@@ -83,7 +84,7 @@ static enum umb_status check_some(const struct umbw_volume_query_request *reques
     }
     const struct umb_segments pairs = sub_pairs(request, first, count);
     return request->volume_query == UMBW_SEGMENTS ? umb_segments_check(&pairs, error)
-                                                  : umb_corners_check(&pairs, error);
+                                                  : umb__corners_check(&pairs, error);
 }
 
 static enum umb_status check(const struct umbw_volume_query_request *request, size_t first,
@@ -113,7 +114,7 @@ static void run_segments(struct slice *slice, size_t first, size_t count)
     if (most > 0) { /* they start malloc's block, so they are aligned */
         answers.intervals = (struct umb_interval *)(void *)room + first * most;
     }
-    umb_segments_run(&volume_query->volume, &pairs, 0, count, &answers);
+    umb_volume_segments(&volume_query->volume, &pairs, 0, count, &answers);
     for (size_t i = 0; i < count; i++) {
         /* At most three steps a voxel of a side: far below 2^32. */
         const uint32_t intervals = (uint32_t)segments[i].interval_count;
@@ -133,7 +134,7 @@ static void run_columns(struct slice *slice, size_t first, size_t count)
     struct umb_column_answers answers = {.columns = columns};
     points.positions =
         (const uint8_t *)points.positions + 3 * scalar_bytes(&volume_query->request) * first;
-    umb_columns_run(&volume_query->volume, &points, 0, count, &answers);
+    umb_volume_columns(&volume_query->volume, &points, 0, count, &answers);
     for (size_t i = 0; i < count; i++) {
         const uint8_t outside = columns[i].outside != 0;
         store(volume_query, 0, first + i, &columns[i].distance_m);
@@ -160,10 +161,13 @@ static void run_boxes(struct slice *slice, size_t first, size_t count)
     const struct umb_segments pairs = umbd_volume_query_pairs(&volume_query->request);
     struct umb_box boxes[CHUNK];
     struct umb_box_answer counts[CHUNK];
-    struct umb_box_answers answers = {.boxes = counts, .go_on = box_goes_on, .go_on_user = slice};
-    umb_corners_get(&pairs, first, count, boxes);
+    struct umb_box_answers answers = {.boxes = counts};
+    const struct umb_box_watch watch = {box_goes_on, slice};
+    umb_boxes_from_corners(&pairs, first, count, boxes);
     for (size_t i = 0; i < count && slice->status == UMB_OK; i++) {
-        umb_boxes_run(&volume_query->volume, boxes, i, 1, &answers);
+        const enum umb_status status =
+            umb_volume_boxes(&volume_query->volume, boxes, i, 1, &watch, &answers, slice->error);
+        slice->status = slice->status == UMB_OK ? status : slice->status;
         store(volume_query, 0, first + i, &counts[i].lit);
         store(volume_query, 1, first + i, &counts[i].voxels);
         if (slice->status == UMB_E_TOO_LARGE) {

@@ -10,6 +10,7 @@
 
 #include "scene/scene_file.h"
 #include "common/sha256.h"
+#include "umbrage/version.h"
 
 _Static_assert(UMBJ_HEAD_BYTES == UMBS_SCENE_FILE_MAGIC_BYTES, "the head is the magic");
 
@@ -293,7 +294,7 @@ static char *key_text(const struct umbj_manifest *manifest,
         return NULL;
     }
     size_t used = (size_t)snprintf(text, size, "umbrage bundle 1\nprogram %s\nscene %s\n%s",
-                                   UMB_VERSION, manifest->scene, settings);
+                                   UMB_VERSION_TEXT, manifest->scene, settings);
     for (size_t i = 0; i < manifest->file_count; i++) {
         umb_id_to_text(sorted[i]->sha256, hash);
         used += (size_t)snprintf(text + used, size - used, "file %llu %s %s\n",

@@ -40,8 +40,6 @@ enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn fou
                         "SELECT id FROM asset WHERE bytes = 0", "");
 }
 
-#define BAKE_MS_MAX INT64_C(2678400000) /* 31 days: the longest --job-time */
-
 struct bake_found {
     int found;
     uint8_t *asset;
@@ -52,8 +50,8 @@ static enum umb_status take_bake(void *user, sqlite3_stmt *row)
 {
     struct bake_found *bake = user;
     *bake->bake_ms = sqlite3_column_int64(row, 1);
-    bake->found =
-        umbj_sql_hash(row, 0, bake->asset) && *bake->bake_ms >= 0 && *bake->bake_ms <= BAKE_MS_MAX;
+    bake->found = umbj_sql_hash(row, 0, bake->asset) && *bake->bake_ms >= 0 &&
+                  *bake->bake_ms <= UMBJ__BAKE_MS_MAX;
     return UMB_OK;
 }
 

@@ -217,7 +217,7 @@ enum umb_status umbj__mend(struct umbj_table *table, int64_t now, struct umb_err
         " OR typeof(owner) <> 'text' OR length(CAST(owner AS BLOB)) > 63",
         "DELETE FROM bake WHERE typeof(key) <> 'blob' OR length(key) <> 32 OR typeof(asset) <>"
         " 'blob' OR length(asset) <> 32 OR typeof(bake_ms) <> 'integer' OR bake_ms < 0"
-        " OR bake_ms > 2678400000", /* 31 days: the longest --job-time */
+        " OR bake_ms > " UMBJ__BAKE_MS_MAX_TEXT,
         "DELETE FROM asset WHERE typeof(id) <> 'blob' OR length(id) <> 32",
         "UPDATE asset SET bytes = 0 WHERE typeof(bytes) <> 'integer' OR bytes < 0"
         " OR bytes > 1125899906842624",

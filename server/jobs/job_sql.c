@@ -8,6 +8,7 @@
 
 #define BUSY_MS     5000 /* a user may have the table open in sqlite3 */
 #define ANSWER_SIZE 32
+#define BLOCK_BYTES 4096
 
 /* A mode that the database must have. */
 struct mode {
@@ -143,6 +144,35 @@ enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj
     }
     (void)sqlite3_finalize(statement); /* repeats the status of step */
     return status;
+}
+
+/* Reads one file; pointer: the code that gives SQLite's handle of it. */
+static int read_file(struct umbj_sql *sql, int pointer)
+{
+    char block[BLOCK_BYTES];
+    sqlite3_file *file = NULL;
+    sqlite3_int64 size = 0;
+    int code = sqlite3_file_control(sql->database, "main", pointer, &file);
+    if (code != SQLITE_OK || file == NULL || file->pMethods == NULL) {
+        return code; /* there is none */
+    }
+    code = file->pMethods->xFileSize(file, &size);
+    for (sqlite3_int64 at = 0; code == SQLITE_OK && at < size; at += BLOCK_BYTES) {
+        const sqlite3_int64 left = size - at;
+        code = file->pMethods->xRead(file, block, left < BLOCK_BYTES ? (int)left : BLOCK_BYTES, at);
+    }
+    return code;
+}
+
+enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb_error *error)
+{
+    int code = read_file(sql, SQLITE_FCNTL_FILE_POINTER);
+    if (code == SQLITE_OK) {
+        code = read_file(sql, SQLITE_FCNTL_JOURNAL_POINTER);
+    }
+    return code == SQLITE_OK
+               ? UMB_OK
+               : umb_fail(error, status_of(code), "job table: %s", sqlite3_errstr(code));
 }
 
 int64_t umbj_sql_changes(const struct umbj_sql *sql)

@@ -38,6 +38,9 @@ UMB_CHECKED enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error 
                                          umbj_row_fn row, void *user, const char *text,
                                          const char *types, ...);
 
+/* Reads the database's files from end to end, whatever they hold. Fails: E_IO. */
+UMB_CHECKED enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb_error *error);
+
 /* Rows that the last changing statement touched. */
 int64_t umbj_sql_changes(const struct umbj_sql *sql);
 

@@ -113,24 +113,36 @@ static enum umb_status take_verdict(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
-/* Finds damaged pages at the start, before a job needs them. */
-static enum umb_status check_pages(struct umbj_sql *sql, const char *path, struct umb_error *error)
+/* Fails: E_CORRUPT, with SQLite's verdict. */
+static enum umb_status ask_verdict(struct umbj_sql *sql, struct umb_error *error)
 {
     char verdict[200] = "ok";
+    const enum umb_status status =
+        umbj_sql_run(sql, error, take_verdict, verdict, "PRAGMA quick_check(1)", "");
+    return status != UMB_OK || strcmp(verdict, "ok") == 0
+               ? status
+               : umb_fail(error, UMB_E_CORRUPT, "%s", verdict);
+}
+
+/*
+ * Finds damaged pages at the start, before a job needs them. SQLite's verdict calls a page that
+ * cannot be read damaged, so the files are read plainly before that is believed.
+ */
+static enum umb_status check_pages(struct umbj_sql *sql, const char *path, struct umb_error *error)
+{
     struct umb_error why = {0};
-    enum umb_status status =
-        umbj_sql_run(sql, &why, take_verdict, verdict, "PRAGMA quick_check(1)", "");
-    if (status != UMB_OK && status != UMB_E_CORRUPT) {
-        *error = why;
-        return status;
+    enum umb_status status = ask_verdict(sql, &why);
+    if (status == UMB_E_CORRUPT) {
+        status = umbj_sql_read_files(sql, &why);
+        status = status == UMB_OK ? ask_verdict(sql, &why) : status;
     }
-    if (status == UMB_OK && strcmp(verdict, "ok") == 0) {
-        return UMB_OK;
+    if (status != UMB_E_CORRUPT) {
+        return status == UMB_OK ? UMB_OK : umb_fail(error, status, "%s", why.message);
     }
     return umb_fail(error, UMB_E_CORRUPT,
                     "job table: '%.150s' is damaged (%.150s); restore it from a copy, or save what "
                     "is left by `sqlite3 FILE .recover`",
-                    path, status == UMB_OK ? verdict : why.message);
+                    path, why.message);
 }
 
 enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limits,
@@ -160,6 +172,11 @@ enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limi
 int64_t umbj_table_damaged(const struct umbj_table *table)
 {
     return table->damaged;
+}
+
+enum umb_status umbj_table_freeze(struct umbj_table *table, struct umb_error *error)
+{
+    return umbj_sql_run(&table->sql, error, NULL, NULL, "PRAGMA query_only = ON", "");
 }
 
 void umbj_table_close(struct umbj_table *table)

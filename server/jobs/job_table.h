@@ -71,6 +71,9 @@ UMB_CHECKED enum umb_status umbj_table_open(const char *path, const struct umbj_
                                             struct umbj_table **out, struct umb_error *error);
 void umbj_table_close(struct umbj_table *table); /* NULL is allowed */
 
+/* Refuses every write from here on, with E_IO: the table is another daemon's. */
+UMB_CHECKED enum umb_status umbj_table_freeze(struct umbj_table *table, struct umb_error *error);
+
 /*
  * Adds a job, unless the same owner has one of the same key that is queued, running, or done with
  * an asset that is still the owner's: then it returns that job.

@@ -19,6 +19,12 @@ struct umbj_table {
     "started_ms,"                                                                                  \
     " ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"
 
+/* Greatest bake_ms, 31 days: the longest --job-time. _TEXT: for statements. */
+#define UMBJ__BAKE_MS_MAX      2678400000
+#define UMBJ__BAKE_MS_MAX_TEXT UMBJ__TEXT(UMBJ__BAKE_MS_MAX)
+#define UMBJ__TEXT(number)     UMBJ__TEXT_OF(number)
+#define UMBJ__TEXT_OF(number)  #number
+
 /* Condition of a queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
 

@@ -174,6 +174,9 @@ static void beat(struct umbj_service *service)
     if (status == UMB_E_STATE && !service->lost) {
         service->lost = 1;
         umbj__log_error(service, "jobs_lost", &error);
+        if (umbj_table_freeze(service->table, &error) != UMB_OK) {
+            umbj__log_error(service, "jobs_lost", &error);
+        }
     } else if (status != UMB_OK && status != UMB_E_STATE) {
         umbj__log_error(service, "jobs_beat", &error); /* the next beat tries again */
     }

@@ -93,7 +93,7 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
-/* After another daemon took over, this one accepts no submission and removes nothing. */
+/* After another daemon took over, this one accepts, cancels and removes nothing. */
 static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
 {
     return !service->lost
@@ -172,7 +172,10 @@ enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id
                                     struct umbj_job *job, struct umb_error *error)
 {
     struct umbj_job before;
-    enum umb_status status = umbj_table_get(service->table, id, owner, &before, error);
+    enum umb_status status = check_ours(service, error);
+    if (status == UMB_OK) {
+        status = umbj_table_get(service->table, id, owner, &before, error);
+    }
     if (status == UMB_OK) {
         status = umbj_table_cancel(service->table, id, owner, umbj__unix_ms(service), job, error);
     }

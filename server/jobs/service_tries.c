@@ -64,7 +64,7 @@ void umbj__note_refusals(struct umbj_service *service)
 static void trim(struct umbj_service *service, const char *owner)
 {
     struct umb_error error;
-    if (umbj_table_trim(service->table, owner, &error) != UMB_OK) {
+    if (!service->lost && umbj_table_trim(service->table, owner, &error) != UMB_OK) {
         umbj__log_error(service, "job_trim", &error);
     }
 }
@@ -530,7 +530,7 @@ static void sweep_bundles(struct umbj_service *service)
     if (umbj_names_read(folder, &names) == 0) {
         for (size_t i = 0; i < names.count; i++) {
             uint8_t key[UMBJ_HASH_BYTES];
-            if (umb_id_from_text(names.list[i], key)) {
+            if (umb_id_from_text(names.list[i], key) == UMB_OK) {
                 umbj__drop_bundle(service, key);
             } else {
                 umbj_folder_remove(folder, names.list[i]);

@@ -72,7 +72,7 @@ static enum umb_status read_proven(const char *path, uint64_t most, struct block
     }
     if (status == UMB_OK) {
         memcpy(asset, head.id, UMBJ_HASH_BYTES);
-        status = umb_pack_prove(block->bytes, block->size, 1, &umbs_sha256, error);
+        status = umb_packed_prove(block->bytes, block->size, NULL, &umbs_sha256, error);
     }
     return status;
 }

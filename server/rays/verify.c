@@ -198,7 +198,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
         status = umb_volume_check_parallel(&job->volume, error);
     }
     if (status == UMB_OK && job->options->kind == UMBR_VERIFY_COLUMNS) {
-        status = umb_columns_check(&job->volume, error);
+        status = umb_volume_check_columns(&job->volume, error);
     }
     if (status != UMB_OK) {
         return status;

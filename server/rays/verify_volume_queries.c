@@ -100,7 +100,7 @@ static void judge_segment(struct umbr_verify_block *block, const double ends[2][
     uint8_t lit[SAMPLES];
     double from[3], to[3], voxels = 0;
     size_t count = 0;
-    umb_segments_run(&block->job->volume, &segment, 0, 1, &answers);
+    umb_volume_segments(&block->job->volume, &segment, 0, 1, &answers);
     block->result.records++;
     const size_t kept = answer.interval_count < KEPT ? (size_t)answer.interval_count : KEPT;
     const double known = answer.interval_count > KEPT ? intervals[KEPT - 1].end : 1;
@@ -222,7 +222,7 @@ static void judge_column(struct umbr_verify_block *block, const double texel[2],
     if (!umbr_verify_place(block, &sample)) { /* a column belongs to one face from end to end */
         return;
     }
-    umb_columns_run(&block->job->volume, &point, 0, 1, &answers);
+    umb_volume_columns(&block->job->volume, &point, 0, 1, &answers);
     block->result.records++;
     block->result.points++;
     int verdict = column_verdict(block, sample.voxel, &answer);
@@ -313,9 +313,11 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
 {
     struct umb_box_answer answer;
     struct umb_box_answers answers = {.boxes = &answer};
-    umb_boxes_run(&block->job->volume, box, 0, 1, &answers);
+    const enum umb_status status =
+        umb_volume_boxes(&block->job->volume, box, 0, 1, NULL, &answers, NULL);
     block->result.records++;
-    enum box_verdict verdict = box_verdict(block, &answer, samples, count);
+    enum box_verdict verdict =
+        status == UMB_OK ? box_verdict(block, &answer, samples, count) : BOX_WRONG;
     if (verdict == BOX_WRONG && umbr_verify_look_again(block)) {
         verdict = box_verdict(block, &answer, samples, count);
         block->exact = NULL;

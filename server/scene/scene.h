@@ -128,6 +128,7 @@ struct umbs_import_options {
     uint64_t max_input_bytes;  /* 0 = 4 GiB */
     uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
     uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
+    uint32_t max_files;        /* Number of look-ups of files that it names; 0 = 65536 */
     uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
     const char *importer_path; /* NULL = umbrage-bake beside the running program */
     /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
@@ -145,7 +146,7 @@ struct umbs_import_options {
  * Out:   out: the scene, or NULL.
  * Owns:  the caller destroys it.
  * Fails: E_NO_INPUT (missing, a folder), E_BAD_SCENE (unknown format, unreadable, no triangles, not
- *        finite; also when the importer crashed), E_LIMIT (over memory, time or size),
+ *        finite; also when the importer crashed), E_LIMIT (over memory, time, size or files),
  *        E_UNAVAILABLE (importer program missing).
  */
 UMB_CHECKED enum umb_status umbs_scene_import(const char *path,

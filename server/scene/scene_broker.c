@@ -4,7 +4,6 @@
 #include "scene/scene_broker.h"
 
 #include <errno.h>
-#include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
@@ -41,7 +40,7 @@ static void answer(int end, int fd, int32_t code)
     (void)sendmsg(end, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 
-int umbs_broker_serve(int end, int folder)
+int umbs_broker_serve(int end, int folder, uint32_t *left)
 {
     char name[UMBS_BENEATH_NAME_BYTES];
     ssize_t length = recv(end, name, sizeof(name), MSG_DONTWAIT | MSG_TRUNC);
@@ -51,6 +50,10 @@ int umbs_broker_serve(int end, int folder)
     if (length == 0) {
         return 0;
     }
+    if (*left == 0) {
+        return -1;
+    }
+    --*left;
     int fd = -1;
     errno = ENAMETOOLONG;
     if ((size_t)length < sizeof(name)) {

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
 #define UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
+#include <stdint.h>
+
 /*
  * The broker: how the importer's process gets the files that a scene names, although it may open
  * none. It sends a name over a socket; its parent opens the file beneath the scene's folder and
@@ -17,10 +19,11 @@ int umbs_broker_pair(int ends[2]);
 /*
  * The parent's side: answers one waiting request; never blocks.
  *
- * Out:   1, or 0 if the other side has hung up.
+ * In:    left: number of requests that are still answered; counted down.
+ * Out:   1; 0 if the other side has hung up; -1 if a request came when none was left.
  * Trust: the importer may be hostile: it gets regular files beneath the folder and nothing else.
  */
-int umbs_broker_serve(int end, int folder);
+int umbs_broker_serve(int end, int folder, uint32_t *left);
 
 /*
  * The importer's side: like umbs_open_beneath, but through the parent. Out: a descriptor, or -1 and

@@ -15,7 +15,7 @@
 
 #include "base/bytes.h"
 #include "common/file.h"
-#include "common/trusted_file.h"
+#include "common/private_folder.h"
 
 #define HEAD_BYTES ((size_t)16)
 
@@ -110,10 +110,11 @@ enum umb_status umbs_scene_load(const char *what, const char *path,
                                 struct umb_error *error)
 {
     int fd;
+    struct umb_error cause;
     *out = NULL;
-    enum umb_status status = umbs_trusted_open(what, path, &fd, error);
+    enum umb_status status = umbs_private_open(path, &fd, &cause);
     if (status != UMB_OK) {
-        return status;
+        return umb_fail(error, status, "%s: %s", what, cause.message);
     }
     struct umbs_scene *scene = calloc(1, sizeof *scene);
     if (scene == NULL) {

@@ -8,9 +8,9 @@
  * (scene_buffer.h). It is a scratch file between programs of one version, not an exchange format.
  *
  * The checksum is no key: anyone can make such a file. So the form is never recognised by its
- * bytes; a caller asks for it by name, and only for files that its own user wrote (trusted_file.h).
- * The reader copies the bytes and then checks them with the same validator as the importer's
- * output.
+ * bytes; a caller asks for it by name, and only for files that its own user wrote
+ * (private_folder.h). The reader copies the bytes and then checks them with the same validator as
+ * the importer's output.
  */
 #include "scene/scene.h"
 
@@ -26,7 +26,7 @@ UMB_CHECKED enum umb_status umbs_scene_save(const struct umbs_scene *scene, cons
  * Reads a file of umbs_scene_save. options: max_memory_bytes, max_triangles and shut_in are used.
  *
  * In:    what: the option that named the file, for messages.
- * Fails: E_NO_INPUT and E_PERMISSION as umbs_trusted_open; E_BAD_SCENE (not such a file, cut,
+ * Fails: E_NO_INPUT and E_PERMISSION as umbs_private_open; E_BAD_SCENE (not such a file, cut,
  *        damaged, or with a number that the validator refuses); E_LIMIT; a failure of shut_in.
  * Trust: safe on hostile bytes, also if they change meanwhile.
  */

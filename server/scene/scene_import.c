@@ -28,6 +28,7 @@
 #define DEFAULT_MAX_INPUT_BYTES  (4 * GIB)
 #define DEFAULT_MAX_MEMORY_BYTES (8 * GIB)
 #define DEFAULT_TIMEOUT_S        600U
+#define DEFAULT_MAX_FILES        65536U /* a bundle has 4096, each asked for a few times */
 #define IMPORTER_NAME            "umbrage-bake"
 #define PATH_BYTES               4096
 
@@ -118,6 +119,11 @@ static int is_limit_signal(int number)
 static enum umb_status classify(const struct import *import, const struct umbs_process_end *end,
                                 struct umb_error *error)
 {
+    if (end->asked_too_often) {
+        return umb_fail(error, UMB_E_LIMIT,
+                        "%s: asks for files more than %u times, the limit of a scene",
+                        import->shown, import->options.max_files);
+    }
     if (end->timed_out) {
         return umb_fail(error, UMB_E_LIMIT, "%s: importer took more than %u s", import->shown,
                         import->options.timeout_s);
@@ -190,6 +196,7 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
         .input = import->input,
         .folder = import->folder,
         .output = import->output,
+        .max_files = import->options.max_files,
         .timeout_s = import->options.timeout_s,
         .max_output_bytes = import->options.max_memory_bytes,
         .shut_in = import->options.shut_in,
@@ -242,6 +249,9 @@ static void fill_defaults(struct umbs_import_options *options)
     }
     if (options->max_triangles == 0) {
         options->max_triangles = UMBS_TRIANGLES_MAX;
+    }
+    if (options->max_files == 0) {
+        options->max_files = DEFAULT_MAX_FILES;
     }
     if (options->timeout_s == 0) {
         options->timeout_s = DEFAULT_TIMEOUT_S;

@@ -84,45 +84,61 @@ static int drain(int pipe_end, char *talk, size_t size, size_t *used)
     }
 }
 
+/* A child being watched. */
+struct watched {
+    const struct umbs_process *process;
+    struct lines *lines;
+    struct umbs_process_end *end;
+    size_t talked;       /* Number of bytes in end->talk */
+    uint32_t files_left; /* Number of times that it may still ask for a file */
+};
+
 /* Waits a moment for messages or requests, and handles them. */
-static void attend(struct lines *lines, int folder, struct umbs_process_end *end, size_t *used,
-                   int64_t left_ms)
+static void attend(struct watched *watched, int64_t left_ms)
 {
+    struct lines *lines = watched->lines;
+    struct umbs_process_end *end = watched->end;
     struct pollfd wanted[2] = {{.fd = lines->talk[0], .events = POLLIN},
                                {.fd = lines->files[0], .events = POLLIN}};
     /* Both ends are closed: the importer is about to end. poll ignores -1. */
     int step_ms = lines->talk[0] < 0 && lines->files[0] < 0 ? 1 : POLL_STEP_MS;
     (void)poll(wanted, 2, left_ms < step_ms ? (int)left_ms : step_ms);
-    if (wanted[0].revents != 0 && !drain(lines->talk[0], end->talk, sizeof(end->talk), used)) {
+    if (wanted[0].revents != 0 &&
+        !drain(lines->talk[0], end->talk, sizeof(end->talk), &watched->talked)) {
         umbs_hang_up(&lines->talk[0]);
     }
-    if (wanted[1].revents != 0 && !umbs_broker_serve(lines->files[0], folder)) {
+    int served = 1;
+    if (wanted[1].revents != 0) {
+        served = umbs_broker_serve(lines->files[0], watched->process->folder, &watched->files_left);
+    }
+    if (served <= 0) {
         umbs_hang_up(&lines->files[0]);
     }
+    end->asked_too_often |= served < 0;
 }
 
-/* Waits for the end of the child; kills it at the deadline. Returns 1 if its status was taken. */
+/* Waits for the end of the child; kills it at a limit. Returns 1 if its status was taken. */
 static int watch(pid_t child, struct lines *lines, const struct umbs_process *process,
                  struct umbs_process_end *end)
 {
     char talk[UMBS_PROCESS_TALK_BYTES];
     int64_t deadline_ms = umbs_now_ms() + (int64_t)process->timeout_s * 1000;
-    size_t used = 0;
+    struct watched watched = {process, lines, end, 0, process->max_files};
     while (!umbs_child_has_ended(child)) {
         int64_t left_ms = deadline_ms - umbs_now_ms();
-        if (left_ms <= 0) {
-            end->timed_out = 1;
+        end->timed_out = left_ms <= 0;
+        if (end->timed_out || end->asked_too_often) {
             (void)kill(child, SIGKILL); /* it may have no group yet */
             break;
         }
-        attend(lines, process->folder, end, &used, left_ms);
+        attend(&watched, left_ms);
     }
     const int known = umbs_child_reap(child, &end->exit_code, &end->signal);
     if (lines->talk[0] >= 0) {
-        (void)drain(lines->talk[0], end->talk, sizeof(end->talk), &used);
+        (void)drain(lines->talk[0], end->talk, sizeof(end->talk), &watched.talked);
     }
-    const char *newline = memchr(end->talk, '\n', used);
-    size_t length = newline != NULL ? (size_t)(newline - end->talk) : used;
+    const char *newline = memchr(end->talk, '\n', watched.talked);
+    size_t length = newline != NULL ? (size_t)(newline - end->talk) : watched.talked;
     memcpy(talk, end->talk, length);
     umbs_text_clean(end->talk, sizeof(end->talk), talk, length);
     return known;

@@ -21,6 +21,7 @@ struct umbs_process {
     char *const *arguments;    /* NULL-terminated, program first */
     int input, output;         /* become UMBS_CHILD_FD_*; stay open here */
     int folder;                /* folder of the files that it may ask for (scene_broker.h) */
+    uint32_t max_files;        /* Number of times that it may ask for a file */
     uint32_t timeout_s;        /* CPU seconds, and wall seconds */
     uint64_t max_output_bytes; /* limit of each file that it writes */
     /* Hook of struct umbs_import_options; may be NULL. */
@@ -31,9 +32,10 @@ struct umbs_process {
 
 /* Outcome of a process. */
 struct umbs_process_end {
-    int timed_out;                      /* it was killed at the wall-clock limit */
-    int exit_code;                      /* 0..255, or -1 if a signal ended it */
-    int signal;                         /* or 0 */
+    int timed_out;       /* it was killed at the wall-clock limit */
+    int asked_too_often; /* it was killed because it asked more than max_files times */
+    int exit_code;       /* 0..255, or -1 if a signal ended it */
+    int signal;          /* or 0 */
     char talk[UMBS_PROCESS_TALK_BYTES]; /* first line it wrote to stderr, clean text */
 };
 

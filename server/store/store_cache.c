@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* See store_cache.h. */
-#define _GNU_SOURCE /* getrandom */
+#define _GNU_SOURCE /* getrandom, syncfs */
 #include "store/store_cache.h"
 
 #include <errno.h>
@@ -15,6 +15,8 @@
 #include "common/file.h"
 #include "common/private_folder.h"
 #include "store/store_internal.h"
+
+#define SYNC_EACH_MAX 8 /* mapped files of a scan that are synced one by one; more: syncfs */
 
 enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
                                  const struct umbs_log *log, struct umb_error *error)
@@ -266,12 +268,42 @@ void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *re
     pthread_mutex_unlock(&cache->mutex);
 }
 
+int umbs__cache_syncs(struct umbs_cache *cache)
+{
+    pthread_mutex_lock(&cache->mutex);
+    const int syncs = cache->built++ < SYNC_EACH_MAX;
+    pthread_mutex_unlock(&cache->mutex);
+    return syncs;
+}
+
+void umbs__cache_made(struct umbs_cache *cache, int synced)
+{
+    pthread_mutex_lock(&cache->mutex);
+    cache->unsynced += !synced;
+    pthread_mutex_unlock(&cache->mutex);
+}
+
+/* Makes the mapped files durable. After a failure the kernel may have dropped what was not written,
+ * and a second sync would not tell. Under the mutex. */
+static int sync_mapped(struct umbs_cache *cache)
+{
+    struct umb_error error;
+    if (cache->unsynced > 0 && !cache->unsafe && syncfs(cache->lock.fd) != 0) {
+        cache->unsafe = 1;
+        (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot sync '%.200s'", cache->path);
+        warn(cache, "proven_not_kept", &error);
+    }
+    cache->unsynced = 0;
+    return !cache->unsafe;
+}
+
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records)
 {
     struct umb_error error;
     pthread_mutex_lock(&cache->mutex);
     const int same = !cache->unwritten && umbs__records_equal(records, &cache->records);
-    const int writes = cache->ready && cache->lock.fd >= 0 && !same;
+    const int writes = cache->ready && cache->lock.fd >= 0 && !same && sync_mapped(cache);
+    cache->built = 0;
     if (writes) {
         char *path = umbs__path_join(cache->path, "proven");
         enum umb_status status =

@@ -36,6 +36,9 @@ struct umbs_cache {
     uint8_t key[UMBS_KEY_BYTES];
     struct umbs_records records; /* Records of the last scan, and new ones of this scan */
     int unwritten;               /* 1 if the records differ from the file */
+    size_t built;                /* Number of mapped files made in this scan */
+    size_t unsynced;             /* Number of mapped files that may not be durable */
+    int unsafe;                  /* 1 if they could not be synced: no list is written any more */
 };
 
 /* Sets up the object; nothing is read yet. Fails: E_NO_MEMORY. */
@@ -64,6 +67,14 @@ int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]
 
 /* Adds a record unless its packed file has one. */
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
+
+/*
+ * Steps around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first of
+ * each scan are. _made: it is complete. The others are synced together before a list names them: a
+ * power cut may tear a mapped file without a record, which is then made anew.
+ */
+int umbs__cache_syncs(struct umbs_cache *cache);
+void umbs__cache_made(struct umbs_cache *cache, int synced);
 
 /* Replaces the records and takes ownership of the new ones; writes them if the file differs. */
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);

@@ -133,9 +133,9 @@ static enum umb_status hash_and_write(void *user, const void *bytes, size_t coun
 }
 
 /* Writes the mapped form. Out: digest: SHA-256 of its bytes. */
-static enum umb_status cache_build(struct umbs_store *store, const char *path,
-                                   const struct packed *packed, uint8_t digest[UMB_ID_BYTES],
-                                   struct umb_error *error)
+static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *cache,
+                                   const char *path, const struct packed *packed,
+                                   uint8_t digest[UMB_ID_BYTES], struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
     struct umbs_file file = {.fd = -1};
@@ -153,7 +153,11 @@ static enum umb_status cache_build(struct umbs_store *store, const char *path,
     umb_asset_close(asset);
     umbs_sha256_end(&hashing.run, digest);
     if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
+        const int synced = umbs__cache_syncs(cache);
+        file.unsynced = !synced;
+        status = umbs_file_commit(&file, error);
+        umbs__cache_made(cache, synced);
+        return status;
     }
     if (file.system_error != 0) {
         status = umb_fail_errno(error, UMB_E_IO, file.system_error, "cannot write '%.200s'", path);
@@ -195,7 +199,8 @@ static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *
                        entry->item.name, umbs_log_quote(error->message, quoted));
     }
     memcpy(record.id, entry->item.id, UMB_ID_BYTES);
-    enum umb_status status = cache_build(store, path, packed, record.digest, error);
+    struct umbs_cache *cache = store->folders[entry->folder].cache;
+    enum umb_status status = cache_build(store, cache, path, packed, record.digest, error);
     return status == UMB_OK ? cache_try(store, path, &record, NULL, entry, error) : status;
 }
 
@@ -266,7 +271,7 @@ static enum umb_status prove(struct umbs_entry *entry, const struct packed *pack
         return umb_fail(error, UMB_E_FORMAT,
                         "a mapped file (.umbm) cannot be published: it proves no identity");
     }
-    return umb_pack_prove(packed->bytes, packed->size, 1, &umbs_sha256, error);
+    return umb_packed_prove(packed->bytes, packed->size, NULL, &umbs_sha256, error);
 }
 
 /* Opens the asset of a proven packed image: mapped from its cache, else expanded. */

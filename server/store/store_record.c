@@ -145,7 +145,7 @@ static int parse_hash(const char **at, char end, uint8_t hash[UMB_ID_BYTES])
     memcpy(text, *at, HASH_LENGTH);
     text[HASH_LENGTH] = '\0';
     *at += HASH_LENGTH + (end != '\0');
-    return umb_id_from_text(text, hash);
+    return umb_id_from_text(text, hash) == UMB_OK;
 }
 
 /* The MAC of a line's text before the MAC. The title is part of it, so a line of another version

@@ -4,8 +4,9 @@
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
  * and publishes it whole. So a look-up sees the folders before or after the scan, never in between.
- * A scan publishes several times: first all files that open at once, then one more table for each
- * file that must be read whole. So a large new asset delays only the requests for it.
+ * A scan publishes several times: first all files that open at once, then files that must be read
+ * whole, for LOAD_MS each time. So a large new asset delays only the requests for it, and a
+ * thousand small ones do not take a thousand passes over all names.
  */
 #include "store/store_internal.h"
 
@@ -18,13 +19,16 @@
 #include <time.h>
 #include <unistd.h>
 
+#define LOAD_MS 100 /* of files read whole before a table with them is published */
+
 /* One pass over the names. */
 struct pass {
     struct umbs_store *store;
     struct umbs_store_report *report;
-    int may_load; /* one more file may be read whole */
-    int pending;  /* more files wait to be read whole */
-    int waits;    /* the lane has no room for one */
+    int may_load;     /* another file may be read whole */
+    uint64_t load_ms; /* Milliseconds spent on such files */
+    int pending;      /* more files wait to be read whole */
+    int waits;        /* the lane has no room for one */
 };
 
 static int compare_ids(const void *a, const void *b)
@@ -157,8 +161,9 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         return UMB_OK;
     }
     if (fresh == NULL && lane == UMBS_LANE_NOT_FOR_IT) {
-        pass->may_load = 0;
         fresh = umbs__entry_load(store, name, faulted);
+        pass->load_ms += umbs__now_ms() - from_ms;
+        pass->may_load = pass->load_ms < LOAD_MS;
     }
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
@@ -257,6 +262,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
             publish(&pass, table);
         }
         pass.may_load = 1;
+        pass.load_ms = 0;
         pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
     } while (status == UMB_OK && pass.pending);
     free(list.names);
@@ -282,7 +288,7 @@ static int cache_file_wanted(const char *name, const struct umbs_table *table)
     }
     memcpy(text, name, UMB_ID_TEXT_SIZE - 1);
     text[UMB_ID_TEXT_SIZE - 1] = '\0';
-    return !umb_id_from_text(text, id) || umbs__table_find_id(table, id) != NULL;
+    return umb_id_from_text(text, id) != UMB_OK || umbs__table_find_id(table, id) != NULL;
 }
 
 static size_t sweep_folder(struct umbs_store *store, const char *path,

@@ -140,7 +140,7 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
                                     struct umbs_entry **out, struct umb_error *error)
 {
     uint8_t id[UMB_ID_BYTES];
-    int is_id = umb_id_from_text(name_or_id, id);
+    int is_id = umb_id_from_text(name_or_id, id) == UMB_OK;
     *out = NULL;
     struct umbs_entry *entry = is_id ? umbs__table_find_id(table, id) : NULL;
     if (entry == NULL && is_id) {

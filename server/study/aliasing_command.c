@@ -21,6 +21,7 @@
 #include "study/study_vec.h"
 #include "study/view_options.h"
 #include "umbrage/aliasing.h"
+#include "tool/exit_code.h"
 
 #define BINS     12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
 #define BIN_LOW  (-5)
@@ -72,6 +73,7 @@ struct aliasing {
     double weight;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
+    struct umb_camera camera;            /* of the view */
     struct umb_cascade_plan plans[WAYS]; /* [0]: one frustum of the scene */
     float *most;    /* [receivers] pixels a texel in the heat map's way; NaN: left out */
     double *sorted; /* [3][receivers] scratch */
@@ -137,12 +139,7 @@ static double view_depth(const struct umbt_camera *camera, const double position
 static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
 {
     const struct umbt_camera *camera = &a->view.camera;
-    struct umb_cascade_camera c = {.tan_x = camera->tan_x, .tan_y = camera->tan_y};
     double near = INFINITY, far = 0.0;
-    memcpy(c.eye, camera->eye, sizeof c.eye);
-    memcpy(c.right, camera->right, sizeof c.right);
-    memcpy(c.up, camera->up, sizeof c.up);
-    memcpy(c.forward, camera->forward, sizeof c.forward);
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
         const double z = view_depth(camera, &a->buffer.positions[3 * i]);
         near = fmin(near, z);
@@ -151,8 +148,8 @@ static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
     if (!(far > 0.0)) {
         return umb_fail(error, UMB_E_ARGUMENT, "--camera: sees nothing of the scene");
     }
-    c.far_m = far * (1.0 + 1e-9);
-    c.near_m = fmin(fmax(near, NEAR_MIN * far), 0.999 * far);
+    a->camera =
+        umbt_camera_view(camera, fmin(fmax(near, NEAR_MIN * far), 0.999 * far), far * (1.0 + 1e-9));
     struct umb_cascade_settings settings = {.count = (uint32_t)a->cascades, .weight = a->weight};
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
         settings.resolution[i] = (uint32_t)a->resolution;
@@ -160,10 +157,11 @@ static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
     enum umb_status status = UMB_OK;
     for (int way = 1; way < WAYS && status == UMB_OK; way++) {
         settings.fit = (enum umb_cascade_fit)(way - 1);
-        status = umb_cascades_plan(&c, a->view.to_light, &a->view.scene.box, &settings,
+        status = umb_cascades_plan(&a->camera, a->view.to_light, &a->view.scene.box, &settings,
                                    &a->plans[way], error);
     }
-    a->plans[0] = (struct umb_cascade_plan){.camera = c, .count = 1, .splits = {c.near_m, c.far_m}};
+    a->plans[0] =
+        (struct umb_cascade_plan){.count = 1, .splits = {a->camera.near_m, a->camera.far_m}};
     return status == UMB_OK
                ? umb_map_frustum_fit(a->view.to_light, &a->view.scene.box, settings.resolution[0],
                                      settings.resolution[0], &a->plans[0].frusta[0], error)
@@ -224,8 +222,8 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
         while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
             slice++;
         }
-        const int known = umb_aliasing_at(&plan->frusta[slice], &plan->camera, a->options.width,
-                                          a->options.height, position, normal, &result);
+        const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->options.width,
+                                          a->options.height, position, normal, &result) == UMB_OK;
         if (only < 0 && way == a->way_index) {
             a->most[i] = known ? (float)fmin(result.most, 1e30) : NAN;
         }
@@ -392,7 +390,7 @@ int umbt_aliasing_command(int argc, char **argv)
     struct aliasing *a = calloc(1, sizeof *a); /* plans and summaries: too large for a stack */
     if (a == NULL) {
         fputs("umbrage aliasing: out of memory\n", stderr);
-        return umb_status_exit(UMB_E_NO_MEMORY);
+        return umbu_exit_code(UMB_E_NO_MEMORY);
     }
     enum umb_status status = options_parse(argc, argv, a, &error);
     const int help_wanted = status == UMB_OK && a->help;
@@ -416,5 +414,5 @@ int umbt_aliasing_command(int argc, char **argv)
     umbt_gbuffer_finish(&a->buffer);
     umbt_view_close(&a->view);
     free(a);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

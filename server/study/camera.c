@@ -212,6 +212,18 @@ double umbt_camera_fov_deg(const struct umbt_camera *camera)
     return atan(camera->tan_y) * (360.0 / PI);
 }
 
+struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m)
+{
+    struct umb_camera view = {.fov_y = 2.0 * atan(camera->tan_y),
+                              .aspect = camera->tan_x / camera->tan_y,
+                              .near_m = near_m,
+                              .far_m = far_m};
+    memcpy(view.eye, camera->eye, sizeof view.eye);
+    memcpy(view.forward, camera->forward, sizeof view.forward);
+    memcpy(view.up, camera->up, sizeof view.up);
+    return view;
+}
+
 enum umb_status umbt_camera_make(const struct umbt_camera_request *request,
                                  const struct umbt_camera_subject *subject, uint32_t width,
                                  uint32_t height, struct umbt_camera *camera,

@@ -33,6 +33,9 @@ struct umbt_camera {
     double tan_x, tan_y;                /* tangents of half the fields of view */
 };
 
+/* The camera in the form of the libraries, which sees from near_m to far_m. */
+struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m);
+
 /* Vertical field of view, degrees. */
 double umbt_camera_fov_deg(const struct umbt_camera *camera);
 

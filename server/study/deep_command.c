@@ -20,6 +20,7 @@
 #include "study/study_vec.h"
 #include "study/technique_view.h"
 #include "study/view_options.h"
+#include "tool/exit_code.h"
 
 #define REPEATS 3
 #define COLUMNS 5U /* columns of the picture */
@@ -492,5 +493,5 @@ int umbt_deep_command(int argc, char **argv)
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage-study deep: %s\n", error.message);
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

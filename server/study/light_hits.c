@@ -40,8 +40,8 @@ static enum umb_status texel_block(void *user, size_t first, size_t count, struc
     for (size_t i = first; i < first + count; i++) {
         const double x = (double)(i % width) + 0.5, y = (double)(i / width) + 0.5;
         double start[3], end[3], direction[3], reached = 0.0;
-        if (!umb_map_frustum_point(trace->frustum, x, y, 0.0, start) ||
-            !umb_map_frustum_point(trace->frustum, x, y, 1.0, end)) {
+        if (umb_map_frustum_point(trace->frustum, x, y, 0.0, start) != UMB_OK ||
+            umb_map_frustum_point(trace->frustum, x, y, 1.0, end) != UMB_OK) {
             continue;
         }
         umb__subtract(end, start, direction);

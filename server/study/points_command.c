@@ -19,6 +19,7 @@
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_vec.h"
+#include "tool/exit_code.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */
 #define REACH_DEFAULT 5.0        /* metres; at most ... */
@@ -351,5 +352,5 @@ int umbt_points_command(int argc, char **argv)
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage points: %s\n", error.message);
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

@@ -14,6 +14,7 @@
 #include "study/render_options.h"
 #include "study/study_picture.h"
 #include "study/study_vec.h"
+#include "tool/exit_code.h"
 
 struct render {
     struct umbt_render_options options;
@@ -335,5 +336,5 @@ int umbt_render_command(int argc, char **argv)
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage render: %s\n", error.message);
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

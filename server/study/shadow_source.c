@@ -111,7 +111,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
     }
     source->call_max = call_max(&limits);
     struct umb_client_description *description = NULL;
-    status = umb_client_describe(source->client, source->name, &description, error);
+    status = umb_client_describe(source->client, source->name, &description, NULL, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -124,7 +124,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
         source->light = description->lights[source->settings.light].info;
         source->translucent = umbt_plan_has(description->plan, "transmittance");
     }
-    umb_client_description_free(description);
+    umb_free(description);
     return status;
 }
 

@@ -12,6 +12,7 @@
 #include "study/study_pictures.h"
 #include "study/study_report.h"
 #include "study/study_techniques.h"
+#include "tool/exit_code.h"
 
 #define RESOLUTION_QUICK 4096
 #define RESOLUTION_FULL  16384
@@ -193,5 +194,5 @@ int umbt_study_command(int argc, char **argv)
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage study: %s\n", error.message);
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

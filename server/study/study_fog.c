@@ -33,7 +33,7 @@ static double lit_between(const struct umbt_fog *fog, const double eye[3], const
     }
     struct umb_segments segments = {.ends = ends, .format = UMB_POINT_F64, .count = 1};
     memcpy(segments.origin, eye, sizeof segments.origin);
-    umb_segments_run(&fog->volume, &segments, 0, 1, &answers);
+    umb_volume_segments(&fog->volume, &segments, 0, 1, &answers);
     if (answer.interval_count > INTERVALS) {
         /* Halving ends: a piece as long as a voxel crosses few voxels. */
         const double middle = 0.5 * (from + to);

@@ -6,6 +6,8 @@
 #include <string.h>
 #include "study/study_command.h"
 #include "umbrage/status.h"
+#include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 static const char help[] =
     "usage: umbrage-study SCENE [-o DIR] [options]\n"
@@ -41,7 +43,7 @@ static int output_finish(int code)
 {
     if ((fflush(stdout) != 0 || ferror(stdout)) && code <= 1) {
         fputs("umbrage-study: standard output could not be written\n", stderr);
-        return umb_status_exit(UMB_E_IO);
+        return umbu_exit_code(UMB_E_IO);
     }
     return code;
 }
@@ -53,7 +55,7 @@ int main(int argc, char **argv)
     (void)signal(SIGXFSZ, SIG_IGN); /* the same for a file beyond the size limit */
     if (argc < 2) {
         fputs(help, stderr);
-        return umb_status_exit(UMB_E_ARGUMENT);
+        return umbu_exit_code(UMB_E_ARGUMENT);
     }
     for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
         if (strcmp(argv[1], commands[i].name) == 0) {
@@ -68,13 +70,13 @@ int main(int argc, char **argv)
         return output_finish(umbt_study_command(1, &study_help));
     }
     if (strcmp(argv[1], "--version") == 0) {
-        puts("umbrage-study " UMB_VERSION);
+        puts("umbrage-study " UMB_VERSION_TEXT);
         return output_finish(0);
     }
     if (strpbrk(argv[1], "./") == NULL) { /* not a scene's name */
         fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n",
                 argv[1]);
-        return umb_status_exit(UMB_E_ARGUMENT);
+        return umbu_exit_code(UMB_E_ARGUMENT);
     }
     return output_finish(umbt_study_command(argc - 1, argv + 1));
 }

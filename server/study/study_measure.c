@@ -128,9 +128,10 @@ static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *tap
 static void curve_read(const struct umbt_study *study, struct umbt_study_result *result)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    const size_t count = result->method == UMBT_STUDY_DAG
-                             ? umb_curve_get(study->bakes[result->bake].asset, 0, rows)
-                             : 0;
+    size_t count = 0;
+    if (result->method == UMBT_STUDY_DAG) {
+        (void)umb_asset_get_curve(study->bakes[result->bake].asset, 0, rows, &count);
+    }
     result->bound_m = (double)NAN;
     result->lines = (double)NAN;
     for (size_t i = 0; i < count; i++) {

@@ -111,7 +111,7 @@ static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
     struct umb_points points = {.positions = at, .format = UMB_POINT_F64, .count = 64};
     memcpy(points.origin, columns->bake->info.origin, sizeof points.origin);
     struct umb_column_answers answers = {.columns = found};
-    umb_columns_run(&columns->volume, &points, 0, 64, &answers);
+    umb_volume_columns(&columns->volume, &points, 0, 64, &answers);
     for (int i = 0; i < 64; i++) {
         lit[i] = (int32_t)found[i].lit;
     }
@@ -139,7 +139,7 @@ static enum umb_status map_fill(const struct umbt_study *study, const struct umb
         status = umb_volume_check_parallel(&columns.volume, error);
     }
     if (status == UMB_OK) {
-        status = umb_columns_check(&columns.volume, error);
+        status = umb_volume_check_columns(&columns.volume, error);
     }
     return status == UMB_OK
                ? umbt_parallel_for((unsigned)study->options.threads, (size_t)map->size / 8, 4,

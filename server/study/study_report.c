@@ -11,6 +11,7 @@
 #include "common/json_text.h"
 #include "study/output_guard.h"
 #include "study/study_techniques.h"
+#include "umbrage/version.h"
 
 #define PATH_BYTES 4096
 
@@ -115,7 +116,7 @@ static void json_head(FILE *to, const struct umbt_study *study)
     fputs("{\"scene\":", to);
     umbs_json_text(to, study->options.scene);
     fprintf(to, ",\"version\":\"%s\",\"triangles\":%zu,\"seed\":%" PRIu64 ",\"threads\":%" PRIu64,
-            UMB_VERSION, study->scene.count, study->options.seed, study->options.threads);
+            UMB_VERSION_TEXT, study->scene.count, study->options.seed, study->options.threads);
     fprintf(to, ",\"light\":[%.9g,%.9g,%.9g]", light[0], light[1], light[2]);
     number(to, "diagonal_m", study->scene.diagonal_m);
     number(to, "reach_m", points->reach_m);

@@ -23,6 +23,7 @@
 
 #include "study/study_progress.h"
 #include "study/study_vec.h"
+#include "tool/exit_code.h"
 
 #define PATH_BYTES   4096
 #define LOWEST       512
@@ -229,7 +230,7 @@ static enum umb_status status_of(int code)
     static const enum umb_status known[] = {UMB_E_ARGUMENT, UMB_E_BAD_SCENE, UMB_E_NO_INPUT,
                                             UMB_E_CANNOT_CREATE, UMB_E_IO};
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
-        if (umb_status_exit(known[i]) == code) {
+        if (umbu_exit_code(known[i]) == code) {
             return known[i];
         }
     }

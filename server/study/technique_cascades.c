@@ -37,12 +37,7 @@ static enum umb_status plan_make(struct cascades *c, const struct umbt_technique
     const struct umbt_technique_view *view = c->view;
     struct umb_cascade_settings settings = {
         .count = row->cascades, .weight = WEIGHT, .fit = row->fit};
-    struct umb_cascade_camera camera = {
-        .tan_x = view->camera.tan_x, .tan_y = view->camera.tan_y, .near_m = INFINITY, .far_m = 0.0};
-    memcpy(camera.eye, view->camera.eye, sizeof camera.eye);
-    memcpy(camera.right, view->camera.right, sizeof camera.right);
-    memcpy(camera.up, view->camera.up, sizeof camera.up);
-    memcpy(camera.forward, view->camera.forward, sizeof camera.forward);
+    struct umb_camera camera = umbt_camera_view(&view->camera, INFINITY, 0.0);
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
         camera.near_m = fmin(camera.near_m, distance_of(view, i));
         camera.far_m = fmax(camera.far_m, distance_of(view, i));

@@ -34,8 +34,8 @@ static enum umb_status layer_block(void *user, size_t first, size_t count, struc
         double start[3], end[3], direction[3];
         struct umbr_hit hit;
         layer->depth[i] = 1.0F;
-        if (!umb_map_frustum_point(layer->frustum, x, y, 0.0, start) ||
-            !umb_map_frustum_point(layer->frustum, x, y, 1.0, end)) {
+        if (umb_map_frustum_point(layer->frustum, x, y, 0.0, start) != UMB_OK ||
+            umb_map_frustum_point(layer->frustum, x, y, 1.0, end) != UMB_OK) {
             continue;
         }
         umb__subtract(end, start, direction);

@@ -15,6 +15,7 @@
 #include "study/study_args.h"
 #include "study/technique_dag.h"
 #include "study/view_options.h"
+#include "tool/exit_code.h"
 
 #define COLUMNS 5U
 #define GAP     4U /* pixels between tiles */
@@ -275,5 +276,5 @@ int umbt_techniques_command(int argc, char **argv)
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage-study techniques: %s\n", error.message);
     }
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

@@ -18,6 +18,7 @@
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_scene.h"
+#include "tool/exit_code.h"
 
 static const char help[] =
     "usage: umbrage verify FILE --scene SCENE [options]\n"
@@ -332,7 +333,8 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
     }
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-        const size_t count = umb_curve_get(verify->asset, verify->first_light + i, rows);
+        size_t count;
+        (void)umb_asset_get_curve(verify->asset, verify->first_light + i, rows, &count);
         for (size_t k = 0; k < count && status == UMB_OK; k++) {
             status = row_check(verify, &points, verify->first_light + i, &rows[k], error);
         }
@@ -377,7 +379,7 @@ int umbt_verify_command(int argc, char **argv)
     umb_asset_close(verify.asset);
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage verify: %s\n", error.message);
-        return umb_status_exit(status);
+        return umbu_exit_code(status);
     }
     return verify.outside_band > 0 ? 1 : 0;
 }

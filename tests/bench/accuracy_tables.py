@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/accuracy.md between its markers: accuracy curves of generated and real scenes,
-and how many of how many points broke a bound. `make accuracy` runs it; real scenes come from
-UMBRAGE_SCENES (default ../shared/scenes) and are left out, by name, where they are not there."""
+"""The tables of docs/results/accuracy.md between its markers: accuracy curves of generated and real
+scenes, and the number of points that broke a bound. `make accuracy` runs it. Real scenes come from
+UMBRAGE_SCENES (default ../shared/scenes); a missing one is left out and named."""
 
 import json
 import os
@@ -13,7 +13,7 @@ import tempfile
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 SCENES = os.environ.get("UMBRAGE_SCENES", os.path.join(ROOT, "..", "shared", "scenes"))
-PAGE = os.path.join(ROOT, "docs", "accuracy.md")
+RESULTS = os.path.join(ROOT, "docs", "results")
 BEGIN, END = "<!-- accuracy tables: make accuracy -->\n", "<!-- end of accuracy tables -->\n"
 RESOLUTION, POINTS, SUN = 4096, 1000000, "135,40"
 GENERATED = (("generated city", "city", 12), ("generated terrain", "terrain", 128))
@@ -60,11 +60,12 @@ def scenes_in(folder):
     return scenes
 
 
-def replace(begin, end, text):
-    """Puts a text between two markers of the page."""
-    with open(PAGE, encoding="utf-8") as page:
+def replace(name, begin, end, text):
+    """Puts a text between two markers of a page of results."""
+    path = os.path.join(RESULTS, name)
+    with open(path, encoding="utf-8") as page:
         before, rest = page.read().split(begin)
-    with open(PAGE, "w", encoding="utf-8") as page:
+    with open(path, "w", encoding="utf-8") as page:
         page.write(before + begin + text + end + rest.split(end)[1])
 
 
@@ -90,8 +91,8 @@ def rows_of(name, got):
 
 
 def main():
-    text = [f"{source()}; {RESOLUTION} voxels a side, sun {SUN}, `--closed auto`;"
-            f" {POINTS} points on surfaces, those that face the light\nare compared.\n\n",
+    text = [f"{source()}; {RESOLUTION} voxels a side, sun {SUN},\n`--closed auto`; {POINTS} points on "
+            "surfaces, of which those that face the light are compared.\n\n",
             "| scene | level | taps | bound, m | visibility error | cache lines | compared | differ "
             "from a ray | undefined | beyond the bound |\n|---|---|---|---|---|---|---|---|---|---|\n"]
     broken = 0
@@ -102,7 +103,7 @@ def main():
             text += rows_of(name, got)
             print(f"{name}: {got['bytes']} bytes, "
                   f"{sum(row['beyond'] for row in got['checked'])} beyond their bound", flush=True)
-    replace(BEGIN, END, "".join(text))
+    replace("accuracy.md", BEGIN, END, "".join(text))
     return 1 if broken else 0
 
 

@@ -12,7 +12,7 @@ ifneq ($(STUDY_VOLUME),)
 BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o
 $(BUILD)/tests/bench/bench_query.o: INC_tests += -DUMB_BENCH_NANOVDB
 endif
-BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 BENCH_SYS = -lembree3 -lassimp -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
@@ -103,7 +103,7 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 .PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
 
 # Segments, columns and boxes: closed scenes with their front, in process and from a daemon.
-$(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(WIRE_LIB) $(CORE_LIB)
+$(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(RPC_LIBS) $(CORE_LIBS) -o $@
 bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_queries ## what segments, columns and boxes cost in process and over gRPC
@@ -122,6 +122,6 @@ $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 
-paging-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/streaming.md: bytes and seconds until a view is known (SIZE=quick|full)
+paging-figures: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/depth_view ## tables of docs/results/paging.md: bytes and seconds until a view is known (SIZE=quick|full)
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/paging_figures.py --size $(SIZE)
 .PHONY: paging-figures

@@ -184,8 +184,8 @@ static double service_rate(struct umb_client *client, const struct bench_points 
         while (call - atomic_load(&flight->done) >= UNDER_WAY) {
             wait_a_little();
         }
-        bench_must(umb_client_query_start(client, &request, reply_take, flight, &error), &error,
-                   "query");
+        bench_must(umb_client_query_start(client, &request, reply_take, flight, NULL, &error),
+                   &error, "query");
     }
     while (atomic_load(&flight->done) < CALLS) {
         wait_a_little();

@@ -92,22 +92,25 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
     struct umb_box_answers boxes = {.boxes = bench->boxes};
     if (kind == SEGMENTS && bench->client) {
         demand(umb_client_segments(bench->client, &bench->volume_query, &pairs, &segments, NULL,
-                                   &error),
+                                   NULL, &error),
                &error);
     } else if (kind == SEGMENTS) {
-        umb_segments_run(&bench->volume, &pairs, 0, count, &segments);
+        umb_volume_segments(&bench->volume, &pairs, 0, count, &segments);
     } else if (kind == COLUMNS && bench->client) {
         demand(umb_client_columns(bench->client, &bench->volume_query, &points, &columns, NULL,
-                                  &error),
+                                  NULL, &error),
                &error);
     } else if (kind == COLUMNS) {
-        umb_columns_run(&bench->volume, &points, 0, count, &columns);
+        umb_volume_columns(&bench->volume, &points, 0, count, &columns);
     } else if (bench->client) {
-        demand(umb_client_boxes(bench->client, &bench->volume_query, &pairs, &boxes, NULL, &error),
+        umb_boxes_from_corners(&pairs, 0, count, bench->corners);
+        demand(umb_client_boxes(bench->client, &bench->volume_query, bench->corners, count, &boxes,
+                                NULL, NULL, &error),
                &error);
     } else {
-        umb_corners_get(&pairs, 0, count, bench->corners);
-        umb_boxes_run(&bench->volume, bench->corners, 0, count, &boxes);
+        umb_boxes_from_corners(&pairs, 0, count, bench->corners);
+        demand(umb_volume_boxes(&bench->volume, bench->corners, 0, count, NULL, &boxes, &error),
+               &error);
     }
 }
 
@@ -156,7 +159,7 @@ int main(int argc, char **argv)
     demand(umb_asset_open_file(argv[1], NULL, &asset, &error), &error);
     umb_asset_get_info(asset, &bench.info);
     demand(umb_volume_prepare(asset, 0, &bench.volume, &error), &error);
-    demand(umb_columns_check(&bench.volume, &error), &error);
+    demand(umb_volume_check_columns(&bench.volume, &error), &error);
     if (argc == 4) {
         demand(umb_client_open(argv[2], NULL, &client, &error), &error);
         bench.volume_query.asset = argv[3];

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a 16-bit depth map of one view would take, the peer of streamed pages (docs/streaming.md).
+ * What a 16-bit depth map of one view would take, the peer of streamed pages
+ * (docs/results/paging.md).
  *
  *     depth_view ASSET.umb POINTS.f32 TAPS        points with normals, six floats each
  *

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/effects.md: what the plan of every real scene says, and what each effect costs
-with the plan's state and with the other one. `make effects-table` runs it (RESOLUTION=2048); scenes
+"""The tables of docs/results/effects.md: what the plan of every real scene says, and what each effect
+costs with the plan's state and with the other one. `make effects-table` runs it (RESOLUTION=2048); scenes
 come from UMBRAGE_SCENES (default ../shared/scenes).
 
 A bake's time is the user time of one thread, the least of two, without comparison with rays; a

@@ -6,7 +6,7 @@
  *
  * Each row is a constructed scene seen along the light, each pixel a receiver above its texel, and
  * its grey what reaches it; from left to right the truth (PCF of the same window), the failure, and
- * the remedies. Printed is the light where there is none, as docs/techniques.md has it.
+ * the remedies. Printed is the light where there is none, as docs/explained/techniques.md has it.
  */
 #include <stdio.h>
 

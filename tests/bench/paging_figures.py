@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The tables of docs/streaming.md: what a thin client receives until it knows a view.
+The tables of docs/results/paging.md: what a thin client receives until it knows a view.
 
     tests/bench/paging_figures.py [--size quick|full] [--keep FOLDER] [--only bytes,memory,links,picture]
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The study's tables of docs/accuracy.md, between their markers: what accuracy costs on generated and
-real scenes, beside a shadow map, a NanoVDB grid and rays. `make accuracy` runs it. A study is taken
-from UMBRAGE_STUDIES/FILE-NAME if it lies there, for those who measure a scene at a time on a machine that
-is seldom quiet; else it is made. Times that were too unsteady stand as -."""
+"""The tables of docs/results/study.md, between their markers: what accuracy costs on generated and real
+scenes, beside a shadow map, a NanoVDB grid and rays. `make accuracy` runs it. A study is read from
+UMBRAGE_STUDIES/FILE-NAME if it is there, so that scenes can be measured one by one on a busy machine;
+else it is made. A time whose runs differ too much is written as -."""
 
 import json
 import os
@@ -98,11 +98,11 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         studies = [(name, study(name, scene, folder)) for name, scene in tables.scenes_in(folder)]
     worst = max(report["study_s"] for _, report in studies)
-    text = [f"{tables.source()}; `umbrage study SCENE --quick --sun {tables.SUN}`, {worst:.0f} s at most; ns a point on one "
-            "thread in camera views, ± the spread of its runs;\nMB in memory. *Edges within*: where an answer is on "
-            "the wrong side, 95 % of the true edges are nearer.\n\n", *peers(studies), *knobs(studies),
+    text = [f"{tables.source()};\n`umbrage study SCENE --quick --sun {tables.SUN}`, {worst:.0f} s at most; ns a "
+            "point on one thread in camera views,\n± the spread of its runs; MB in memory. *Edges within*: where "
+            "an answer is on the wrong side,\n95 % of the true edges are nearer.\n\n", *peers(studies), *knobs(studies),
             *derived(studies)]
-    tables.replace(BEGIN, END, "".join(text))
+    tables.replace("study.md", BEGIN, END, "".join(text))
 
 
 if __name__ == "__main__":

@@ -357,10 +357,9 @@ def start(board_words, at):
                 time.sleep(0.005)
             served = process.poll() is None
             begun = counts.calls
-            if served:  # or it gives up now: the threads of its loops come last
-                counts.fail(0, 0)
-                served = answers(process, address)
             if served:
+                counts.fail(0, 0)
+                assert answers(process, address), "it has written its addresses and gives up"
                 process.send_signal(signal.SIGTERM)
             code = process.wait(fs.HANG_S)
         finally:

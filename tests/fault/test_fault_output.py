@@ -26,7 +26,7 @@ CALLS = "write,pwrite,fsync,fdatasync,rename,renameat,open,openat,mmap,ftruncate
 # umbrage's outputs are streams of the C library, which take an interrupted write for a failure;
 # umbrage catches no signals, so none is interrupted.
 GONE_ON_WITH = {"umbrage-bake": ("short", "EINTR"), "umbrage": ("short",)}
-CODES = {73, 74, 75}  # cannot create, input or output, temporary: docs/operations.md
+CODES = {73, 74, 75}  # cannot create, input or output, temporary: docs/reference/operations.md
 
 out = test.path("out")
 scene = test.scene("city", 2, form="ply")

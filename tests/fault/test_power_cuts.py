@@ -29,6 +29,7 @@ sweep = fs.Sweep(test)
 SEED = int(os.environ.get("UMBRAGE_SEED", "18"))
 EXACT, SAMPLE = (32, 6) if fs.SHORT else (1024, 64)
 DAEMONS = 2 if fs.SHORT else 24  # images that a whole daemon is started on
+CROWD = 12                       # assets of a store; a cache syncs the first 8 one by one
 AGAIN = 4 if fs.SHORT else 12    # images whose recovery is cut, too
 BAKES = 8 if fs.SHORT else 200   # images of tiles that are baked on
 print(f"seed {SEED}, all subsets up to {EXACT}, samples of {SAMPLE}")
@@ -158,6 +159,44 @@ with test.check("a mapped file in a daemon's cache is whole or absent"):
     for image in list(odd.values())[::max(1, len(odd) // DAEMONS)][:DAEMONS]:
         image.write(os.path.join(IMAGE, "store"))
         answers_right(os.path.join(IMAGE, "store"), answers)
+
+with test.check("of many mapped files a list names only those that are whole"):
+    store = test.path("crowd")
+    os.mkdir(store)
+    small = test.scene("box", 2)
+    for turn in range(CROWD):
+        test.bake(small, os.path.join(store, f"a{turn}.umb"), "--resolution", 64, "--verify", 0, "--sun",
+                  f"{20 * turn},40")
+    names = [f"a{turn}" for turn in range(CROWD)]
+    answers = [test.query_file(os.path.join(store, name + ".umb"), points) for name in names]
+    before = power_cut.snapshot(store)
+    with power_cut.recorded(test, store) as recording:
+        daemon = test.daemon("--workers", 1, store=store)
+        stop(daemon)
+    run = power_cut.Run(recording, store, before)
+    whole = {path: data for path, _, data in power_cut.snapshot(store) if path.endswith(".umbm")}
+    assert len(whole) == CROWD, f"mapped files: {list(whole)}"
+    count, torn, named, failures, odd = 0, 0, 0, fs.Failures(), {}
+    for index, image in run.images(EXACT, SAMPLE, SEED):
+        count += 1
+        lists = [data for path, data in image.files.items() if os.path.basename(path) == "proven"]
+        with failures.point("the crowd", image.what):
+            for path, data in whole.items():
+                known = any(os.path.basename(path)[:64].encode() in text for text in lists)
+                named += known
+                torn += path in image.files and image.files[path] != data
+                assert not known or image.files.get(path) == data, f"{path} is named and not whole"
+        odd[image.digest] = image
+    tell(run, count)
+    print(f"    {torn} torn files, {named} in a list")
+    failures.end()
+    assert torn > 0 and named > 0, "nothing was put to the test"
+    for image in list(odd.values())[::max(1, len(odd) // DAEMONS)][:DAEMONS]:
+        image.write(os.path.join(IMAGE, "store"))
+        daemon = test.daemon("--workers", 1, store=os.path.join(IMAGE, "store"))
+        for name, right in zip(names, answers):
+            assert test.query_file(name, points, "--address", "unix:" + daemon.socket_path) == right
+        stop(daemon)
 
 # ---- the bake service ----
 

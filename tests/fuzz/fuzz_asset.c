@@ -95,9 +95,9 @@ static void walk_everywhere(const struct umb_asset *asset)
         .segments = segments, .intervals = intervals, .interval_max = 4};
     struct umb_column_answers depths = {.columns = columns};
     struct umb_box_answers shares = {.boxes = boxes};
-    umb_segments_run(&volume, &lines, 0, 8, &lit);
-    umb_columns_run(&volume, &points, 0, 16, &depths);
-    umb_voxel_boxes_run(&volume, corners, 0, 8, &shares);
+    umb_volume_segments(&volume, &lines, 0, 8, &lit);
+    umb_volume_columns(&volume, &points, 0, 16, &depths);
+    FUZZ_DEMAND(umb_volume_voxel_boxes(&volume, corners, 0, 8, NULL, &shares, NULL) == UMB_OK);
     for (size_t i = 0; i < 8; i++) {
         FUZZ_DEMAND(segments[i].lit >= 0 && segments[i].lit <= 1.0 + 1e-9);
         FUZZ_DEMAND(boxes[i].lit <= boxes[i].voxels);

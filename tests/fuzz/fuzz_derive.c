@@ -42,13 +42,13 @@ static void check(const struct umb_derived *derived)
     FUZZ_DEMAND(isfinite(derived->texel_error_m));
 }
 
-static void run(const struct umb_derive_settings *settings)
+static void run(const struct umb_derive_settings *settings, const struct umb__map_view *view)
 {
     struct umb_derived *derived = NULL;
     struct umb_error error = {0};
-    uint8_t *file = NULL;
+    const uint8_t *file = NULL;
     size_t size = 0;
-    if (umb_derive(asset(), settings, NULL, &derived, &error) != UMB_OK) {
+    if (umb__derive(asset(), settings, view, NULL, &derived, &error) != UMB_OK) {
         FUZZ_DEMAND(derived == NULL && error.message[0] != '\0');
         FUZZ_DEMAND(error.status != UMB_E_INTERNAL);
         return;
@@ -57,7 +57,6 @@ static void run(const struct umb_derive_settings *settings)
     FUZZ_DEMAND(umb_derived_ktx2(derived, &file, &size, &error) == UMB_OK);
     FUZZ_DEMAND(size > 12 && memcmp(file + 1, "KTX 20", 6) == 0);
     FUZZ_DEMAND(size <= umb_derive_bytes(settings));
-    umb_derived_free(derived, file);
     umb_derived_destroy(derived);
 }
 
@@ -70,10 +69,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     struct umb_derive_settings *settings = &request.settings;
     const uint64_t maps = settings->cascades.count > 0 ? settings->cascades.count : 1;
-    settings->camera = settings->cascades.count > 0 ? &request.camera : NULL;
     if (settings->width <= 64 && settings->height <= 64 &&
         settings->width * (uint64_t)settings->height * maps <= TEXELS_MOST) {
-        run(settings);
+        run(settings, settings->cascades.count > 0 ? &request.view : NULL);
     }
     FUZZ_DEMAND(umbw_encode_derive_request(&request, &buffer, NULL) == UMB_OK);
     umbw_buffer_finish(&buffer);

@@ -15,12 +15,12 @@ static void query_everywhere(struct umb_partial *partial)
         {.light = UINT32_MAX, .max_error_m = 4},
         {.has_box = 1, .box = {{3, 3, 3}, {20, 20, 20}}, .taps = 1},
         {.has_camera = 1,
-         .eye = {5, 5, 5},
-         .forward = {1, 1, 1},
-         .up = {0, 0, 1},
-         .fov_y = 1,
-         .aspect = 1,
-         .far_m = 20,
+         .camera.eye = {5, 5, 5},
+         .camera.forward = {1, 1, 1},
+         .camera.up = {0, 0, 1},
+         .camera.fov_y = 1,
+         .camera.aspect = 1,
+         .camera.far_m = 20,
          .max_error_rad = 0.01},
     };
     double positions[64][3];
@@ -89,7 +89,7 @@ static void try_pages(const uint8_t *data, size_t size)
             const uint32_t page = (i * (1 + 2U * (data[0] & 3)) + data[0] / 4) % stats.page_count;
             uint64_t offset;
             uint32_t length;
-            umb_partial_locate(partial, page, &offset, &length);
+            (void)umb_partial_locate(partial, page, &offset, &length);
             (void)!umb_partial_add(partial, page, file.data + offset, length, NULL);
             if (umb_partial_build(partial, NULL) == UMB_OK) {
                 query_everywhere(partial);

@@ -95,7 +95,7 @@ static struct umb_partial *open_partial(const struct bytes *file, uint8_t missin
     for (uint32_t page = 0; page < stats.page_count; page++) {
         uint64_t offset;
         uint32_t length;
-        umb_partial_locate(partial, page, &offset, &length);
+        (void)umb_partial_locate(partial, page, &offset, &length);
         if (!(missing >> page & 1)) {
             FUZZ_DEMAND(umb_partial_add(partial, page, file->data + offset, length, NULL) ==
                         UMB_OK);

@@ -114,19 +114,20 @@ static int told_status(void *user, const struct umb_job_status *status)
 static void job_replies(struct input *input)
 {
     struct umb_error error = {.status = UMB_OK};
-    size_t on_status = 0;
-    struct watch watch = {told_status, &on_status, &error, 0};
-    struct list list = {NULL, 0};
-    struct umb_job_status status;
+    size_t on_status = 0, count = 0;
+    struct watch watch = {.on_status = told_status, .user = &on_status};
+    struct umb_job_status status, *jobs = NULL;
+    struct list list = {&jobs, &count};
+    struct cancel cancel = {&status};
     const size_t size = (size_t)(input->end - input->at);
     if (!take_status(&watch, input->at, size)) {
-        FUZZ_DEMAND(error.status != UMB_OK);
+        FUZZ_DEMAND(watch.error.status != UMB_OK);
     }
-    (void)!decode_status(&status, input->at, size, &error);
+    (void)!decode_status(&cancel, input->at, size, &error);
     if (decode_list(&list, input->at, size, &error) == UMB_OK) {
-        FUZZ_DEMAND(list.count <= UMBW_JOBS_MAX && list.jobs != NULL);
+        FUZZ_DEMAND(count <= UMBW_JOBS_MAX && jobs != NULL);
     }
-    umb_client_jobs_free(list.jobs);
+    umb_free(jobs);
 }
 
 struct got {
@@ -147,14 +148,13 @@ static enum umb_status got_piece(void *user, uint64_t offset, const void *data, 
 
 static void fetch_pieces(struct input *input)
 {
-    struct umb_error error = {.status = UMB_OK};
     struct got got = {0, 0};
-    struct fetch fetch = {.got = got_piece, .user = &got, .error = &error};
+    struct fetch fetch = {.on_bytes = got_piece, .user = &got};
     while (input->at < input->end) {
         size_t size;
         const uint8_t *message = take(input, next(input), &size);
         if (!take_piece(&fetch, message, size)) {
-            FUZZ_DEMAND(fetch.status != UMB_OK && error.message[0] != '\0');
+            FUZZ_DEMAND(fetch.status != UMB_OK && fetch.error.message[0] != '\0');
             break;
         }
         FUZZ_DEMAND(fetch.at == got.at && fetch.at <= fetch.size);

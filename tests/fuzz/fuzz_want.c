@@ -40,15 +40,15 @@ static struct umb_partial_view view_of(const uint8_t bytes[VIEW_BYTES])
         const double a = place(bytes[1 + i]), b = place(bytes[4 + i]);
         view.box.min[i] = a < b ? a : b;
         view.box.max[i] = a < b ? b : a;
-        view.eye[i] = a;
-        view.forward[i] = b - a;
-        view.up[i] = i == bytes[7] % 3;
+        view.camera.eye[i] = a;
+        view.camera.forward[i] = b - a;
+        view.camera.up[i] = i == bytes[7] % 3;
     }
     view.has_box = bytes[0] & 1;
     view.has_camera = !view.has_box;
-    view.fov_y = 0.1 + bytes[7] / 100.0;
-    view.aspect = 1.5;
-    view.far_m = bytes[0] & 32 ? 40 : 0;
+    view.camera.fov_y = 0.1 + bytes[7] / 100.0;
+    view.camera.aspect = 1.5;
+    view.camera.far_m = bytes[0] & 32 ? 40 : 0;
     return view;
 }
 
@@ -56,7 +56,7 @@ static void add_page(struct umb_partial *partial, const struct bytes *file, uint
 {
     uint64_t offset;
     uint32_t length;
-    umb_partial_locate(partial, page, &offset, &length);
+    (void)umb_partial_locate(partial, page, &offset, &length);
     FUZZ_DEMAND(umb_partial_add(partial, page, file->data + offset, length, NULL) == UMB_OK);
 }
 

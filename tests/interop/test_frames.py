@@ -64,7 +64,7 @@ class Frame:
         self.depth = ut.from_floats(self.bytes)
 
     def points(self):
-        """Relative to the eye, as docs/protocol.md says."""
+        """Relative to the eye, as docs/reference/protocol.md says."""
         tall = math.tan(math.radians(FOV) / 2)
         forward = scaled(self.forward, 1)
         right = scaled(cross(forward, [0, 1, 0]), 1)

@@ -381,7 +381,7 @@ with test.check("a client that writes ahead and reads late gets every reply; mem
     large = M.QueryRequest(asset="city", points=f32, format=M.ANSWER_F32)
     expected = tcp.query(large, timeout=60).visibility
     # HAProxy 2.6 parses no window update of a client while that client's upload waits: beyond what its
-    # buffers and the daemon's take, such a stream stands still (docs/operations.md).
+    # buffers and the daemon's take, such a stream stands still (docs/reference/operations.md).
     stream = tcp.stream(iter([large] * (8 if PROXY else 60)), timeout=120)
     time.sleep(0.5)
     assert daemon.metric("umbrage_buffered_bytes") < 40 << 20

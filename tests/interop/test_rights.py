@@ -224,7 +224,7 @@ def begin_upload(token):
     return go_on, call
 
 
-with test.check("Submit pays its token's rate, whatever it says, and with the manifest for all its files"):
+with test.check("Submit pays its token's rate, whatever it says, and for all its files before they come"):
     empty = [lambda: iter([B.SubmitRequest(manifest=B.Manifest(scene="x"))]), lambda: iter([]),
              lambda: iter([B.SubmitRequest(data=b"x")])]
     for what in empty:
@@ -261,6 +261,18 @@ with test.check("Submit pays its token's rate, whatever it says, and with the ma
         raise AssertionError("it was not refused")
     except grpc.RpcError as error:
         assert error.code() == Code.RESOURCE_EXHAUSTED and pushback(error) > 600000, error
+with test.check("a submission whose job exists pays for the call alone"):
+    reload(f"studio query,submit {GOOD} 6400\nrobot submit {OTHER}\n")
+    large = {**SCENE, "notes.txt": bytes(12 * 12800)}  # two seconds of that rate
+    first = client.submit(large, "box.ply", metadata=bearer(GOOD), resolution=64)
+    assert not first.existing
+    time.sleep(2.5)
+    for _ in range(20):  # with its files each would take two seconds
+        again = iter([B.SubmitRequest(manifest=client.manifest(large, "box.ply", resolution=64))])
+        reply = client.raw_submit(again, timeout=30, metadata=bearer(GOOD))
+        assert reply.existing and reply.job == first.job, reply
+    reload(f"studio query,submit {GOOD}\nrobot submit {OTHER}\n")
+submitted = jobs.metric("umbrage_jobs_submitted_total")
 with test.check("a token taken back in mid-upload gets no job, whether at a piece or at the end"):
     for more in (True, False):
         go_on, call = begin_upload(OTHER)
@@ -273,7 +285,7 @@ with test.check("a token taken back in mid-upload gets no job, whether at a piec
     go_on()
     client.refused(call.result, Code.PERMISSION_DENIED, "robot", "other")
     reload(f"studio query,submit {GOOD}\nrobot submit {OTHER}\n")
-    assert jobs.metric("umbrage_jobs_submitted_total") == 0
+    assert jobs.metric("umbrage_jobs_submitted_total") == submitted
     assert not list(client.list_jobs(B.ListJobsRequest(), timeout=30, metadata=bearer(OTHER)).jobs)
 jobs.stop()
 client.close()

@@ -36,7 +36,8 @@ SERVER='^(common|scene|store|daemon|jobs|bake|rays|study|analysis|build|depth|im
 forbid client/include "^(format|query|base|curve|maps|partial|wire|rpc|cli|load)/|$SERVER" "is public and sees only itself"
 forbid client/core "$EMBREE|$ASSIMP|$LIBUV|$HTTP2|$PROTOBUF|^(wire|rpc|cli|load)/|^openssl/|$SERVER" "sees libc, libm, xxHash and zstd only"
 forbid client/rpc "$EMBREE|$ASSIMP|$PROTOBUF|^(cli|load)/|$SERVER" "uses the core and wire, libuv and nghttp2"
-forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|^load/|$SERVER" "uses the core and libumbrage"
+forbid client/cli "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|^load/|$SERVER" "uses the public headers and the toolbox"
+forbid client/cli '^(\.\./|(base|format|query|curve|maps|partial|rpc|wire|net)/)' "is the first customer: umbrage/, cli/ and tool/"
 # The load test is a command of the same program: it shares the CLI's session, points, output and JSON.
 forbid client/load "$EMBREE|$ASSIMP|$PROTOBUF|$HTTP2|$LIBUV|$SERVER" "uses the core, libumbrage and what commands share"
 others=$(includes client/load | awk '$2 ~ /^cli\// && $2 !~ /^cli\/cli_(json|output|points|session)\.h$/ { print "  " $1 " includes " $2 }')

@@ -111,6 +111,8 @@ def targets_of(tests):
         targets += PROGRAMS
     if any(test.startswith("tests/fault/") for test in tests):
         targets.append(f"{BUILD}/inject.so")
+    if "tests/system/test_job_sandbox.py" in tests:
+        targets.append(f"{BUILD}/intruder.so")
     return sorted(set(targets))
 
 

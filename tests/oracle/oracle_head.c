@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: head, info and canonical block. Source: docs/umb-format.md, sections 2
- * and 3.
+ * The oracle's reader: head, info and canonical block. Source: docs/reference/umb-format.md,
+ * sections 2 and 3.
  */
 #include "oracle_parts.h"
 

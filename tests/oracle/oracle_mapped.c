@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: mapped files. Source: docs/umb-format.md, section 6.
+ * The oracle's reader: mapped files. Source: docs/reference/umb-format.md, section 6.
  *
  * starts[w] is the level of the node that begins at word w of the node section, 0 if none does: the
  * proof that a child's number leads to a node of the level below and not into the middle of one.

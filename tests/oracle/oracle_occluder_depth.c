@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The occluder depth map (FRNT), read as docs/umb-format.md, section 3, says and in no other way:
- * bit by bit, a texel at a time. What leads out of the entry is refused.
+ * The occluder depth map (FRNT), read as docs/reference/umb-format.md, section 3, says and in no
+ * other way: bit by bit, a texel at a time. What leads out of the entry is refused.
  */
 #include "oracle_parts.h"
 

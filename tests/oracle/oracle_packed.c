@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The oracle's reader: directory, identity and pages of a packed file; what a page holds is in
- * oracle_page.c. Source: docs/umb-format.md, sections 4 and 5.
+ * oracle_page.c. Source: docs/reference/umb-format.md, sections 4 and 5.
  *
  * Two passes: the first proves and expands every page and reads how many nodes it has, which
  * numbers all nodes of a level through (page after page); the second decodes, so that a reference

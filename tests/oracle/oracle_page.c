@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: what a page of a packed file holds. Source: docs/umb-format.md, section 5,
+ * The oracle's reader: what a page of a packed file holds. Source: docs/reference/umb-format.md,
+ * section 5,
  * "A page, uncompressed". It insists on what writers do even where readers need not.
  */
 #include "oracle_page.h"

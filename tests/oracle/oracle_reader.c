@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The oracle's reader: opening, the walk from the root to a voxel, and the small helpers its other
- * files share. Source: docs/umb-format.md, section 1.
+ * files share. Source: docs/reference/umb-format.md, section 1.
  */
 #include "oracle_reader.h"
 #include "oracle_parts.h"

@@ -3,7 +3,7 @@
 #define UMBRAGE_TESTS_ORACLE_READER_H
 /*
  * A second reader of packed (.umb) and mapped (.umbm) files, slow and obvious, written from
- * docs/umb-format.md alone: it shares no line and no header with the real one, so that a
+ * docs/reference/umb-format.md alone: it shares no line and no header with the real one, so that a
  * misunderstanding on either side shows as a difference.
  *
  * Life: oracle_open checks everything the page states and refuses the file with a sentence, or

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The maps of translucent casters (TRNS), read as docs/umb-format.md, section 3, says and in no
- * other way: from the start of a square, list after list.
+ * The maps of translucent casters (TRNS), read as docs/reference/umb-format.md, section 3, says and
+ * in no other way: from the start of a square, list after list.
  */
 #include <stdlib.h>
 

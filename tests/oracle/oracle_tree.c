@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: what section 1 of docs/umb-format.md promises of written trees. None that is
- * uniform, none that no root reaches, and as many different ones in a level as CNTS states: pages
- * of the lowest band hold copies. Levels are taken from the bottom: once all references to equal
- * children are to the first of them, equal nodes are equal bytes.
+ * The oracle's reader: what section 1 of docs/reference/umb-format.md promises of written trees.
+ * None that is uniform, none that no root reaches, and as many different ones in a level as CNTS
+ * states: pages of the lowest band hold copies. Levels are taken from the bottom: once all
+ * references to equal children are to the first of them, equal nodes are equal bytes.
  */
 #include "oracle_parts.h"
 

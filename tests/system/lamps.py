@@ -146,7 +146,7 @@ def lamp_options(case):
 def bake(case, obj, asset, verify):
     return subprocess.run([os.path.join(BUILD, "umbrage-bake"), obj, "-o", asset, "--up", "z", "--quiet", "--resolution",
                            str(case["resolution"]), "--closed", case["rule"], "--verify", str(verify), "--threads", "1",
-                           *lamp_options(case)], capture_output=True, text=True, timeout=600)
+                           *lamp_options(case)], capture_output=True, text=True, timeout=3000)
 
 
 def run_case(case, points=2000, verify=20000):

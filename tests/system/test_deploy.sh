@@ -12,13 +12,18 @@ release | debug | asan | tsan) set -- "config=$config" ;;
 *) set -- ;;
 esac
 [ -z "${MAKEFLAGS:-}" ] || set --
-# By its relative name: what is compiled on the way depends on headers under the name of the target.
-set -- make --no-print-directory "$@" BUILD="${BUILD#"$root"/}" install DESTDIR="$folder/root" PREFIX=/usr
+set -- make --no-print-directory "$@" BUILD="$BUILD" install DESTDIR="$folder/root" PREFIX=/usr
 if "$@" >"$folder/make" 2>&1; then
     ok "make install"
 else
     bad "make install" "$(tail -n 5 "$folder/make")"
 fi
+# However the build folder is named, its objects depend on their headers.
+for name in "$BUILD" "${BUILD#"$root"/}" "./${BUILD#"$root"/}"; do
+    "$@" -n BUILD="$name" -W client/include/umbrage/status.h 2>&1 | grep -c '  CC server/daemon/'
+done | sort -u >"$folder/stale"
+check "a header that changed is heeded under each name of the build folder" \
+    awk 'END { exit NR != 1 || $1 < 20 }' "$folder/stale"
 # Switched on or off, a library that a build may do without is heeded in a folder that is built already.
 for with in "" yes; do
     "$@" -n "IPSEC_MB=$with" 2>&1 | grep -q 'server/common/sha256_lanes\.c' && echo compiled || echo kept
@@ -36,7 +41,7 @@ find "$installed/share/doc/umbrage" -name '*.md' | while read -r page; do
         [ -e "$(dirname "$page")/$link" ] || echo "$(basename "$page"): $link"
     done
 done >"$folder/dangling"
-check "the installed pages are there" test -s "$installed/share/doc/umbrage/docs/operations.md"
+check "the installed pages are there" test -s "$installed/share/doc/umbrage/docs/reference/operations.md"
 same "each of their links leads somewhere" "" "$(head -n 5 "$folder/dangling")"
 echo changed >>"$folder/root/etc/umbraged/umbraged.conf"
 "$@" >/dev/null 2>&1
@@ -106,15 +111,17 @@ else
     left_out "HAProxy configuration" "haproxy is not installed"
 fi
 
+operations=docs/reference/operations.md
 # Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
 # that list with what is served).
 grep -ohE '(umbrage|grpc_server|process)_[a-z0-9_]+' deploy/prometheus/*.yml deploy/grafana/*.json |
     sed 's/_bucket$//' | grep -v '^umbrage_alerts' | sort -u >"$folder/asked"
-grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' docs/operations.md | tr -d '`' | sort -u >"$folder/listed"
+grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' "$operations" | tr -d '`' |
+    sort -u >"$folder/listed"
 same "alerts and panels ask for metrics that exist" "" "$(comm -23 "$folder/asked" "$folder/listed" | tr '\n' ' ')"
 sed -n 's/.*- alert: //p' deploy/prometheus/umbrage-alerts.yml | sort >"$folder/alerts"
-grep -oE '^\| `Umbrage[A-Za-z]+' docs/operations.md | tr -d '|` ' | sort >"$folder/explained"
-same "every alert is explained in docs/operations.md" "$(cat "$folder/alerts")" "$(cat "$folder/explained")"
+grep -oE '^\| `Umbrage[A-Za-z]+' "$operations" | tr -d '|` ' | sort >"$folder/explained"
+same "every alert is explained in $operations" "$(cat "$folder/alerts")" "$(cat "$folder/explained")"
 /usr/bin/python3 -m json.tool deploy/grafana/umbrage.json >/dev/null
 same "the dashboard is JSON" 0 $?
 finish

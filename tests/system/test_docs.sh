@@ -1,10 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# What docs/operations.md and docs/protocol.md say about options and metrics is what umbraged has, and
-# the other way round: names, defaults, kinds of abuse.
+# What docs/reference/operations.md and docs/reference/protocol.md say about options and metrics is
+# what umbraged has, and the other way round: names, defaults, kinds of abuse.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
-operations=$root/docs/operations.md
-protocol=$root/docs/protocol.md
+operations=$root/docs/reference/operations.md
+protocol=$root/docs/reference/protocol.md
 
 # names PATTERN FILE...: every match in the files, sorted, once each.
 names() {
@@ -27,8 +27,8 @@ for file in "$root"/proto/umbrage/v1/*.proto "$root"/proto/grpc/*/v1/*.proto; do
 done | sort -u >"$folder/rpcs"
 [ "$(wc -l <"$folder/rpcs")" -gt 6 ] || bad "the .proto files have RPCs" "$(cat "$folder/rpcs")"
 grep '^| `/' "$protocol" | cut -d'|' -f2 | grep -oE '/[A-Za-z0-9_./]+' | grep -v v1alpha | sort -u >"$folder/rpcs.told"
-all_in "every RPC is in docs/protocol.md" "$folder/rpcs" "$folder/rpcs.told"
-all_in "every RPC in docs/protocol.md exists" "$folder/rpcs.told" "$folder/rpcs"
+all_in "every RPC is in docs/reference/protocol.md" "$folder/rpcs" "$folder/rpcs.told"
+all_in "every RPC in docs/reference/protocol.md exists" "$folder/rpcs.told" "$folder/rpcs"
 
 try 0 umbraged --help
 cp "$folder/out" "$folder/help"
@@ -41,22 +41,23 @@ sort -u -o "$folder/options" "$folder/options"
 # told by their program, podman's on several lines.
 sed -E -e ':a' -e '/^podman.*\\$/{N;s/\\\n//;ba' -e '}' -e 's/(umbrage(-bake)?|podman|skopeo) [^`]*//g' "$operations" "$protocol" >"$folder/docs"
 names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
-all_in "every option of --help is in docs/operations.md or docs/protocol.md" "$folder/options" "$folder/told"
+all_in "every option of --help is in operations.md or protocol.md" "$folder/options" "$folder/told"
 "$BUILD/umbrage-bake" --help | grep -oE -- '--[a-z][a-z-]+' | sort -u - "$folder/options" >"$folder/known"
 all_in "every option in the two pages is in --help, there or of umbrage-bake" "$folder/told" "$folder/known"
 names '^\| `--[a-z-]+[^|]*' "$operations" | grep -oE -- '--[a-z-]+' | sort -u >"$folder/table"
 printf '%s\n' --check --check-config --help --print-config --version | sort >"$folder/flags"
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
-all_in "every option has a row in the table of docs/operations.md" "$folder/options" "$folder/listed"
+all_in "every option has a row in the table of operations.md" "$folder/options" "$folder/listed"
 
-# What a job may be told (the table of server/jobs/bundle.c) is what umbrage submit says and docs/protocol.md.
+# What a job may be told (the table of server/jobs/bundle.c) is what umbrage submit says and
+# docs/reference/protocol.md.
 sed -n 's/^ *{"[a-z]/&/p' "$root/server/jobs/bundle.c" | grep -oE '\{"[a-z-]+", [01]\}' | cut -d'"' -f2 | sort -u >"$folder/bake.options"
 [ "$(wc -l <"$folder/bake.options")" -gt 10 ] || bad "jobs take bake options" "$(cat "$folder/bake.options")"
 "$BUILD/umbrage" submit --help | sed -n '/^Bake options/,/^options:/p' | grep -oE -- '--[a-z-]+' | sed 's/--//' | sort -u >"$folder/submit.options"
 all_in "umbrage submit --help names every bake option that a job takes" "$folder/bake.options" "$folder/submit.options"
 all_in "and no other" "$folder/submit.options" "$folder/bake.options"
 names '`[a-z-]+`' "$protocol" | tr -d '`' | sort -u >"$folder/protocol.words"
-all_in "docs/protocol.md names them, too" "$folder/bake.options" "$folder/protocol.words"
+all_in "docs/reference/protocol.md names them, too" "$folder/bake.options" "$folder/protocol.words"
 
 # A table is a header, a line of dashes and rows, each one line long; else a page shows bars.
 find "$root/docs" "$root/README.md" -name '*.md' | sort | while read -r page; do
@@ -69,6 +70,13 @@ find "$root/docs" "$root/README.md" -name '*.md' | sort | while read -r page; do
         !/^\|/ { if (rows == 1) print page ":" FNR - 1 ": a row without a table"; rows = 0 }' "$page"
 done >"$folder/tables"
 same "tables hold together" "" "$(cat "$folder/tables")"
+
+# Links and anchors of pages lead somewhere, pages named in sources exist, lines and pages are short.
+/usr/bin/python3 "$root/tests/harness/page_checks.py" "$root" >"$folder/pages" 2>&1
+same "links lead somewhere; lines and pages are short" "" "$(cat "$folder/pages")"
+
+# The API index has every public function.
+same "the API index is that of the headers" "" "$(/usr/bin/python3 "$root/tests/harness/api_index.py")"
 
 # Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
 /usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
@@ -92,7 +100,7 @@ for option, value in found:
     if told.replace(" ", "") != value.replace(" ", ""):
         print(f"{option}: the help says {value}, the page {told}")
 EOF
-same "the defaults in docs/operations.md are those of --help" "" "$(cat "$folder/defaults")"
+same "the defaults in operations.md are those of --help" "" "$(cat "$folder/defaults")"
 
 mkdir "$folder/store"
 "$BUILD/umbraged" --store "$folder/store" --jobs "$folder/jobs" --listen "unix:$folder/socket" --admin 127.0.0.1:0 \
@@ -114,7 +122,7 @@ same "the daemon exits with 0" 0 $?
 sed -n 's/^# TYPE \([a-z0-9_]*\) .*/\1/p' "$folder/metrics" | sort -u >"$folder/served"
 [ "$(wc -l <"$folder/served")" -gt 15 ] || bad "metrics are served" "$(head -n 5 "$folder/metrics")"
 names '`(umbrage|grpc|process)_[a-z0-9_]+' "$operations" "$protocol" | tr -d '`' | sort -u >"$folder/written"
-all_in "every metric served is in docs/operations.md" "$folder/served" "$folder/written"
+all_in "every metric served is in docs/reference/operations.md" "$folder/served" "$folder/written"
 all_in "every metric in the pages is served" "$folder/written" "$folder/served"
 sed -n 's/.*h2_abuse_total{kind="\([a-z_]*\)".*/\1/p' "$folder/metrics" | sort -u >"$folder/kinds"
 grep -F 'umbrage_h2_abuse_total{kind}' "$operations" | grep -oE '`[a-z_]+`' | tr -d '`' | sort -u >"$folder/kinds.told"

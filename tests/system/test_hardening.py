@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Reads the installed programs of a release build for each layer of hardening (docs/testing.md): a flag
-that goes missing from the Makefile, or from one object, fails here. Needs readelf.
+Reads the installed programs and libraries of a release build for each layer of hardening
+(docs/explained/testing.md): a flag that goes missing from the Makefile, or from one object, fails
+here. Needs readelf.
 """
 import glob
 import os
@@ -17,6 +18,7 @@ import umbrage_test as ut  # noqa: E402
 if shutil.which("readelf") is None:
     ut.skip("readelf is not installed (binutils has it)")
 PROGRAMS = ("umbrage", "umbraged", "umbrage-bake", "umbrage-study")
+LIBRARIES = ("libumbrage-core.so.1", "libumbrage-maps.so.1", "libumbrage.so.1")
 STALE = "; if the build folder is older than the flags: make clean"
 
 
@@ -59,11 +61,13 @@ if ut.is_sanitized() or re.search(r"-fsanitize=|-O0", produced) or (
 
 test = ut.Test()
 headers = {name: readelf("--file-header", "--program-headers", "--dynamic", ut.program(name))
-           for name in PROGRAMS}
-symbols = {name: readelf("--dyn-syms", ut.program(name)) for name in PROGRAMS}
-for name in PROGRAMS:
+           for name in PROGRAMS + LIBRARIES}
+symbols = {name: readelf("--dyn-syms", ut.program(name)) for name in PROGRAMS + LIBRARIES}
+for name in PROGRAMS + LIBRARIES:
     with test.check(f"{name} is position independent"):
-        assert re.search(r"Type: +DYN", headers[name]) and re.search(r"Flags:.* PIE", headers[name])
+        assert re.search(r"Type: +DYN", headers[name])
+        assert name in LIBRARIES or re.search(r"Flags:.* PIE", headers[name])
+        assert "TEXTREL" not in headers[name]
     with test.check(f"{name} has no stack that can be executed, and no segment both writable and executable"):
         stack, = re.findall(r"GNU_STACK.* (R[W ][E ]) ", headers[name])
         assert stack == "RW ", stack
@@ -75,8 +79,8 @@ for name in PROGRAMS:
         assert re.search(r"\(FLAGS_1\).*NOW", headers[name])
     with test.check(f"{name} checks stacks and the sizes of buffers"):
         assert "__stack_chk_fail" in symbols[name], "no stack protector" + STALE
-        for function in ("memcpy", "snprintf"):
-            assert f"__{function}_chk" in symbols[name], f"no checked {function}" + STALE
+        for function in ("memcpy", "snprintf") if name in PROGRAMS else ("v?snprintf",):
+            assert re.search(f"__{function}_chk", symbols[name]), f"no checked {function}" + STALE
 
 # A program's symbols say that some object has a layer; the objects say that all have it.
 with test.check("every object that prints does so by the checked functions"):
@@ -108,7 +112,7 @@ if os.uname().machine == "x86_64":
     if lacking:
         ut.left_out("the programs' own notes of IBT and SHSTK", f"the system's {lacking[0]} has none")
     else:
-        with test.check("every program says that it has them"):
-            for name in PROGRAMS:
+        with test.check("every program and library says that it has them"):
+            for name in PROGRAMS + LIBRARIES:
                 assert has_cet(ut.program(name)), name
 test.finish()

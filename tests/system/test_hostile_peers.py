@@ -254,6 +254,27 @@ with test.check("a newcomer that its address's limit refuses closes no connectio
         assert connection.call(QUERY, query(8)).status == OK
     daemon.stop()
 
+with test.check("a newcomer replaces a connection of its address that another loop has"):
+    daemon = test.daemon("--loops", 2, "--max-address-connections", 2)
+    proven = h2.Connection(port=daemon.port)
+    assert proven.call(QUERY, query(8)).status == OK
+    stranger = h2.Connection(port=daemon.port)  # on the other loop: each has as many as any other
+    stranger.settle()
+    for turn in range(3):
+        comer = h2.Connection(port=daemon.port)
+        comer.settle()
+        assert proven.call(QUERY, query(8)).status == OK
+        assert daemon.metric("umbrage_connections_evicted_total") == turn + 1
+        assert daemon.metric("umbrage_connections_refused_total") == 0
+        assert stranger.wait(lambda: stranger.closed, 5), "it stays open"
+        stranger = comer
+    assert stranger.call(QUERY, query(8)).status == OK  # now it has shown its right, too
+    socket.create_connection(("127.0.0.1", daemon.port)).close()
+    ut.wait_until(lambda: daemon.metric("umbrage_connections_refused_total") == 1, 10,
+                  "a newcomer to an address without strangers is refused")
+    assert proven.call(QUERY, query(8)).status == stranger.call(QUERY, query(8)).status == OK
+    daemon.stop()
+
 # --- the end ---------------------------------------------------------------------------------
 
 test.bake(test.scene("city", 6), test.path("slow.umb"), "--resolution", 4096, "--depth", "raster",

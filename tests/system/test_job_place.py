@@ -181,6 +181,9 @@ with test.check("where locks are not enough a daemon shows that it lives, and st
     ut.wait_until(lambda: "event=jobs_lost" in daemon.log(), 30, "it finds out")
     assert "far-host" in daemon.log()
     client = test.client(daemon.grpc_tcp)
+    client.refused(lambda: client.cancel_job(B.CancelRequest(job=client.list_jobs(
+        B.ListJobsRequest(), metadata=ANN).jobs[0].job), metadata=ANN),
+        grpc.StatusCode.UNAVAILABLE, "taken over")
     client.refused(lambda: client.submit({"b.glb": SCENE["a.glb"] + b"\0\0\0\0"}, "b.glb", ANN,
                                          resolution=64), grpc.StatusCode.UNAVAILABLE, "taken over")
     end(daemon)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Every defined voxel of generated scenes equals lit and end, open and closed, packed and mapped,
-# through a second reader written from docs/umb-format.md and depths found by brute force.
+# through a second reader written from docs/reference/umb-format.md and depths found by brute force.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 exhaust() { # KIND SIZE RESOLUTION RULE [BAKE OPTION]...

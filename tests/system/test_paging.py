@@ -91,7 +91,7 @@ with test.check("over a path of 20 reconnects no byte comes twice"):
         assert before[1] < after[0] or before[0] == 0, (before, after)
 
 def held_pages(part):
-    """Numbers of the pages in a partial file (docs/umb-format.md, section 7)."""
+    """Numbers of the pages in a partial file (docs/reference/umb-format.md, section 7)."""
     with open(part, "rb") as file:
         data = file.read()
     count, head = struct.unpack_from("<I", data, 12)[0], struct.unpack_from("<Q", data, 16)[0]

@@ -32,14 +32,13 @@ cd "$folder/tree" || exit 1
     section sh | smaller
 } >"$folder/tour.sh"
 check "the tour has commands" test "$(wc -l <"$folder/tour.sh")" -gt 15
-command -v curl >/dev/null || sed -i '/^curl/d' "$folder/tour.sh"
 echo 'echo $! >daemon.pid' >"$folder/pid"
 sed -i "/^umbraged/r $folder/pid" "$folder/tour.sh"
 UMBRAGE_ADDRESS=tcp:127.0.0.1:$port PATH=$BUILD:$PATH timeout 100 sh "$folder/tour.sh" >"$folder/out" 2>"$folder/err"
 same "every command of the tour succeeds" 0 $?
 cd demo-out || exit 1
 [ -s daemon.pid ] && children=$(cat daemon.pid)
-for file in city.png street.png answers.u8 store/city.umb study/report.html; do
+for file in city.png street.part load.html answers.u8 store/city.umb study/report.html; do
     check "the tour makes $file" test -s $file
 done
 

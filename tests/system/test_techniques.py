@@ -4,7 +4,7 @@
 `umbrage-study techniques`, `umbrage-study deep` and `umbrage aliasing`: every technique on the same points of a generated scene against rays.
 
 Bounds: PCF is off only by texels that an edge crosses; the orders of techniques are those of
-docs/techniques.md, which every scene there shows.
+docs/results/techniques.md, which every scene there shows.
 """
 import os
 import subprocess

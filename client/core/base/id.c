@@ -16,20 +16,20 @@ void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE])
     text[2 * UMB_ID_BYTES] = '\0';
 }
 
-int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES])
+enum umb_status umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES])
 {
     uint8_t bytes[UMB_ID_BYTES];
     if (strlen(text) != 2 * UMB_ID_BYTES) {
-        return 0;
+        return UMB_E_ARGUMENT;
     }
     for (size_t i = 0; i < UMB_ID_BYTES; i++) {
         int high = umb__hex_value(text[2 * i]);
         int low = umb__hex_value(text[2 * i + 1]);
         if (high < 0 || low < 0) {
-            return 0;
+            return UMB_E_ARGUMENT;
         }
         bytes[i] = (uint8_t)(high * 16 + low);
     }
     memcpy(id, bytes, sizeof bytes);
-    return 1;
+    return UMB_OK;
 }

@@ -10,6 +10,11 @@
 #define CACHE_LINE 64U
 #define LARGE_PAGE ((uintptr_t)2 << 20) /* x86-64; a system of other sizes rounds or refuses */
 
+void umb_free(void *block)
+{
+    free(block);
+}
+
 void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes)
 {
     if (alloc) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Status names, texts and mappings, all from the one list in status.h. */
+/* Status names and texts, from the one list in status.h. */
 #include "umbrage/status.h"
 
 #include <stdarg.h>
@@ -12,12 +12,10 @@ struct status_row {
     enum umb_status status;
     const char *name;
     const char *text;
-    int grpc;
-    int exit_code;
 };
 
 static const struct status_row status_rows[] = {
-#define STATUS_ROW(name, value, text, grpc, exit_code) {UMB_##name, #name, text, grpc, exit_code},
+#define STATUS_ROW(name, value, text) {UMB_##name, #name, text},
     UMB_STATUS_LIST(STATUS_ROW)
 #undef STATUS_ROW
 };
@@ -42,57 +40,6 @@ const char *umb_status_text(enum umb_status status)
 {
     const struct status_row *row = find_row(status);
     return row ? row->text : "unknown status";
-}
-
-int umb_status_grpc(enum umb_status status)
-{
-    const struct status_row *row = find_row(status);
-    return row ? row->grpc : 2;
-}
-
-int umb_status_exit(enum umb_status status)
-{
-    const struct status_row *row = find_row(status);
-    return row ? row->exit_code : 70;
-}
-
-enum umb_status umb_status_from_grpc(int grpc_code)
-{
-    switch (grpc_code) {
-    case 0:
-        return UMB_OK;
-    case 1:
-        return UMB_E_CANCELLED;
-    case 3:
-    case 11:
-        return UMB_E_ARGUMENT;
-    case 4:
-        return UMB_E_DEADLINE;
-    case 5:
-        return UMB_E_NOT_FOUND;
-    case 6:
-        return UMB_E_EXISTS;
-    case 7:
-        return UMB_E_PERMISSION;
-    case 8:
-        return UMB_E_TOO_LARGE;
-    case 9:
-    case 10:
-        return UMB_E_STATE;
-    case 12:
-        return UMB_E_UNSUPPORTED;
-    case 13:
-    case 2:
-        return UMB_E_INTERNAL;
-    case 14:
-        return UMB_E_UNAVAILABLE;
-    case 15:
-        return UMB_E_CORRUPT;
-    case 16:
-        return UMB_E_UNAUTHENTICATED;
-    default:
-        return UMB_E_PROTOCOL;
-    }
 }
 
 /* The one place where messages are made, so that none carries a terminal's control characters or

@@ -73,8 +73,8 @@ static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
     return -1;
 }
 
-/* Cache lines of a voxel's look-up as docs/umb-format.md counts them: the smallest uniform cube
- * around it tells which odd levels above are mixed. */
+/* Cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the smallest
+ * uniform cube around it tells which odd levels above are mixed. */
 static double lines_at(const struct job *job, const double voxel[3])
 {
     const struct umb__tree tree = tree_of(job);
@@ -212,8 +212,7 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", job->light,
                         content->light_count);
     }
-    job->count = umb_curve_get(job->asset, job->light, job->rows);
-    if (job->count == 0) {
+    if (umb_asset_get_curve(job->asset, job->light, job->rows, &job->count) != UMB_OK) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "calibration: the asset carries no accuracy curve for light %u",
                         job->light);

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/reserved.h"
 #include "format/asset_parts.h"
 
 /* Largest bound of a light's frusta. */
@@ -35,19 +36,19 @@ static uint32_t first_row(const struct umb_content *content, uint32_t light)
     return low;
 }
 
-size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
-                     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX])
+enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t light,
+                                    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], size_t *count)
 {
     const struct umb_content *content = &asset->canonical.content;
-    size_t count = 0;
+    *count = 0;
     for (uint32_t i = first_row(content, light);
-         i < content->curve_count && count < UMB_CURVE_ROWS_MAX; i++) {
+         i < content->curve_count && *count < UMB_CURVE_ROWS_MAX; i++) {
         const struct umb_curve_record *record = &content->curve[i];
         const double points = record->points;
         if (record->light != light) {
             break;
         }
-        rows[count++] = (struct umb_curve_row){
+        rows[(*count)++] = (struct umb_curve_row){
             .level = record->level,
             .taps = record->taps,
             .bound_m = light_bound_m(content, record),
@@ -56,7 +57,7 @@ size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
             .lines = (double)record->lines / points,
         };
     }
-    return count;
+    return *count > 0 ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
 /* A choice under way. */
@@ -71,6 +72,9 @@ static enum umb_status check_dial(const struct umb_dial *dial,
                                   const struct umb_query_settings *settings,
                                   struct umb_error *error)
 {
+    if (UMB__UNKNOWN(dial, "dial", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
     static const char *const names[3] = {"max_error", "max_visibility", "budget"};
     int any = 0;
@@ -182,7 +186,7 @@ enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
                         asset->canonical.content.light_count);
     }
-    choice.count = umb_curve_get(asset, settings->light, choice.rows);
+    (void)umb_asset_get_curve(asset, settings->light, choice.rows, &choice.count);
     if (choice.count == 0 || (dial->budget_ns > 0 && !calibration)) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         choice.count == 0

@@ -16,7 +16,7 @@ struct umb__octree_window {
     int32_t x0, x1, y0, y1; /* inclusive, inside the frustum */
     int32_t z;
     uint64_t nodes; /* added to: distinct mixed nodes above bricks */
-    uint64_t lines; /* added to: docs/umb-format.md, CURV */
+    uint64_t lines; /* added to: docs/reference/umb-format.md, CURV */
 };
 
 /* Lit texels of the window; of a single voxel with a level the halves of its cell: 0, 1 or 2. */

@@ -3,9 +3,9 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/reserved.h"
 #include "base/utf8.h"
 #include "format/asset_parts.h"
-#include "format/file_map.h"
 #include "format/receiver_mask.h"
 #include "format/pack_read.h"
 
@@ -108,6 +108,9 @@ enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
                                      struct umb_error *error)
 {
     *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_asset *asset = new_asset(options);
     if (!asset) {
         return no_memory(error);
@@ -125,17 +128,19 @@ enum umb_status umb_asset_open_file(const char *path, const struct umb_open_opti
                                     struct umb_asset **out, struct umb_error *error)
 {
     *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_asset *asset = new_asset(options);
     if (!asset) {
         return no_memory(error);
     }
-    enum umb_status status = umb__file_map(path, &asset->map, &asset->map_bytes, error);
+    enum umb_status status = umb_file_open(path, &asset->file, error);
     if (status == UMB_OK) {
-        status = open_bytes(asset, asset->map, asset->map_bytes, options, error);
+        status = open_bytes(asset, asset->file.bytes, asset->file.size, options, error);
     }
     if (status == UMB_OK && asset->encoding == UMB_ENCODING_PACKED) {
-        umb__file_unmap(asset->map, asset->map_bytes); /* expanded: the file is not needed */
-        asset->map = NULL;
+        umb_file_close(&asset->file); /* expanded: the file is not needed */
     }
     if (status != UMB_OK) {
         umb_asset_close(asset);
@@ -155,7 +160,7 @@ void umb_asset_close(struct umb_asset *asset)
     umb__canonical_finish(&asset->canonical, alloc);
     umb__free(alloc, asset->canonical_bytes);
     umb__free(alloc, asset->notes);
-    umb__file_unmap(asset->map, asset->map_bytes);
+    umb_file_close(&asset->file);
     umb__free(alloc, asset);
 }
 

@@ -15,8 +15,7 @@ struct umb_asset {
     uint8_t id[UMB_ID_BYTES];
     enum umb_encoding encoding;
     uint64_t file_bytes;
-    void *map;                       /* of the file, if this asset mapped one */
-    size_t map_bytes;
+    struct umb_file file; /* zeroed unless this asset mapped one */
 };
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decoding the canonical block (canonical.h); entry layouts in docs/umb-format.md, section 3. */
+/* Decoding the canonical block (canonical.h); entry layouts in docs/reference/umb-format.md,
+ * section 3. */
 #include <string.h>
 
 #include "base/bytes.h"

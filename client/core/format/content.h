@@ -4,9 +4,10 @@
 /*
  * What an asset says besides its voxels: lights, frusta, origin, plan, settings. The writer takes
  * it, the reader gives it back; both encodings carry it as the same canonical block of bytes,
- * which is part of the identity (docs/umb-format.md, "Canonical block").
+ * which is part of the identity (docs/reference/umb-format.md, "Canonical block").
  */
 #include "format/octree.h"
+#include "umbrage/file.h"
 #include "umbrage/workers.h"
 
 /* One row of an accuracy curve: sums over the points that the bake asked (umbrage/curve.h). */
@@ -15,7 +16,7 @@ struct umb_curve_record {
     uint32_t level, taps; /* the settings; one of them says nothing: level 0, or taps 1 */
     uint32_t points;      /* asked: 1 to UMB_CURVE_POINTS_MAX */
     uint64_t nodes;       /* distinct mixed nodes above bricks in each point's window */
-    uint64_t lines;       /* cache lines, as docs/umb-format.md counts them */
+    uint64_t lines;       /* cache lines, as docs/reference/umb-format.md counts them */
     uint64_t squares;     /* of differences, in units of 1 / 2^20, each rounded down */
 };
 
@@ -52,6 +53,19 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
     return w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
 }
 
+/* The linear part of a perspective frustum, as umb__content_check proves it. */
+struct umb__perspective {
+    double axis[3];    /* world vector that changes W by 1, X and Y not at all */
+    double scale;      /* W = scale Z + offset: above 0 */
+    double offset;     /* and W is above 0 at the far side, where Z is the number of voxels */
+    double step[3][3]; /* as voxel_step in struct umb_frustum_info */
+};
+
+/* Out: 1, or 0 if the frustum cannot be inverted, its depth does not follow W, or its far side is
+ * not ahead of the light. */
+int umb__perspective_derive(const struct umb_frustum_info *frustum,
+                            struct umb__perspective *perspective);
+
 /*
  * How long the canonical block of a content is, by its counts and texts: no array is read.
  *
@@ -60,26 +74,6 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struct umb_error *error);
-
-/* Writes bytes in order; returns UMB_OK or the status that stops the writer. */
-struct umb_sink {
-    enum umb_status (*write)(void *user, const void *bytes, size_t count);
-    void *user;
-};
-
-/* SHA-256 of count bytes in parts; the core has none of its own (OpenSSL in store, rpc and bake).
- */
-struct umb_sha256 {
-    /* digest of the concatenation of part_count parts; all zeros if it could not be made (out of
-     * memory), which the core takes as E_NO_MEMORY: no input is known to have that digest */
-    void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
-                   uint8_t out[UMB_ID_BYTES]);
-    void *user;
-    /* digests[i] of message i, one part each, as digest makes them, in one go; NULL: there is no
-     * quicker way than one after the other */
-    void (*digest_many)(void *user, const uint8_t *const *messages, const size_t *sizes,
-                        size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
-};
 
 /*
  * Writes a packed asset (.umb) of a canonical octree.
@@ -136,16 +130,5 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *ass
                                                      struct umb_octree *octree,
                                                      struct umb_content *content,
                                                      struct umb_error *error);
-
-/*
- * Proves the identity of a packed asset in memory: the id in its header equals
- * SHA-256(canonical block, block hashes), each block of the directory hashes to its entry there,
- * and with check_pages each page's uncompressed bytes to its entry in the block, and its stored
- * bytes to their checksum, so that a proven file also opens. A mapped file is a cache and proves
- * nothing: E_UNSUPPORTED.
- */
-UMB_API UMB_CHECKED enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
-                                                   const struct umb_sha256 *sha256,
-                                                   struct umb_error *error);
 
 #endif

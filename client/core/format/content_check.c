@@ -51,32 +51,50 @@ static bool invert_rows(const double *const rows[3], double step[3][3])
     return all_finite(&step[0][0], 9);
 }
 
-/* World vectors of one voxel; those of a perspective frustum where W = 1, and along its axis. */
-static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
+int umb__perspective_derive(const struct umb_frustum_info *frustum,
+                            struct umb__perspective *perspective)
 {
     const double(*m)[4] = frustum->world_to_voxel;
     const double *w = m[3];
-    if (!umb__is_perspective(frustum)) {
-        const double *const rows[3] = {m[0], m[1], m[2]};
-        return invert_rows(rows, step);
-    }
     const double *const rows[3] = {m[0], m[1], w};
-    if (!invert_rows(rows, step)) {
-        return false;
-    }
     const double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    double(*step)[3] = perspective->step;
+    if (!(square > 0) || !invert_rows(rows, step)) {
+        return 0;
+    }
+    memcpy(perspective->axis, step[2], sizeof perspective->axis);
     const double rate = (m[2][0] * w[0] + m[2][1] * w[1] + m[2][2] * w[2]) / square;
     if (!(rate > 0)) {
-        return false;
+        return 0;
     }
     for (int k = 0; k < 3; k++) {
         step[2][k] = w[k] / square / rate;
         /* Depth must follow W alone; doubles leave about 1e-16. */
         if (!(fabs(m[2][k] - rate * w[k]) <= 1e-9 * fabs(rate) * sqrt(square))) {
-            return false;
+            return 0;
         }
     }
-    return all_finite(step[2], 3);
+    const double size = (double)((uint32_t)1 << frustum->log2_size);
+    perspective->scale = 1 / rate;
+    perspective->offset = w[3] - perspective->scale * m[2][3];
+    const double far_w = perspective->offset + perspective->scale * size;
+    return all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
+}
+
+/* World vectors of one voxel; those of a perspective frustum where W = 1, and along its axis. */
+static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
+{
+    struct umb__perspective perspective;
+    if (!umb__is_perspective(frustum)) {
+        const double(*m)[4] = frustum->world_to_voxel;
+        const double *const rows[3] = {m[0], m[1], m[2]};
+        return invert_rows(rows, step);
+    }
+    const bool is_sound = umb__perspective_derive(frustum, &perspective);
+    if (is_sound) {
+        memcpy(step, perspective.step, sizeof perspective.step);
+    }
+    return is_sound;
 }
 
 static enum umb_status check_light(const struct umb_content *content, uint32_t i,
@@ -155,8 +173,8 @@ static enum umb_status check_frustum(const struct umb_content *content, uint32_t
     }
     if (!derive_voxel_step(frustum, step)) {
         return umb_fail(error, UMB_E_CORRUPT,
-                        "frusta[%u].world_to_voxel: not invertible, or "
-                        "depth does not follow the axis",
+                        "frusta[%u].world_to_voxel: not invertible, depth does not follow the "
+                        "axis, or its far side is not ahead of the light",
                         i);
     }
     return UMB_OK;

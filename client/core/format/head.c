@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See head.h; offsets in layout.h, normative text in docs/umb-format.md. */
+/* See head.h; offsets in layout.h, normative text in docs/reference/umb-format.md. */
 #include "format/head.h"
 
 #include <stdbool.h>
@@ -173,11 +173,10 @@ enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size, struct 
     return parse(bytes, size, true, head, error);
 }
 
-enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *front_length,
+enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_file_head *facts,
                                   struct umb_error *error)
 {
     struct umb__head head = {0};
-    *front_length = 0;
     enum umb_status status = parse_magic(bytes, size, &head, error);
     if (status == UMB_OK) {
         status = parse_lengths(bytes, size, true, &head, error);
@@ -186,9 +185,12 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, uint64_t *f
         }
     }
     if (status == UMB_OK) {
-        *front_length = head.head_length;
+        facts->encoding = head.encoding;
+        memcpy(facts->id, bytes + UMB__HEAD_ID, UMB_ID_BYTES);
+        facts->file_bytes = head.file_length;
+        facts->open_bytes = head.head_length;
         if (head.encoding == UMB_ENCODING_PACKED) {
-            *front_length += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
+            facts->open_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
         }
     }
     return status;

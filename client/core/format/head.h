@@ -34,10 +34,10 @@ UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* How long the head is, with the first block of a packed file's directory, from the first 128 bytes
- * or more. Fails: as umb__head_parse. */
+/* Fills in what a file's first 128 bytes say; see umb_file_read_head. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
-                                              uint64_t *front_length, struct umb_error *error);
+                                              struct umb_file_head *facts,
+                                              struct umb_error *error);
 
 /*
  * Lays out a head of known parts and seals it with its checksum. `bytes` must hold

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_LAYOUT_H
 #define UMBRAGE_CORE_FORMAT_LAYOUT_H
 /*
- * Offsets and numbers of the file formats; docs/umb-format.md is the normative text.
+ * Offsets and numbers of the file formats; docs/reference/umb-format.md is the normative text.
  *
  * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file intervals
  * of UMB__BLOCK_PAGES pages have a block of entries each; the head has a table of these blocks, the
@@ -128,7 +128,7 @@ enum {
 #define UMB__PAGE_ENCODING   2U /* 1: every reference written, numbers of whole bytes */
 #define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
 /* Estimated bytes at which the writer closes a page: a thin client needs a few nodes of each
- * (docs/streaming.md has what other sizes cost). */
+ * (docs/results/paging.md has what other sizes cost). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)

@@ -11,8 +11,8 @@
 #include "base/memory.h"
 
 /* With copies the lowest band may take 12/5 of what its nodes take once: the file is then about a
- * quarter larger (docs/streaming.md), as references, which copies make unnecessary, take much.
- * That is asked of 16384 roots or a few more, in runs of neighbours. */
+ * quarter larger (docs/results/paging.md), as references, which copies make unnecessary, take
+ * much. That is asked of 16384 roots or a few more, in runs of neighbours. */
 #define COPIES_MAX_FIFTHS 12U
 #define SAMPLE_ROOTS      16384U
 #define SAMPLE_RUN        64U

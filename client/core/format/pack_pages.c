@@ -22,7 +22,7 @@
  * find as much as large ones. Pages that refer to others repeat little but for neighbours: with
  * tables of 512 entries they take no more bytes than with 4096, and a quarter less time, as matches
  * that would cost more than they save are not found. Level 6 saves 5 % and takes three times as
- * long (docs/performance.md). Outside the identity, so it may change.
+ * long (docs/results/bakes.md). Outside the identity, so it may change.
  */
 #define TABLE_LOG2_ALONE  12
 #define TABLE_LOG2_REFERS 9

@@ -435,7 +435,7 @@ static enum umb_status batch_prove(const struct batch *batch, const struct umb__
     return UMB_OK;
 }
 
-enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head, int check_pages,
+enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
                                  const struct umb_sha256 *sha256, struct umb_error *error)
 {
     uint64_t raw_total;
@@ -443,7 +443,7 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
     for (uint32_t block = 0; status == UMB_OK && block < head->directory_count; block++) {
         status = umb__block_prove(head, block, umb__block_view(head, block), sha256, error);
     }
-    if (status != UMB_OK || !check_pages) {
+    if (status != UMB_OK) {
         return status;
     }
     ZSTD_DCtx *zstd = ZSTD_createDCtx();

@@ -20,10 +20,10 @@ UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb
                                            uint64_t max_memory_bytes, const struct umb_alloc *alloc,
                                            struct umb_octree *octree, struct umb_error *error);
 
-/* Compares each block of the directory with its hash in the head and, if check_pages is set, each
- * page's uncompressed bytes with its hash in the block. */
+/* Compares each block of the directory with its hash in the head, and each page's uncompressed
+ * bytes with its hash in the block. */
 UMB_CHECKED enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
-                                             int check_pages, const struct umb_sha256 *sha256,
+                                             const struct umb_sha256 *sha256,
                                              struct umb_error *error);
 
 #endif

@@ -227,11 +227,14 @@ enum umb_status umb_pack_write(const struct umb_content *content, const struct u
     return umb_pack_run(&job, id, error);
 }
 
-enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
-                               const struct umb_sha256 *sha256, struct umb_error *error)
+enum umb_status umb_packed_prove(const void *bytes, size_t size, const uint8_t *id,
+                                 const struct umb_sha256 *sha256, struct umb_error *error)
 {
     struct umb__head head;
-    uint8_t id[UMB_ID_BYTES];
+    uint8_t made[UMB_ID_BYTES];
+    if (!sha256) {
+        return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, a proof needs one");
+    }
     enum umb_status status = umb__head_parse(bytes, size, &head, error);
     if (status != UMB_OK) {
         return status;
@@ -240,11 +243,18 @@ enum umb_status umb_pack_prove(const void *bytes, size_t size, int check_pages,
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "encoding: a mapped file is a cache and proves nothing");
     }
-    if (!umb__directory_identify(&head, sha256, NULL, id)) {
+    if (id && memcmp(id, head.id, UMB_ID_BYTES) != 0) {
+        char has[UMB_ID_TEXT_SIZE], wanted[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(head.id, has);
+        umb_id_to_text(id, wanted);
+        return umb_fail(error, UMB_E_CORRUPT, "id: the file is of asset %s, asked for was %s", has,
+                        wanted);
+    }
+    if (!umb__directory_identify(&head, sha256, NULL, made)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
     }
-    if (memcmp(id, head.id, sizeof id) != 0) {
+    if (memcmp(made, head.id, sizeof made) != 0) {
         return umb_fail(error, UMB_E_CORRUPT, "id: does not match the canonical block and hashes");
     }
-    return umb__pages_prove(bytes, &head, check_pages, sha256, error);
+    return umb__pages_prove(bytes, &head, sha256, error);
 }

@@ -3,7 +3,7 @@
 #define UMBRAGE_CORE_FORMAT_RECEIVER_MASK_H
 /*
  * Where receivers are, of assets baked under the static rule: the entry NEAR of the canonical block
- * (docs/umb-format.md, section 3).
+ * (docs/reference/umb-format.md, section 3).
  *
  * The rule leaves voxels undefined that no point on a surface reads. So that a point elsewhere is
  * not answered as if it knew, the entry says cell by cell where surfaces are: a frustum has 64

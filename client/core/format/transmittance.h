@@ -7,7 +7,7 @@
  * A map of a frustum has 2^m texels a side, of 2^(n-m) voxels each. A texel's list is a falling
  * staircase: steps (z, drop), z ascending; voxel z' gets 1 less the drops of all steps with z <=
  * z', in units of 2^-21. Texels without a list get all light. An entry TRNS of the canonical block
- * holds the maps of all frusta (docs/umb-format.md, section 3):
+ * holds the maps of all frusta (docs/reference/umb-format.md, section 3):
  *
  * - a byte for each frustum: m, or 0: nothing translucent lies before it;
  * - for each frustum with a map its squares of 64x64 texels, row by row: u64 mask of their 8x8

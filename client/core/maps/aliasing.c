@@ -5,10 +5,11 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
+#include "maps/map_view.h"
 #include "base/vec.h"
 
 /* Gradients of pixel coordinates, per metre; 0 behind the camera. */
-static int pixel_gradients(const struct umb_cascade_camera *camera, const double size[2],
+static int pixel_gradients(const struct umb__map_view *camera, const double size[2],
                            const double world[3], double gradient[2][3], double *distance)
 {
     const double *axes[2] = {camera->right, camera->up};
@@ -78,27 +79,34 @@ static void to_light(const struct umb_map_frustum *frustum, const double world[3
 
 static void all_infinite(struct umb_aliasing *a)
 {
-    *a = (struct umb_aliasing){INFINITY, INFINITY, {INFINITY, INFINITY}, INFINITY, INFINITY};
+    *a = (struct umb_aliasing){.most = INFINITY,
+                               .least = INFINITY,
+                               .along = {INFINITY, INFINITY},
+                               .perspective = INFINITY,
+                               .projection = INFINITY};
 }
 
-int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_cascade_camera *camera,
-                    uint32_t width, uint32_t height, const double world[3], const double normal[3],
-                    struct umb_aliasing *aliasing)
+enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
+                                const struct umb_camera *camera, uint32_t width, uint32_t height,
+                                const double world[3], const double normal[3],
+                                struct umb_aliasing *aliasing)
 {
     const double size[2] = {(double)width, (double)height};
     double n[3] = {normal[0], normal[1], normal[2]}, light[3], eye[3], distance = 0.0;
     double pixel[2][3], axes[2][3], a[2][2], b[2][2], m[2][2];
     struct umb__map_point point;
+    struct umb__map_view view;
     memset(aliasing, 0, sizeof *aliasing);
-    if (!umb__unit(n) || !pixel_gradients(camera, size, world, pixel, &distance) ||
+    if (umb__map_view_make(camera, &view, NULL) != UMB_OK || !umb__unit(n) ||
+        !pixel_gradients(&view, size, world, pixel, &distance) ||
         !umb__frustum_map(frustum, world, &point)) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     to_light(frustum, world, light);
     umb__subtract(camera->eye, world, eye);
     const double cos_a = umb__dot(n, eye) / distance, cos_b = umb__dot(n, light);
     if (!(cos_a > 0.0 && cos_b >= 0.0)) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     plane_axes(n, axes);
     along_plane(point.gradient, axes, a);
@@ -107,7 +115,7 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_casc
     /* Patches above 1e300 pixels have no end that a double knows. */
     if (!(cos_b > 0.0 && fabs(determinant) > 1e-300)) {
         all_infinite(aliasing);
-        return 1;
+        return UMB_OK;
     }
     const double inverse[2][2] = {{a[1][1] / determinant, -a[0][1] / determinant},
                                   {-a[1][0] / determinant, a[0][0] / determinant}};
@@ -121,10 +129,10 @@ int umb_aliasing_at(const struct umb_map_frustum *frustum, const struct umb_casc
         aliasing->along[k] = hypot(m[0][k], m[1][k]);
     }
     const double pixels_a_metre =
-        0.5 * sqrt(size[0] * size[1] / (camera->tan_x * camera->tan_y)) / distance;
+        0.5 * sqrt(size[0] * size[1] / (view.tan_x * view.tan_y)) / distance;
     const double texels_a_metre =
         sqrt(umb__length(point.gradient[0]) * umb__length(point.gradient[1]));
     aliasing->perspective = pixels_a_metre / texels_a_metre;
     aliasing->projection = cos_a / cos_b;
-    return 1;
+    return UMB_OK;
 }

@@ -6,10 +6,11 @@
  * u and v depend on the light alone, so that the texel grid of UMB_CASCADE_SLICE is fixed in the
  * world. For LISPSM v is the direction of view, as seen by the light.
  */
-#include "umbrage/cascades.h"
+#include "maps/map_view.h"
 
 #include <math.h>
 #include <string.h>
+#include "base/reserved.h"
 #include "base/vec.h"
 
 #define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
@@ -82,8 +83,8 @@ static void scene_measure(struct fitting *fit, const struct umb_box *scene)
  * centre lies on the axis, as far from the near corners as from the far ones, but not behind the
  * far plane's.
  */
-static void slice_measure(struct fitting *fit, const struct umb_cascade_camera *camera,
-                          double near_m, double far_m)
+static void slice_measure(struct fitting *fit, const struct umb__map_view *camera, double near_m,
+                          double far_m)
 {
     const double square = camera->tan_x * camera->tan_x + camera->tan_y * camera->tan_y;
     const double along = fmin(0.5 * (near_m + far_m) * (1.0 + square), far_m);
@@ -114,9 +115,8 @@ static void slice_measure(struct fitting *fit, const struct umb_cascade_camera *
  * Checks that doubles resolve the slice's extent across the light at its distance. Otherwise an eye
  * far from the scene gives extents of 0, and these are divisors.
  */
-static enum umb_status slice_check(const struct fitting *fit,
-                                   const struct umb_cascade_camera *camera, uint32_t index,
-                                   struct umb_error *error)
+static enum umb_status slice_check(const struct fitting *fit, const struct umb__map_view *camera,
+                                   uint32_t index, struct umb_error *error)
 {
     for (int i = 0; i < 2; i++) {
         const struct extent *e = &fit->slice[i];
@@ -201,7 +201,7 @@ static void scene_fit(struct umb_map_frustum *frustum, const struct fitting *fit
  * Source: Wimmer, Scherzer, Purgathofer 2004, section 4.
  */
 static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fit,
-                       const struct umb_cascade_camera *camera, const double splits[2])
+                       const struct umb__map_view *camera, const double splits[2])
 {
     const double sine = umb__dot(fit->axes[1], camera->forward);
     const struct extent v = shared(fit, 1);
@@ -225,7 +225,7 @@ static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fi
 }
 
 /* u, v for a light along w: by the world axis it leans on least, or v along the view. */
-static int axes_make(struct fitting *fit, const struct umb_cascade_camera *camera, int by_view)
+static int axes_make(struct fitting *fit, const struct umb__map_view *camera, int by_view)
 {
     double helper[3] = {0.0, 0.0, 0.0};
     const double *w = fit->axes[2];
@@ -247,8 +247,7 @@ static int axes_make(struct fitting *fit, const struct umb_cascade_camera *camer
     return 1;
 }
 
-static enum umb_status camera_check(const struct umb_cascade_camera *camera,
-                                    struct umb_error *error)
+static enum umb_status camera_check(const struct umb__map_view *camera, struct umb_error *error)
 {
     const double *axes[3] = {camera->right, camera->up, camera->forward};
     int ok = camera->tan_x >= TANGENT_MIN && camera->tan_y >= TANGENT_MIN && camera->tan_x < 1e3 &&
@@ -275,6 +274,9 @@ static enum umb_status camera_check(const struct umb_cascade_camera *camera,
 static enum umb_status settings_check(const struct umb_cascade_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if (settings->count < 1 || settings->count > UMB_CASCADES_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.count is %u; it must be 1..%d",
                         settings->count, UMB_CASCADES_MAX);
@@ -317,10 +319,10 @@ static enum umb_status light_space_make(struct fitting *fit, const double to_lig
     return UMB_OK;
 }
 
-enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],
-                                  const struct umb_box *scene,
-                                  const struct umb_cascade_settings *settings,
-                                  struct umb_cascade_plan *plan, struct umb_error *error)
+enum umb_status umb__cascades_plan(const struct umb__map_view *camera, const double to_light[3],
+                                   const struct umb_box *scene,
+                                   const struct umb_cascade_settings *settings,
+                                   struct umb_cascade_plan *plan, struct umb_error *error)
 {
     struct fitting fit;
     memset(plan, 0, sizeof *plan);
@@ -339,7 +341,8 @@ enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const
         (void)axes_make(&fit, camera, 0);
     }
     scene_measure(&fit, scene);
-    plan->camera = *camera;
+    memcpy(plan->eye, camera->eye, sizeof plan->eye);
+    memcpy(plan->forward, camera->forward, sizeof plan->forward);
     plan->count = settings->count;
     plan->blend = settings->blend;
     umb_cascades_split(camera->near_m, camera->far_m, settings->count, settings->weight,
@@ -369,4 +372,16 @@ enum umb_status umb_cascades_plan(const struct umb_cascade_camera *camera, const
         }
     }
     return status;
+}
+
+enum umb_status umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
+                                  const struct umb_box *scene,
+                                  const struct umb_cascade_settings *settings,
+                                  struct umb_cascade_plan *plan, struct umb_error *error)
+{
+    struct umb__map_view view;
+    memset(plan, 0, sizeof *plan);
+    enum umb_status status = umb__map_view_make(camera, &view, error);
+    return status == UMB_OK ? umb__cascades_plan(&view, to_light, scene, settings, plan, error)
+                            : status;
 }

@@ -8,25 +8,25 @@
 #include "base/vec.h"
 
 /* Metres along the view. */
-static double view_depth(const struct umb_cascade_camera *camera, const struct umb_points *points,
+static double view_depth(const struct umb_cascade_plan *plan, const struct umb_points *points,
                          size_t index)
 {
     const uint8_t *bytes = points->positions;
     double p[3];
     for (size_t k = 0; k < 3; k++) {
         const size_t at = 3 * index + k;
-        p[k] = points->origin[k] - camera->eye[k];
+        p[k] = points->origin[k] - plan->eye[k];
         p[k] += points->format == UMB_POINT_F64 ? umb__load_f64(bytes + 8 * at)
                                                 : (double)umb__load_f32(bytes + 4 * at);
     }
-    return umb__dot(p, camera->forward);
+    return umb__dot(p, plan->forward);
 }
 
 void umb_cascades_run(const struct umb_cascade_plan *plan, const struct umb_map_query *queries,
                       const struct umb_points *points, size_t first, size_t count, float *values)
 {
     for (size_t i = first; i < first + count; i++) {
-        const double z = view_depth(&plan->camera, points, i);
+        const double z = view_depth(plan, points, i);
         uint32_t slice = 0;
         while (slice + 1 < plan->count && z >= plan->splits[slice + 1]) {
             slice++;

@@ -162,7 +162,7 @@ static void links_make(struct umb__deep *deep)
 }
 
 /* Lists of up to so many nodes on average, of those that have any, are quicker streamed than walked
- * along links (measured at 7 x 7, docs/techniques.md). */
+ * along links (measured at 7 x 7, docs/results/techniques.md). */
 #define STREAM_MEAN 16U
 
 static enum umb_map_deep_way choose_way(const struct umb__deep *deep)

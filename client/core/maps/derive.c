@@ -7,7 +7,10 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/reserved.h"
 #include "base/memory.h"
+#include "maps/derive_parts.h"
+#include "maps/map_view.h"
 #include "umbrage/volume.h"
 
 #define EXPONENT_ESM      80.0
@@ -21,14 +24,9 @@
 /* Handles, and what a KTX file is planned with. */
 #define FIXED_BYTES 32768U
 
-static const struct umb_alloc *alloc_of(const struct umb_derived *derived)
-{
-    return derived->own_alloc ? &derived->alloc : NULL;
-}
-
 static uint32_t map_count(const struct umb_derive_settings *settings)
 {
-    return settings->camera != NULL ? settings->cascades.count : 1;
+    return settings->cascades.count > 0 ? settings->cascades.count : 1;
 }
 
 uint64_t umb_derive_bytes(const struct umb_derive_settings *settings)
@@ -65,6 +63,9 @@ static enum umb_status rect_check(const double rect[4], double size, struct umb_
 static enum umb_status settings_check(const struct umb_derive_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const struct umb_map_settings *map = &settings->map;
     const uint32_t count = map_count(settings);
     if (settings->width < 1 || settings->height < 1 || settings->width > UMB_MAP_SIDE_MAX ||
@@ -81,11 +82,11 @@ static enum umb_status settings_check(const struct umb_derive_settings *settings
                         count, settings->width, settings->height,
                         (unsigned long long)UMB_DERIVE_TEXELS_MAX);
     }
-    if (settings->camera != NULL && settings->width != settings->height) {
+    if (settings->cascades.count > 0 && settings->width != settings->height) {
         return umb_fail(error, UMB_E_ARGUMENT, "width, height: %u x %u; a cascade is square",
                         settings->width, settings->height);
     }
-    if (settings->camera != NULL && !is_whole_frustum(settings->rect)) {
+    if (settings->cascades.count > 0 && !is_whole_frustum(settings->rect)) {
         return umb_fail(error, UMB_E_ARGUMENT, "rect: cascades have none");
     }
     if (map->technique != UMB_MAP_PCF && map->technique != UMB_MAP_VSM &&
@@ -148,17 +149,16 @@ static void rect_frustum(const struct umb_frustum_info *from, const double origi
 }
 
 static enum umb_status plan_cascades(const struct umb_light_info *light, const struct umb_box *box,
-                                     const struct umb_derive_settings *asked,
-                                     struct umb_derived *derived, struct umb_error *error)
+                                     const struct umb__map_view *view, struct umb_derived *derived,
+                                     struct umb_error *error)
 {
     const double to_light[3] = {-light->direction[0], -light->direction[1], -light->direction[2]};
     struct umb_cascade_settings *cascades = &derived->settings.cascades;
     struct umb_cascade_plan plan;
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
-        cascades->resolution[i] = asked->width;
+        cascades->resolution[i] = derived->settings.width;
     }
-    enum umb_status status =
-        umb_cascades_plan(asked->camera, to_light, box, cascades, &plan, error);
+    enum umb_status status = umb__cascades_plan(view, to_light, box, cascades, &plan, error);
     if (status == UMB_OK) {
         memcpy(derived->frusta, plan.frusta, sizeof derived->frusta);
         memcpy(derived->splits, plan.splits, sizeof derived->splits);
@@ -168,7 +168,8 @@ static enum umb_status plan_cascades(const struct umb_light_info *light, const s
 
 static enum umb_status place_maps(const struct umb_asset *asset,
                                   const struct umb_derive_settings *asked,
-                                  struct umb_derived *derived, struct umb_error *error)
+                                  const struct umb__map_view *view, struct umb_derived *derived,
+                                  struct umb_error *error)
 {
     struct umb_asset_info info;
     struct umb_light_info light;
@@ -185,8 +186,8 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     const double *step = frustum.voxel_step[2];
     memcpy(derived->asset_id, info.id, UMB_ID_BYTES);
     derived->texel_error_m = 0.5 * sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    if (asked->camera != NULL) {
-        return plan_cascades(&light, &info.bounds, asked, derived, error);
+    if (view != NULL) {
+        return plan_cascades(&light, &info.bounds, view, derived, error);
     }
     const double size = (double)((uint64_t)1 << frustum.log2_size);
     if (!is_whole_frustum(asked->rect)) {
@@ -211,8 +212,8 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
 {
     for (uint32_t x = 0; x < frustum->width; x++) {
         double end[3];
-        if (!umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) ||
-            !umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end)) {
+        if (umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) != UMB_OK ||
+            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end) != UMB_OK) {
             memset(row->begin[x], 0, sizeof row->begin[x]);
             row->length_m[x] = 0.0;
             continue;
@@ -224,7 +225,7 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
     const struct umb_points points = {
         .positions = row->begin, .format = UMB_POINT_F64, .count = frustum->width};
     struct umb_column_answers answers = {.columns = row->columns};
-    umb_columns_run(volume, &points, 0, points.count, &answers);
+    umb_volume_columns(volume, &points, 0, points.count, &answers);
     for (uint32_t x = 0; x < frustum->width; x++) {
         const double length_m = row->length_m[x], distance_m = row->columns[x].distance_m;
         depth[x] = 1.0F; /* no occluder, or no ray */
@@ -250,14 +251,14 @@ static enum umb_status derive_layer(const struct umb_volume *volume,
 
 static enum umb_status derive_maps(const struct umb_asset *asset,
                                    const struct umb_derive_settings *asked,
-                                   struct umb_derived *derived, struct umb_error *error)
+                                   const struct umb_alloc *alloc, struct umb_derived *derived,
+                                   struct umb_error *error)
 {
-    const struct umb_alloc *alloc = alloc_of(derived);
     const size_t width = asked->width, texels = width * asked->height;
     struct umb_volume volume;
     enum umb_status status = umb_volume_prepare(asset, asked->light, &volume, error);
     if (status == UMB_OK) {
-        status = umb_columns_check(&volume, error);
+        status = umb_volume_check_columns(&volume, error);
     }
     if (status != UMB_OK) {
         return status;
@@ -285,23 +286,24 @@ static enum umb_status derive_maps(const struct umb_asset *asset,
     return status;
 }
 
-enum umb_status umb_derive(const struct umb_asset *asset,
-                           const struct umb_derive_settings *settings,
-                           const struct umb_alloc *alloc, struct umb_derived **out,
-                           struct umb_error *error)
+enum umb_status umb__derive(const struct umb_asset *asset,
+                            const struct umb_derive_settings *settings,
+                            const struct umb__map_view *view, const struct umb_alloc *alloc,
+                            struct umb_derived **out, struct umb_error *error)
 {
     *out = NULL;
     enum umb_status status = settings_check(settings, error);
     if (status != UMB_OK) {
         return status;
     }
-    struct umb_derived *derived = umb__alloc_zeroed(alloc, 1, sizeof *derived);
-    if (derived == NULL) {
+    struct umb__derived *whole = umb__alloc_zeroed(alloc, 1, sizeof *whole);
+    if (whole == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "a derived map does not fit in memory");
     }
-    derived->own_alloc = alloc != NULL;
+    struct umb_derived *derived = &whole->shown;
+    whole->own_alloc = alloc != NULL;
     if (alloc != NULL) {
-        derived->alloc = *alloc;
+        whole->alloc = *alloc;
     }
     derived->count = map_count(settings);
     derived->settings = *settings;
@@ -309,9 +311,9 @@ enum umb_status umb_derive(const struct umb_asset *asset,
     derived->settings.cancelled = NULL;
     derived->settings.cancel_user = NULL;
     fill_in(&derived->settings.map);
-    status = place_maps(asset, settings, derived, error);
+    status = place_maps(asset, settings, view, derived, error);
     if (status == UMB_OK) {
-        status = derive_maps(asset, settings, derived, error);
+        status = derive_maps(asset, settings, alloc, derived, error);
     }
     if (status != UMB_OK) {
         umb_derived_destroy(derived);
@@ -319,6 +321,24 @@ enum umb_status umb_derive(const struct umb_asset *asset,
     }
     *out = derived;
     return UMB_OK;
+}
+
+enum umb_status umb_derive(const struct umb_asset *asset,
+                           const struct umb_derive_settings *settings,
+                           const struct umb_alloc *alloc, struct umb_derived **out,
+                           struct umb_error *error)
+{
+    struct umb__map_view view;
+    *out = NULL;
+    if (settings->cascades.count == 0) {
+        return umb__derive(asset, settings, NULL, alloc, out, error);
+    }
+    if (settings->camera == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
+                        settings->cascades.count);
+    }
+    enum umb_status status = umb__map_view_make(settings->camera, &view, error);
+    return status == UMB_OK ? umb__derive(asset, settings, &view, alloc, out, error) : status;
 }
 
 void umb_derived_destroy(struct umb_derived *derived)
@@ -329,11 +349,8 @@ void umb_derived_destroy(struct umb_derived *derived)
     for (uint32_t i = 0; i < derived->count; i++) {
         umb_map_destroy(derived->maps[i]);
     }
-    const struct umb_alloc alloc = derived->alloc;
-    umb__free(derived->own_alloc ? &alloc : NULL, derived);
-}
-
-void umb_derived_free(const struct umb_derived *derived, uint8_t *bytes)
-{
-    umb__free(alloc_of(derived), bytes);
+    struct umb__derived *whole = (struct umb__derived *)(void *)derived;
+    const struct umb_alloc alloc = whole->alloc, *used = whole->own_alloc ? &alloc : NULL;
+    umb__free(used, whole->file);
+    umb__free(used, whole);
 }

@@ -9,7 +9,7 @@
 #include <string.h>
 #include "base/bytes.h"
 #include "base/memory.h"
-#include "umbrage/derive.h"
+#include "maps/derive_parts.h"
 
 #define HEADER_BYTES 80
 #define INDEX_BYTES  24 /* a level */
@@ -135,7 +135,7 @@ static void make_plan(struct plan *plan, const struct umb_derived *derived)
     plan->layers = derived->count;
     plan->texel_bytes = level.channels * (plan->kind == SAMPLE_F32 ? 4U : 2U);
     while (plan->level_count < LEVELS_MAX &&
-           umb_map_get_level(derived->maps[0], plan->level_count, &level)) {
+           umb_map_get_level(derived->maps[0], plan->level_count, &level) == UMB_OK) {
         plan->level_bytes[plan->level_count++] = level.bytes * plan->layers;
     }
     describe(plan, derived);
@@ -210,13 +210,11 @@ static void write_keys(const struct plan *plan, uint8_t *to)
     memcpy(to + 4 + sizeof KEY_JSON, plan->json, plan->json_bytes + 1);
 }
 
-enum umb_status umb_derived_ktx2(const struct umb_derived *derived, uint8_t **bytes, size_t *size,
-                                 struct umb_error *error)
+static enum umb_status make_file(struct umb__derived *whole, struct umb_error *error)
 {
-    const struct umb_alloc *alloc = derived->own_alloc ? &derived->alloc : NULL;
+    const struct umb_alloc *alloc = umb__derived_alloc(whole);
+    const struct umb_derived *derived = &whole->shown;
     struct plan *plan = umb__alloc(alloc, 1, sizeof *plan);
-    *bytes = NULL;
-    *size = 0;
     if (plan == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "a KTX file does not fit in memory");
     }
@@ -238,8 +236,18 @@ enum umb_status umb_derived_ktx2(const struct umb_derived *derived, uint8_t **by
             memcpy(file + plan->levels[i] + layer * level.bytes, level.texels, level.bytes);
         }
     }
-    *bytes = file;
-    *size = plan->size;
+    whole->file = file;
+    whole->file_size = plan->size;
     umb__free(alloc, plan);
     return UMB_OK;
+}
+
+enum umb_status umb_derived_ktx2(struct umb_derived *derived, const uint8_t **bytes, size_t *size,
+                                 struct umb_error *error)
+{
+    struct umb__derived *whole = (struct umb__derived *)(void *)derived;
+    const enum umb_status status = whole->file == NULL ? make_file(whole, error) : UMB_OK;
+    *bytes = whole->file;
+    *size = whole->file_size;
+    return status;
 }

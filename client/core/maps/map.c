@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/reserved.h"
 #include "maps/deep_parts.h"
 #include "maps/map_channels.h"
 #include "maps/map_depths.h"
@@ -27,6 +28,9 @@ const char *umb_map_technique_name(enum umb_map_technique technique)
 static enum umb_status layer_check(const struct umb_map_frustum *frustum,
                                    const struct umb_map_layer *layer, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(layer, "layer", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const size_t count = (size_t)frustum->width * frustum->height;
     for (size_t i = 0; i < count; i++) {
         if (!(layer->depth[i] >= 0.0F && layer->depth[i] <= 1.0F)) {
@@ -44,6 +48,9 @@ static enum umb_status layer_check(const struct umb_map_frustum *frustum,
 static enum umb_status settings_check(const struct umb_map_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if ((unsigned)settings->technique >= UMB_MAP_TECHNIQUES) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.technique %d is unknown",
                         (int)settings->technique);
@@ -148,6 +155,9 @@ enum umb_status umb_map_build_deep(const struct umb_map_frustum *frustum,
                                    struct umb_error *error)
 {
     *out = NULL;
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_map *map = NULL;
     enum umb_status status = umb__frustum_check(frustum, error);
     if (status == UMB_OK && !(settings->epsilon >= 0.0 && settings->epsilon <= 1.0)) {
@@ -239,20 +249,25 @@ void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
     };
 }
 
-int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_level *out)
+enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
+                                  struct umb_map_level *out)
 {
     const struct umb__channels *channels = &map->channels;
     memset(out, 0, sizeof *out);
     if (!map->technique->filterable) {
         if (level > 0 || map->depths.texels == NULL) {
-            return 0;
+            return UMB_E_NOT_FOUND;
         }
-        *out = (struct umb_map_level){map->depths.texels, map->depths.width, map->depths.height, 1,
-                                      map->depths.format, map->depths.bytes};
-        return 1;
+        *out = (struct umb_map_level){.texels = map->depths.texels,
+                                      .width = map->depths.width,
+                                      .height = map->depths.height,
+                                      .channels = 1,
+                                      .format = map->depths.format,
+                                      .bytes = map->depths.bytes};
+        return UMB_OK;
     }
     if (level >= channels->level_count) {
-        return 0;
+        return UMB_E_NOT_FOUND;
     }
     const uint32_t w = channels->width >> level, h = channels->height >> level;
     *out = (struct umb_map_level){.texels = channels->levels[level],
@@ -262,7 +277,7 @@ int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_
                                   .format = channels->format};
     out->bytes = (size_t)out->width * out->height * channels->count *
                  (channels->format == UMB_MAP_F32 ? 4 : 2);
-    return 1;
+    return UMB_OK;
 }
 
 struct limit {
@@ -274,6 +289,9 @@ static enum umb_status filter_numbers_check(const struct umb_map *map,
                                             const struct umb_map_filter *filter,
                                             struct umb_error *error)
 {
+    if (UMB__UNKNOWN(filter, "filter", error)) {
+        return UMB_E_ARGUMENT;
+    }
     const struct limit limits[] = {
         {"width", filter->width, 1.0, UMB_MAP_WIDTH_MAX},
         {"bias_m", filter->bias_m, 0.0, 1e6},

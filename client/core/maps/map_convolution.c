@@ -18,7 +18,7 @@
  * half of it and less is left.
  *
  * Sines of odd multiples come by the recurrence s_(k+1) = 2 cos(2a) s_k - s_(k-1), whose error
- * grows with k^2: below 2e-13 for the greatest M (docs/numerics.md).
+ * grows with k^2: below 2e-13 for the greatest M (docs/explained/numerics-maps.md).
  * Source: Annen et al. 2007.
  */
 #include <math.h>

@@ -74,9 +74,3 @@ double umb__depth_at(const struct umb__depths *depths, int64_t x, int64_t y)
     const uint32_t value = umb__load_narrow(texels + width * index, width);
     return value < top ? (double)value / (double)top : INFINITY;
 }
-
-double umb__depths_error(enum umb_map_format format)
-{
-    /* One step at the top (see above), half a step elsewhere; floats are kept as they are. */
-    return format == UMB_MAP_F32 ? 0.0 : 1.0 / (double)format_top(format);
-}

@@ -16,7 +16,4 @@ void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map);
 /* Depth of a texel; INFINITY where there is no caster, as beyond the border. */
 double umb__depth_at(const struct umb__depths *depths, int64_t x, int64_t y);
 
-/* Most that a stored depth differs from the layer's. */
-double umb__depths_error(enum umb_map_format format);
-
 #endif

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 #include "maps/map_receiver.h"
+#include "base/reserved.h"
 #include "base/vec.h"
 
 /* Two unit vectors across `w`: the first is across the world axis that w leans on least. */
@@ -93,6 +94,9 @@ enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot, uint32_t w
                                      struct umb_error *error)
 {
     memset(frustum, 0, sizeof *frustum);
+    if (UMB__UNKNOWN(spot, "spot", error)) {
+        return UMB_E_ARGUMENT;
+    }
     enum umb_status status = sides_check(width, height, error);
     if (status != UMB_OK) {
         return status;
@@ -157,11 +161,11 @@ static int paraboloid_point(const struct umb_map_frustum *frustum, double x, dou
     return 1;
 }
 
-int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y, double depth,
-                          double world[3])
+enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y,
+                                      double depth, double world[3])
 {
     if (frustum->projection == UMB_MAP_PARABOLOID) {
-        return paraboloid_point(frustum, x, y, depth, world);
+        return paraboloid_point(frustum, x, y, depth, world) ? UMB_OK : UMB_E_NOT_FOUND;
     }
     /* Three planes meet: (m0 - x m3).p = 0, (m1 - y m3).p = 0, m2.p = depth (Cramer's rule). */
     const double(*m)[4] = frustum->world_to_map;
@@ -184,8 +188,8 @@ int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, doubl
                    (right[0] * cross[0][k] + right[1] * cross[1][k] + right[2] * cross[2][k]) /
                        determinant;
         if (!isfinite(world[k])) {
-            return 0;
+            return UMB_E_NOT_FOUND;
         }
     }
-    return 1;
+    return UMB_OK;
 }

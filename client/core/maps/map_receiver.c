@@ -3,6 +3,7 @@
 #include "maps/map_receiver.h"
 
 #include <math.h>
+#include "base/reserved.h"
 #include "base/bytes.h"
 #include "base/vec.h"
 
@@ -75,6 +76,9 @@ int umb__frustum_map(const struct umb_map_frustum *frustum, const double world[3
 
 enum umb_status umb__frustum_check(const struct umb_map_frustum *frustum, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(frustum, "frustum", error)) {
+        return UMB_E_ARGUMENT;
+    }
     if (frustum->width < 1 || frustum->height < 1 || frustum->width > UMB_MAP_SIDE_MAX ||
         frustum->height > UMB_MAP_SIDE_MAX) {
         return umb_fail(error, UMB_E_TOO_LARGE, "frustum: %u x %u texels; sides are 1..%d",

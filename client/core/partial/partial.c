@@ -6,6 +6,7 @@
 #include <xxhash.h>
 #include <zstd.h>
 
+#include "base/reserved.h"
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "partial/partial_parts.h"
@@ -21,12 +22,6 @@ static enum umb_status no_memory(struct umb_error *error, const char *what)
 {
     return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory within the budget for %s",
                     what);
-}
-
-enum umb_status umb_partial_head_length(const void *front, size_t size, uint64_t *length,
-                                        struct umb_error *error)
-{
-    return umb__head_measure(front, size, length, error);
 }
 
 struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
@@ -139,6 +134,9 @@ enum umb_status umb_partial_open(const void *front, size_t size,
                                  struct umb_partial **out, struct umb_error *error)
 {
     *out = NULL;
+    if (UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct umb_partial *p = umb__alloc_zeroed(options->alloc, 1, sizeof *p);
     if (!p) {
         return no_memory(error, "itself");
@@ -401,13 +399,14 @@ int umb_partial_has(const struct umb_partial *p, uint32_t page)
     return page < p->head.page_count && p->pages[page].stored;
 }
 
-void umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
-                        uint32_t *length)
+enum umb_status umb_partial_locate(const struct umb_partial *p, uint32_t page, uint64_t *offset,
+                                   uint32_t *length)
 {
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
     const bool known = umb__partial_knows(p, page);
     *offset = known ? entry.offset : 0;
     *length = known ? entry.stored_length : 0;
+    return known ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
 void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint64_t *offset,
@@ -415,11 +414,6 @@ void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint6
 {
     *offset = umb__block_offset(&p->head, block);
     *length = umb__block_bytes(p->head.page_count, block);
-}
-
-const uint8_t *umb_partial_stored(const struct umb_partial *p, uint32_t page)
-{
-    return page < p->head.page_count ? p->pages[page].stored : NULL;
 }
 
 const uint8_t *umb_partial_head(const struct umb_partial *p)
@@ -430,11 +424,6 @@ const uint8_t *umb_partial_head(const struct umb_partial *p)
 const struct umb_asset *umb_partial_lower(const struct umb_partial *p)
 {
     return p->built ? &p->lower : NULL;
-}
-
-const struct umb_asset *umb_partial_upper(const struct umb_partial *p)
-{
-    return p->built ? &p->upper : NULL;
 }
 
 void umb_partial_get_stats(const struct umb_partial *p, struct umb_partial_stats *stats)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Partial files (docs/umb-format.md, section 7): the head as it is, then some of the pages. */
+/* Partial files (docs/reference/umb-format.md, section 7): the head as it is, then some of the
+ * pages. */
 #include <string.h>
 #include <xxhash.h>
 

@@ -30,17 +30,18 @@ static bool make_planes(struct umb__sight *sight)
 {
     const struct umb_partial_view *view = sight->view;
     double forward[3], right[3], up[3];
-    memcpy(forward, view->forward, sizeof forward);
+    memcpy(forward, view->camera.forward, sizeof forward);
     if (!normalize(forward)) {
         return false;
     }
-    umb__cross(forward, view->up, right);
-    if (!(umb__dot(right, right) > PARALLEL * PARALLEL * umb__dot(view->up, view->up)) ||
+    umb__cross(forward, view->camera.up, right);
+    if (!(umb__dot(right, right) >
+          PARALLEL * PARALLEL * umb__dot(view->camera.up, view->camera.up)) ||
         !normalize(right)) {
         return false;
     }
     umb__cross(right, forward, up);
-    const double tall = tan(view->fov_y / 2), wide = tall * view->aspect;
+    const double tall = tan(view->camera.fov_y / 2), wide = tall * view->camera.aspect;
     for (unsigned side = 0; side < 4; side++) {
         const double *across = side < 2 ? right : up;
         const double slope = side < 2 ? wide : tall, sign = side % 2 ? 1.0 : -1.0;
@@ -51,7 +52,7 @@ static bool make_planes(struct umb__sight *sight)
         if (!normalize(plane)) {
             return false;
         }
-        plane[3] = -umb__dot(plane, view->eye);
+        plane[3] = -umb__dot(plane, view->camera.eye);
     }
     return true;
 }
@@ -75,17 +76,43 @@ static enum umb_status check_box(const struct umb_partial_view *view, struct umb
     return UMB_OK;
 }
 
+/* Checks the camera and makes its planes. */
+static enum umb_status check_camera(struct umb__sight *sight, struct umb_error *error)
+{
+    const struct umb_camera *camera = &sight->view->camera;
+    const double *eye = camera->eye, *forward = camera->forward, *up = camera->up;
+    if (!finite3(eye)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.eye: (%g, %g, %g), must be finite", eye[0],
+                        eye[1], eye[2]);
+    }
+    if (!(camera->fov_y > 0 && camera->fov_y < 3.14159)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "camera.fov_y: %g, must be above 0 and below 3.14159 (radians)",
+                        camera->fov_y);
+    }
+    if (!(camera->aspect > 0 && camera->aspect < 1e6)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "camera.aspect: %g, must be above 0 and below 1e6",
+                        camera->aspect);
+    }
+    return make_planes(sight)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "camera.forward (%g, %g, %g) and up (%g, %g, %g): must be finite, longer "
+                          "than 0 and not parallel",
+                          forward[0], forward[1], forward[2], up[0], up[1], up[2]);
+}
+
 enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_partial_view *view,
                                 struct umb_error *error)
 {
     memset(sight, 0, sizeof *sight);
     sight->view = view;
     if (!(view->max_error_m >= 0) || !(view->max_error_rad >= 0) || !(view->bias_m >= 0) ||
-        !(view->far_m >= 0)) {
+        !(view->camera.far_m >= 0)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "view: max_error_m %g, max_error_rad %g, bias_m %g "
                         "and far_m %g must be 0 or more",
-                        view->max_error_m, view->max_error_rad, view->bias_m, view->far_m);
+                        view->max_error_m, view->max_error_rad, view->bias_m, view->camera.far_m);
     }
     if (view->taps > UMB_TAPS_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "taps: %u, at most %d", view->taps, UMB_TAPS_MAX);
@@ -96,33 +123,17 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
             return status;
         }
     }
-    if (!view->has_camera) {
-        return UMB_OK;
-    }
-    if (!finite3(view->eye) || !(view->fov_y > 0 && view->fov_y < 3.14159) ||
-        !(view->aspect > 0 && view->aspect < 1e6) || !make_planes(sight)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "camera: eye, forward and up must be finite and span a picture, fov_y %g "
-                        "must be 0 to pi, aspect %g above 0",
-                        view->fov_y, view->aspect);
-    }
-    return UMB_OK;
+    return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }
 
 /* The linear part of a perspective frustum: X, Y and W as functions of the world, turned around. */
-static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f,
-                             const double apex[3])
+static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f)
 {
-    const double(*m)[4] = f->world_to_voxel;
-    umb__cross(m[0], m[1], s->axis);
-    const double turn = umb__dot(m[3], s->axis);
-    for (unsigned i = 0; i < 3; i++) {
-        s->axis[i] /= turn;
-        s->base[i] = apex[i];
-    }
-    const double rate = umb__dot(m[2], s->axis); /* Z a W */
-    s->w_step = 1.0 / rate;
-    s->w0 = m[3][3] + umb__dot(m[3], apex) - (m[2][3] + umb__dot(m[2], apex)) / rate;
+    struct umb__perspective perspective = {0};
+    (void)umb__perspective_derive(f, &perspective); /* proven when the file was opened */
+    memcpy(s->axis, perspective.axis, sizeof s->axis);
+    s->w_step = perspective.scale;
+    s->w0 = perspective.offset;
 }
 
 /*
@@ -152,11 +163,10 @@ void umb__space_init(struct umb__space *s, const struct umb_content *content, ui
     s->log2_size = f->log2_size;
     umb_frustum_voxel_edges(f, s->edges);
     if (s->perspective) {
-        double apex[3];
         for (unsigned i = 0; i < 3; i++) {
-            apex[i] = light->position[i] - content->origin[i];
+            s->base[i] = light->position[i] - content->origin[i];
         }
-        init_perspective(s, f, apex);
+        init_perspective(s, f);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
             for (unsigned i = 0; i < 3; i++) {
@@ -221,7 +231,7 @@ static void see_camera(const struct umb__sight *sight, const double low[3], cons
 {
     double square = 0, reach = 0;
     for (unsigned i = 0; i < 3; i++) {
-        const double eye = sight->view->eye[i];
+        const double eye = sight->view->camera.eye[i];
         const double gap = eye < low[i] ? low[i] - eye : eye > high[i] ? eye - high[i] : 0;
         const double most = fabs(low[i] - eye) > fabs(high[i] - eye) ? low[i] - eye : high[i] - eye;
         square += gap * gap;
@@ -239,7 +249,7 @@ static void see_camera(const struct umb__sight *sight, const double low[3], cons
         cube->out = cube->out || most < 0;
         cube->whole = cube->whole && least >= 0;
     }
-    const double far = sight->view->far_m;
+    const double far = sight->view->camera.far_m;
     if (far > 0) {
         cube->out = cube->out || square > far * far;
         cube->whole = cube->whole && reach <= far * far;

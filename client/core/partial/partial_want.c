@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/reserved.h"
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 
@@ -180,6 +181,9 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
                                  int add, struct umb_error *error)
 {
     struct umb__sight sight;
+    if (view && UMB__UNKNOWN(view, "view", error)) {
+        return UMB_E_ARGUMENT;
+    }
     p->heap_fresh = false;
     if (!add) {
         forget(p);

@@ -25,9 +25,9 @@ struct count {
     double origin[3];  /* the asset's */
     struct umb_box_answer *answer;
     struct umb_volume_stats *stats;
-    int (*go_on)(void *user, uint64_t steps);
-    void *go_on_user;
-    uint64_t steps, next_question; /* of this box */
+    const struct umb_box_watch *watch; /* or NULL */
+    uint64_t steps, next_question;     /* of this box */
+    uint64_t most;                     /* Number of steps of a box without a watch */
     bool given_up;
 };
 
@@ -38,7 +38,7 @@ static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
     if (!count->given_up && count->steps >= count->next_question) {
-        count->given_up = !count->go_on(count->go_on_user, count->steps);
+        count->given_up = !count->watch || !count->watch->go_on(count->watch->user, count->steps);
         count->next_question = count->steps + UMB_BOX_STEPS;
     }
     return !count->given_up;
@@ -277,26 +277,36 @@ static void count_range(struct count *count)
     }
 }
 
-static struct count begin_count(const struct umb__tree *tree, struct umb_box_answers *answers)
+static struct count begin_count(const struct umb__tree *tree, const struct umb_box_watch *watch,
+                                struct umb_box_answers *answers)
 {
+    const uint32_t bricks_log2 = tree->log2_size - UMB_LEVEL_BRICK; /* a side */
     return (struct count){.tree = tree,
+                          .most = (uint64_t)UMB_BOX_COLUMN_STEPS << 2 * bricks_log2,
                           .stats = &answers->stats,
-                          .go_on = answers->go_on,
-                          .go_on_user = answers->go_on_user};
+                          .watch = watch};
 }
 
 /* Counts the range's voxels that lie in the world box, if there is one. */
-static void count_box(struct count *count, struct umb_box_answer *answer)
+static enum umb_status count_box(struct count *count, struct umb_box_answer *answer, size_t box,
+                                 struct umb_error *error)
 {
     count->answer = answer;
     count->steps = 0;
     count->given_up = false;
-    count->next_question = count->go_on ? UMB_BOX_STEPS : UINT64_MAX;
+    count->next_question = count->watch ? UMB_BOX_STEPS : count->most;
     *answer = (struct umb_box_answer){0};
     count_range(count);
-    if (count->given_up) {
-        *answer = (struct umb_box_answer){0, UINT64_MAX};
+    if (!count->given_up) {
+        return UMB_OK;
     }
+    *answer = (struct umb_box_answer){0, UINT64_MAX};
+    return count->watch
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT,
+                          "boxes[%zu]: takes more than %llu steps, the limit at %u voxels "
+                          "a side; ask for smaller ones, side by side, or give a watch",
+                          box, (unsigned long long)count->most, 1U << count->tree->log2_size);
 }
 
 static int32_t clamp(double value, int32_t size)
@@ -330,11 +340,13 @@ static struct range range_around(const struct umb__volume *v, const struct umb_b
     return range;
 }
 
-void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
-                   size_t count, struct umb_box_answers *answers)
+enum umb_status umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes,
+                                 size_t first, size_t count, const struct umb_box_watch *watch,
+                                 struct umb_box_answers *answers, struct umb_error *error)
 {
+    enum umb_status status = UMB_OK;
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = begin_count(&v.tree, answers);
+    struct count job = begin_count(&v.tree, watch, answers);
     memcpy(job.step, v.voxel_step, sizeof job.step);
     memcpy(job.origin, v.origin, sizeof job.origin);
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -342,31 +354,36 @@ void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
             job.start[axis] -= v.world_to_voxel[k][3] * v.voxel_step[k][axis];
         }
     }
-    for (size_t i = first; i < first + count; i++) {
+    for (size_t i = first; status == UMB_OK && i < first + count; i++) {
         job.range = v.face_count > 0 ? (struct range){0} : range_around(&v, &boxes[i]);
         job.world = &boxes[i];
-        count_box(&job, &answers->boxes[i]);
+        status = count_box(&job, &answers->boxes[i], i, error);
     }
+    return status;
 }
 
-void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
-                         size_t first, size_t count, struct umb_box_answers *answers)
+enum umb_status umb_volume_voxel_boxes(const struct umb_volume *volume,
+                                       const struct umb_voxel_box *boxes, size_t first,
+                                       size_t count, const struct umb_box_watch *watch,
+                                       struct umb_box_answers *answers, struct umb_error *error)
 {
+    enum umb_status status = UMB_OK;
     const struct umb__volume v = umb__volume_of(volume);
-    struct count job = begin_count(&v.tree, answers);
+    struct count job = begin_count(&v.tree, watch, answers);
     const int64_t size = (int64_t)1 << v.tree.log2_size;
-    for (size_t i = first; i < first + count; i++) {
+    for (size_t i = first; status == UMB_OK && i < first + count; i++) {
         for (unsigned k = 0; k < 3; k++) {
             int64_t low = boxes[i].min[k], high = boxes[i].max[k];
             job.range.low[k] = (int32_t)(low < 0 ? 0 : low > size ? size : low);
             job.range.high[k] = (int32_t)(high < 0 ? 0 : high > size ? size : high);
         }
-        count_box(&job, &answers->boxes[i]);
+        status = count_box(&job, &answers->boxes[i], i, error);
     }
+    return status;
 }
 
-void umb_corners_get(const struct umb_segments *corners, size_t first, size_t count,
-                     struct umb_box *boxes)
+void umb_boxes_from_corners(const struct umb_segments *corners, size_t first, size_t count,
+                            struct umb_box *boxes)
 {
     for (size_t i = 0; i < 3 * count; i++) {
         const size_t k = i % 3, at = 6 * (first + i / 3) + k;

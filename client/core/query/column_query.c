@@ -37,7 +37,7 @@ static uint32_t lit_depth(const struct umb__tree *tree, uint32_t x, uint32_t y,
     return size;
 }
 
-enum umb_status umb_columns_check(const struct umb_volume *volume, struct umb_error *error)
+enum umb_status umb_volume_check_columns(const struct umb_volume *volume, struct umb_error *error)
 {
     const struct umb__volume v = umb__volume_of(volume);
     if (v.closed && !v.occluder_depth) {
@@ -110,8 +110,8 @@ static struct umb_column_answer ask_column(const struct umb__volume *v, const st
     return answer;
 }
 
-void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points, size_t first,
-                     size_t count, struct umb_column_answers *answers)
+void umb_volume_columns(const struct umb_volume *volume, const struct umb_points *points,
+                        size_t first, size_t count, struct umb_column_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
     const double *step = v.voxel_step[2];

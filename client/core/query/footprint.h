@@ -12,9 +12,9 @@
  *
  * Why a plane and not a wider window, coarser voxels (MRAA) or occupancies of nodes (VOAA) as in
  * Sintorn et al. 2014, section 5: all of these lie at one depth and need a bias as long as they are
- * wide, which is most of their error; docs/techniques.md has the figures. The lift takes the place
- * of that bias: it goes along the light, so that no edge is displaced, and clears what a surface
- * does within a pixel.
+ * wide, which is most of their error; docs/results/techniques.md has the figures. The lift takes
+ * the place of that bias: it goes along the light, so that no edge is displaced, and clears what a
+ * surface does within a pixel.
  */
 #include "query/query_parts.h"
 

@@ -12,8 +12,8 @@
  * point; a stage visits the bits that are set and makes the next stage's word without branching on
  * data. So no branch is mispredicted, where a walk point by point mispredicts one or two, and each
  * stage prefetches what the next will read: a block waits for memory once a stage, where a walk
- * waits once a point and stage (docs/performance.md has what that gives). Points in one brick share
- * a look-up (kernel_runs.h).
+ * waits once a point and stage (docs/explained/performance.md has what that gives). Points in one
+ * brick share a look-up (kernel_runs.h).
  *
  * One tap is kernel_points.h, a window kernel_windows.h.
  */

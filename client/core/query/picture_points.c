@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/reserved.h"
 #include "base/vec.h"
 #include "umbrage/picture.h"
 
@@ -33,13 +34,13 @@ static bool scale_to(double v[3], double length)
 
 static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 {
-    const double tall = tan(picture->fov_y / 2);
-    memcpy(axes->forward, picture->forward, sizeof axes->forward);
+    const double tall = tan(picture->camera.fov_y / 2);
+    memcpy(axes->forward, picture->camera.forward, sizeof axes->forward);
     if (!scale_to(axes->forward, 1)) {
         return false;
     }
-    umb__cross(axes->forward, picture->up, axes->right);
-    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->up)) ||
+    umb__cross(axes->forward, picture->camera.up, axes->right);
+    if (!(umb__length(axes->right) > PARALLEL * umb__length(picture->camera.up)) ||
         !scale_to(axes->right, 1)) {
         return false;
     }
@@ -50,21 +51,30 @@ static bool make_axes(const struct umb_picture *picture, struct axes *axes)
 
 enum umb_status umb_picture_check(const struct umb_picture *picture, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(picture, "picture", error)) {
+        return UMB_E_ARGUMENT;
+    }
     struct axes axes;
     if (picture->width == 0 || picture->height == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %u x %u pixels, must be at least 1 x 1",
                         picture->width, picture->height);
     }
-    if (!(picture->fov_y > 0 && picture->fov_y < 3.14159)) {
+    if (!(picture->camera.fov_y > 0 && picture->camera.fov_y < 3.14159)) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: fov_y %g, must be between 0 and pi",
-                        picture->fov_y);
+                        picture->camera.fov_y);
     }
-    if (!isfinite(picture->eye[0]) || !isfinite(picture->eye[1]) || !isfinite(picture->eye[2]) ||
-        !make_axes(picture, &axes)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "picture: eye, forward and up must be finite and span a picture");
+    if (!isfinite(picture->camera.eye[0]) || !isfinite(picture->camera.eye[1]) ||
+        !isfinite(picture->camera.eye[2])) {
+        return umb_fail(error, UMB_E_ARGUMENT, "picture: eye (%g, %g, %g), must be finite",
+                        picture->camera.eye[0], picture->camera.eye[1], picture->camera.eye[2]);
     }
-    return UMB_OK;
+    const double *forward = picture->camera.forward, *up = picture->camera.up;
+    return make_axes(picture, &axes)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "picture: forward (%g, %g, %g) and up (%g, %g, %g), must be finite, "
+                          "longer than 0 and not parallel",
+                          forward[0], forward[1], forward[2], up[0], up[1], up[2]);
 }
 
 /* A pixel's depth; 0: nothing is there. */

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/reserved.h"
 #include "format/asset_parts.h"
 #include "query/effect_switches.h"
 #include "query/footprint.h"
@@ -43,6 +44,9 @@ static enum umb_status check_settings(const struct umb_asset *asset,
                                       const struct umb_query_settings *settings,
                                       struct umb_error *error)
 {
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
     uint32_t lights = asset->canonical.content.light_count;
     if (settings->light >= lights) {
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
@@ -470,6 +474,9 @@ static size_t count_finite(const struct umb_points *points)
 
 enum umb_status umb_points_check(const struct umb_points *points, struct umb_error *error)
 {
+    if (UMB__UNKNOWN(points, "points", error)) {
+        return UMB_E_ARGUMENT;
+    }
     static const char axes[] = "xyz";
     for (unsigned axis = 0; axis < 3; axis++) {
         if (!isfinite(points->origin[axis])) {

@@ -5,6 +5,7 @@
  * (segment_faces.c).
  */
 #include "query/segment_walk.h"
+#include "base/reserved.h"
 
 /* Ends of segment i minus the asset's origin; returns its length in metres. */
 static double ends_of(const struct umb__volume *volume, const struct umb_segments *segments,
@@ -48,8 +49,8 @@ static void walk_segment(const struct umb__volume *volume, const double p[2][3],
     }
 }
 
-void umb_segments_run(const struct umb_volume *volume, const struct umb_segments *segments,
-                      size_t first, size_t count, struct umb_segment_answers *answers)
+void umb_volume_segments(const struct umb_volume *volume, const struct umb_segments *segments,
+                         size_t first, size_t count, struct umb_segment_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
     for (size_t i = first; i < first + count; i++) {
@@ -72,6 +73,9 @@ void umb_segments_run(const struct umb_volume *volume, const struct umb_segments
 static enum umb_status check_pairs(const struct umb_segments *segments, const char *name,
                                    struct umb_error *error)
 {
+    if (UMB__UNKNOWN(segments, name, error)) {
+        return UMB_E_ARGUMENT;
+    }
     /* A segment is two points that stand side by side. */
     struct umb_points points = {
         .positions = segments->ends, .format = segments->format, .count = 2 * segments->count};
@@ -96,7 +100,7 @@ enum umb_status umb_segments_check(const struct umb_segments *segments, struct u
     return check_pairs(segments, "segments", error);
 }
 
-enum umb_status umb_corners_check(const struct umb_segments *corners, struct umb_error *error)
+enum umb_status umb__corners_check(const struct umb_segments *corners, struct umb_error *error)
 {
     return check_pairs(corners, "boxes", error);
 }

@@ -90,4 +90,8 @@ static inline double umb__scalar_at(const void *array, enum umb_point_format for
     return value;
 }
 
+/* umb_segments_check for pairs of corners, named as boxes. */
+UMB_CHECKED enum umb_status umb__corners_check(const struct umb_segments *corners,
+                                               struct umb_error *error);
+
 #endif

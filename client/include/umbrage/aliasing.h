@@ -15,6 +15,7 @@
  *
  * Sources: Stamminger, Drettakis 2002; Lloyd 2007, chapter 3 (seed 004).
  * Threads: pure functions.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/cascades.h"
 
@@ -28,22 +29,24 @@ struct umb_aliasing {
     double along[2]; /* pixels that a step of one texel in x, and in y, covers: Lloyd's m */
     double perspective, projection; /* factors of dp/ds, pixels a texel: (pixels a metre at the
                                        point's distance) x (metres a texel), and cos a / cos b */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
  * Analyses a point that the camera sees and the light reaches.
  *
- * In:    camera: near and far are not used. width, height: pixels. normal: of any length above 0,
- *        towards the camera.
+ * In:    camera: near_m and far_m are not read. width, height: pixels. normal: of any length above
+ *        0, towards the camera.
  * Out:   all infinite where the light grazes the surface (cos b = 0) and the texel's patch has no
  *        end; never NaN.
- * Returns 1, or 0 and zeros if there is nothing to analyse: the point lies behind the camera or the
- * light, or faces away from either.
+ * Fails: E_NOT_FOUND, and zeros: the point lies behind the camera or the light, or faces away from
+ *        either; or the camera spans no picture.
  */
-UMB_API int umb_aliasing_at(const struct umb_map_frustum *frustum,
-                            const struct umb_cascade_camera *camera, uint32_t width,
-                            uint32_t height, const double world[3], const double normal[3],
-                            struct umb_aliasing *aliasing);
+UMB_API UMB_CHECKED enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
+                                                    const struct umb_camera *camera, uint32_t width,
+                                                    uint32_t height, const double world[3],
+                                                    const double normal[3],
+                                                    struct umb_aliasing *aliasing);
 
 #ifdef __cplusplus
 }

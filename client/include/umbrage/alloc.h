@@ -9,8 +9,10 @@
  * file is opened or written, comes from malloc all the same.
  * Threads: an asset uses its allocator while it is opened, exported, calibrated (umbrage/curve.h)
  * and closed only. Who calibrates on several threads at once passes one that takes that.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
+#include "umbrage/status.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,6 +24,10 @@ struct umb_alloc {
     void *(*resize)(void *user, void *block, size_t bytes);
     void *user; /* handed back unchanged */
 };
+
+/* Frees a block that an umbrage function handed over and says to free so: lists, descriptions,
+ * files in memory. NULL is allowed. */
+UMB_API void umb_free(void *block);
 
 #ifdef __cplusplus
 }

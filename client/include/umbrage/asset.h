@@ -5,9 +5,12 @@
  * Assets: the immutable shadow data of one scene and its lights.
  *
  *     struct umb_asset *asset;
- *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) { ... error.message ...
- * }
- *     ... umb_query_prepare(asset, ...) and umb_query_run(...), see query.h ...
+ *     struct umb_error error;
+ *     if (umb_asset_open_file("city.umb", NULL, &asset, &error) != UMB_OK) {
+ *         fprintf(stderr, "%s\n", error.message);
+ *         return error.status;
+ *     }
+ *     // ... umb_query_prepare(asset, ...) and umb_query_run(...), see umbrage/query.h
  *     umb_asset_close(asset);
  *
  * Two encodings of one content: packed (.umb, what is stored and sent) and mapped (.umbm, laid out
@@ -22,8 +25,9 @@
  * those the identity names: that takes SHA-256, which `umbrage verify` and the daemon's store do.
  * Texts (plan, settings, notes, names) are UTF-8 without NUL, but may hold control characters.
  * Caveat: a mapped file (.umbm) that another process truncates or overwrites while it is open
- * breaks that promise; the store's files are never edited in place (docs/operations.md). A packed
- * one is not looked at any more once it is open.
+ * breaks that promise; the store's files are never edited in place (docs/reference/operations.md).
+ * A packed one is not looked at any more once it is open.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -63,6 +67,7 @@ struct umb_open_options {
      * casters take of it (`transmittance_bytes`). 0 = 64 GiB. */
     uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_encoding {
@@ -85,6 +90,7 @@ struct umb_light_info {
     double extent;       /* angular diameter in radians (directional) or size in metres; 0 = none */
     uint32_t first_frustum; /* its frusta are first_frustum .. first_frustum + frustum_count - 1 */
     uint32_t frustum_count; /* 1 for directional, up to 6 for spot and point */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */
@@ -99,6 +105,7 @@ struct umb_frustum_info {
     /* Row i: world vector of one voxel along voxel axis i, metres; of a perspective frustum x and y
      * where W = 1 (they grow with W), z along the frustum's axis. */
     double voxel_step[3][3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What an asset is, in one look. */
@@ -125,6 +132,7 @@ struct umb_asset_info {
     const char *plan;                 /* one line an effect, UTF-8 */
     const char *settings;             /* key=value lines of the bake, canonical */
     const char *notes; /* key=value lines outside the identity; the three are never NULL */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -180,8 +188,9 @@ UMB_API void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, dou
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */
 UMB_API void umb_id_to_text(const uint8_t id[UMB_ID_BYTES], char text[UMB_ID_TEXT_SIZE]);
 
-/* Reads 64 hexadecimal digits; returns 1, or 0 and leaves id alone if text is anything else. */
-UMB_API int umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES]);
+/* Reads 64 hexadecimal digits of either case. Fails: E_ARGUMENT (anything else); id is then left
+ * alone. */
+UMB_API UMB_CHECKED enum umb_status umb_id_from_text(const char *text, uint8_t id[UMB_ID_BYTES]);
 
 #ifdef __cplusplus
 }

@@ -5,9 +5,18 @@
  * Cascades: several maps of a directional light for one camera, each for a slice of the view (PSSM,
  * parallel-split shadow maps), so that texels lie where pixels are.
  *
- *     umb_cascades_plan(&camera, to_light, &scene_box, &settings, &plan, &error);
- *     ... for each plan.frusta[i]: a layer of depths, umb_map_build, umb_map_prepare ...
- *     umb_cascades_run(&plan, queries, &points, 0, count, values);
+ *     struct umb_cascade_plan plan;
+ *     if (umb_cascades_plan(&camera, to_light, &scene, &settings, &plan, &error)) {
+ *         return error.status;
+ *     }
+ *     for (uint32_t i = 0; i < plan.count; i++) {
+ *         // ... fill layers[i].depth along umb_map_frustum_point(&plan.frusta[i], ...)
+ *         if (umb_map_build(&plan.frusta[i], &layers[i], &map_settings, NULL, &maps[i], &error) ||
+ *             umb_map_prepare(maps[i], &filter, &queries[i], &error)) {
+ *             return error.status;
+ *         }
+ *     }
+ *     umb_cascades_run(&plan, queries, &points, 0, points.count, values);
  *
  * Each map is built and filtered as any other (umbrage/maps.h): a VSM or EVSM a layer is PSSM +
  * VSM. Where layers meet, texels change their size, so a filter of n texels changes its width: a
@@ -15,7 +24,8 @@
  *
  * Sources: Zhang et al. 2006 (practical split, parallel splits); Fu, Liu 2013 (VSM a layer, C a
  * layer); Wimmer, Scherzer, Purgathofer 2004 (LiSPSM).
- * Threads, ownership, stability: as umbrage/maps.h.
+ * Threads, ownership: as umbrage/maps.h.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include "umbrage/maps.h"
 
@@ -24,13 +34,6 @@ extern "C" {
 #endif
 
 #define UMB_CASCADES_MAX 8
-
-struct umb_cascade_camera {
-    double eye[3];                      /* metres, world space; within 1e30 */
-    double right[3], up[3], forward[3]; /* orthonormal */
-    double tan_x, tan_y;                /* Tangents of half the fields of view, 1e-6 .. 1000 */
-    double near_m, far_m;               /* along forward, 1e-30 <= near < far <= 1e30 */
-};
 
 enum umb_cascade_fit {
     UMB_CASCADE_SLICE = 0, /* the sphere around the slice, whatever the scene: its size stays when
@@ -46,16 +49,18 @@ struct umb_cascade_settings {
     enum umb_cascade_fit fit;
     uint32_t resolution[UMB_CASCADES_MAX]; /* texels a side of each, 4..16384 */
     double blend; /* share of a slice, 0..0.5, at its far end that fades into the next */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_cascade_plan {
-    struct umb_cascade_camera camera;
+    double eye[3], forward[3]; /* Origin and unit vector of distances along the view */
     uint32_t count;
     double blend;
     double splits[UMB_CASCADES_MAX + 1]; /* metres along forward: near .. far */
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
     int warped[UMB_CASCADES_MAX]; /* 1 where LISPSM warped; it does not when looking along the light
                                    */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -69,12 +74,14 @@ UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, dou
  * Splits the view and fits a frustum to each slice. Depth runs from the scene's near end, so that
  * casters before a slice are in its map.
  *
- * In:    to_light: any length above 0. scene: of all casters, metres, world space.
+ * In:    camera: eye within 1e30 m, 1e-30 <= near_m < far_m <= 1e30 along forward, tangents of half
+ *        its angles 1e-6 to below 1000. to_light: any length above 0. scene: of all casters,
+ *        metres, world space.
  * Fails: E_ARGUMENT (camera, light, box or settings), naming the field; also an eye that is more
  *        than 2^40 times a slice's size from the scene.
  */
 UMB_API UMB_CHECKED enum umb_status
-umb_cascades_plan(const struct umb_cascade_camera *camera, const double to_light[3],
+umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
                   const struct umb_box *scene, const struct umb_cascade_settings *settings,
                   struct umb_cascade_plan *plan, struct umb_error *error);
 
@@ -95,6 +102,7 @@ struct umb_cascade_seam {
     double contrast;   /* out: C for the coarse filter, 1/1024..1024 */
     double difference; /* out: root mean square of coarse - fine with C = 1 */
     double after;      /* out: the same with `contrast` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -5,8 +5,10 @@
  * libumbrage: asking a daemon over gRPC.
  *
  *     struct umb_client *client;
- *     umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
- *     umb_client_query(client, &request, values, &reply, &error);   blocks until answered
+ *     enum umb_status status = umb_client_open("tcp:127.0.0.1:7420", NULL, &client, &error);
+ *     if (status == UMB_OK) {
+ *         status = umb_client_query(client, &request, values, &reply, &error);  // waits
+ *     }
  *     umb_client_close(client);
  *
  * A client owns one loop thread and a connection to each server it was given, opened at the first
@@ -37,10 +39,11 @@
  * themselves. A callback that takes long delays all other calls of its client.
  * Trust: whatever a server sends is bounded and checked; a hostile one can only fail calls or lie.
  * Errors: what the server says keeps its meaning. RESOURCE_EXHAUSTED is E_BUSY if the server says
- * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-when-to-come-again.md).
+ * when to come again and E_TOO_LARGE if it does not (docs/decisions/0005-retry-pushback.md).
  * Limits: one connection to each server.
  * Caveat: a name is resolved by the system's resolver, which cannot be interrupted:
  * umb_client_close then waits for it.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -82,6 +85,7 @@ struct umb_client_options {
     const char *server_name;      /* that the server's certificate must have; NULL = HOST */
     const char *token; /* bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
     const char *token_file; /* or a file that holds it alone; a line's end behind it is cut off */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_request {
@@ -101,6 +105,7 @@ struct umb_client_query_request {
     int want_stats;                   /* 0 or 1 */
     uint32_t timeout_ms;              /* 0 = the client's */
     struct umb_client_stream *stream; /* of the same client; NULL: a call of its own */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_reply {
@@ -116,6 +121,7 @@ struct umb_client_query_reply {
     double expected_ns;    /* with a budget and stats: nanoseconds a point; else 0 */
     uint64_t packed_bytes; /* that the answers took on the wire, if they were packed, else 0 */
     int changes_only;      /* 1: they were packed against `base` */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_asset {
@@ -124,6 +130,7 @@ struct umb_client_asset {
     uint64_t packed_bytes; /* of its file */
     uint64_t memory_bytes; /* that queries read */
     uint32_t light_count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_light {
@@ -136,6 +143,7 @@ struct umb_client_light {
     /* Nanoseconds a point of a row on one of the server's cores, for points all over the scene and
      * for such as lie next to each other; 0 until a budget was asked of points of that kind. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Numbers are as the server sent them, not checked for being finite. */
@@ -147,6 +155,7 @@ struct umb_client_description {
     struct umb_box bounds;            /* metres, world space, of the casters */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     char *plan, *settings;            /* UTF-8 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -159,6 +168,26 @@ struct umb_client_description {
 typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
+
+/* Takes the end of a call: error is NULL if status is UMB_OK, else borrowed during the call.
+ * Threads: called exactly once for each started call, on the client's thread. May start calls. */
+typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
+                                   const struct umb_error *error);
+
+/*
+ * How a call goes on by itself. Functions that take one return at once; NULL instead makes them
+ * wait for the end.
+ *
+ * Memory that such a function writes to is the caller's, must stay until `done` is called, and is
+ * written by then. What it only reads is copied, unless its description says otherwise. If the
+ * function fails at once, `done` is not called.
+ */
+struct umb_client_async {
+    umb_client_done_fn done;
+    void *user;    /* First argument of `done` */
+    uint64_t call; /* Out: the call's number, for umb_client_cancel */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+};
 
 /*
  * Makes a client. Does not connect yet.
@@ -188,6 +217,7 @@ UMB_API void umb_client_close(struct umb_client *client);
  * Starts a query; its end comes to `done`.
  *
  * In:    request: copied whole, points included. user: handed to done.
+ * Out:   call: the query's number, for umb_client_cancel; may be NULL.
  * Fails: at once, and then done is not called: E_ARGUMENT (what the server would refuse without
  *        looking at the points), E_TOO_LARGE (over 4 GiB of points), E_BUSY (max_calls),
  *        E_CANCELLED (closing), E_NO_MEMORY. To done: E_UNAVAILABLE (no connection, or lost),
@@ -198,19 +228,21 @@ UMB_API void umb_client_close(struct umb_client *client);
  */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_query_start(struct umb_client *client, const struct umb_client_query_request *request,
-                       umb_client_query_fn done, void *user, struct umb_error *error);
+                       umb_client_query_fn done, void *user, uint64_t *call,
+                       struct umb_error *error);
 
 /*
- * Cancels every query that was started with this `user`: its call-back gets E_CANCELLED, soon,
- * unless it has ended by then, and comes once in any case. The server is told, and gives up what it
- * has not begun. Of a stream, what else was sent and is not answered yet is asked again.
+ * Cancels a call by its number: its callback gets E_CANCELLED, soon, unless the call has ended by
+ * then, and comes once in any case. The server is told, and gives up what it has not begun. Of a
+ * stream, what else was sent and is not answered yet is asked again.
  *
- * In:    user: as given to umb_client_query_start; not looked into; NULL cancels none. Other
- * queries are not touched, nor are those that are started with it later. Fails: E_NO_MEMORY:
- * nothing was cancelled. Threads: any, call-backs too.
+ * In:    call: as umb_client_query_start or struct umb_client_async gave it. A number whose call
+ *        has ended, and 0, cancel nothing: numbers are not used again.
+ * Fails: E_NO_MEMORY: nothing was cancelled.
+ * Threads: any, callbacks too.
  */
-UMB_API UMB_CHECKED enum umb_status
-umb_client_query_cancel(struct umb_client *client, const void *user, struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status umb_client_cancel(struct umb_client *client, uint64_t call,
+                                                      struct umb_error *error);
 
 /*
  * Asks and waits.
@@ -246,39 +278,35 @@ UMB_API void umb_client_stream_close(struct umb_client_stream *stream);
  * Lists the server's assets, by name, and waits for the answer.
  *
  * Out:   assets: [count], NULL and 0 on failure.
- * Owns:  the caller frees them with umb_client_assets_free.
+ * Owns:  the caller frees them with umb_free.
  * Fails: as umb_client_query but for the points.
  */
-UMB_API UMB_CHECKED enum umb_status umb_client_list(struct umb_client *client,
-                                                    struct umb_client_asset **assets, size_t *count,
-                                                    struct umb_error *error);
-
-/* Frees a list. NULL is allowed. */
-UMB_API void umb_client_assets_free(struct umb_client_asset *assets);
+UMB_API UMB_CHECKED enum umb_status umb_client_list_assets(struct umb_client *client,
+                                                           struct umb_client_asset **assets,
+                                                           size_t *count, struct umb_error *error);
 
 /*
- * Describes one asset and waits for the answer.
+ * Describes one asset.
  *
- * In:    asset: name or id.
+ * In:    asset: name or id. async: NULL: waits for the answer.
  * Out:   description: NULL on failure.
- * Owns:  the caller frees it with umb_client_description_free.
- * Fails: as umb_client_list; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8), E_NOT_FOUND.
+ * Owns:  the caller frees it and all it points to with umb_free.
+ * Fails: as umb_client_list_assets; E_ARGUMENT (asset empty, over 255 bytes or not UTF-8),
+ *        E_NOT_FOUND.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_describe(struct umb_client *client,
                                                         const char *asset,
                                                         struct umb_client_description **description,
+                                                        struct umb_client_async *async,
                                                         struct umb_error *error);
 
-/* Frees a description and all it points to. NULL is allowed. */
-UMB_API void umb_client_description_free(struct umb_client_description *description);
-
 /*
- * Has the server derive maps of an asset and waits for the KTX 2.0 file, as umb_derived_ktx2 makes
- * it. A texel counts as a point in the server's limits and rates.
+ * Has the server derive maps of an asset, and receives the KTX 2.0 file that umb_derived_ktx2
+ * makes. A texel counts as a point in the server's limits and rates.
  *
  * In:    asset: name or id. settings: as umb_derive takes them; cancelled is not looked at.
  * Out:   bytes: [size], NULL on failure; asset_id: of the version that answered.
- * Owns:  the caller frees bytes with umb_client_derived_free.
+ * Owns:  the caller frees bytes with umb_free.
  * Fails: as umb_client_describe; what umb_derive fails with, as the server says it; E_TOO_LARGE
  *        (over max_reply_bytes).
  */
@@ -286,12 +314,10 @@ UMB_API UMB_CHECKED enum umb_status umb_client_derive(struct umb_client *client,
                                                       const struct umb_derive_settings *settings,
                                                       uint8_t **bytes, size_t *size,
                                                       uint8_t asset_id[UMB_ID_BYTES],
+                                                      struct umb_client_async *async,
                                                       struct umb_error *error);
 
-/* Frees such a file. NULL is allowed. */
-UMB_API void umb_client_derived_free(uint8_t *bytes);
-
-/* What a server takes in one call; docs/protocol.md has all of it. */
+/* What a server takes in one call; docs/reference/protocol.md has all of it. */
 struct umb_client_limits {
     uint64_t max_points; /* points times lights, texels of derived maps */
     uint64_t max_message_bytes;
@@ -302,13 +328,14 @@ struct umb_client_limits {
     uint32_t max_targets;   /* assets and lights of one query */
     uint32_t max_taps;
     char version[32]; /* of the server */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
  * Asks what the server takes and waits for the answer.
  *
  * Out:   limits: zeroed on failure.
- * Fails: as umb_client_list.
+ * Fails: as umb_client_list_assets.
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *client,
                                                           struct umb_client_limits *limits,
@@ -319,7 +346,7 @@ UMB_API UMB_CHECKED enum umb_status umb_client_get_limits(struct umb_client *cli
  *
  * In:    service: "umbrage.v1.Shadows"; "" or NULL for the server as a whole.
  * Out:   serving: 1 if it said SERVING, else 0.
- * Fails: as umb_client_list; E_NOT_FOUND (a service it does not know).
+ * Fails: as umb_client_list_assets; E_NOT_FOUND (a service it does not know).
  */
 UMB_API UMB_CHECKED enum umb_status umb_client_health(struct umb_client *client,
                                                       const char *service, int *serving,

@@ -5,23 +5,27 @@
  * What accuracy costs: how far an answer may be off, the accuracy curve that an asset carries, and
  * the dial that turns a wanted accuracy or a budget into settings.
  *
- *     struct umb_dial dial = {.max_error_m = 0.05};
+ *     const struct umb_dial dial = {.max_error_m = 1};
  *     struct umb_curve_row row;
- *     umb_dial_choose(asset, &dial, NULL, &settings, &row, &error);   fills in level and taps
- *     umb_query_prepare(asset, &settings, &query, &error);
+ *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // level and taps
+ *         umb_query_prepare(asset, &settings, &query, &error)) {
+ *         return error.status;
+ *     }
  *
- * The bound. A voxel's value is the true visibility of its centre (docs/umb-format.md, section 1),
- * so an answer that differs from the truth at a point looked at a place on the other side of a
- * true shadow boundary. How far a look-up is from its point follows from the geometry alone: the
- * bias, and half the diagonal of the window (of a whole cell where look-ups stop at one). The bound
- * is the sum: whatever a query answers, a true boundary is no farther from the point than that, or
- * the answer is true. It holds in defined space, for windows that do not reach into closed solids.
+ * The bound. A voxel's value is the true visibility of its centre (docs/reference/umb-format.md,
+ * section 1), so an answer that differs from the truth at a point looked at a place on the other
+ * side of a true shadow boundary. How far a look-up is from its point follows from the geometry
+ * alone: the bias, and half the diagonal of the window (of a whole cell where look-ups stop at
+ * one). The bound is the sum: whatever a query answers, a true boundary is no farther from the
+ * point than that, or the answer is true. It holds in defined space, for windows that do not reach
+ * into closed solids.
  *
  * The curve. For each level and filter that an asset answers with, measured by the bake on points
  * on the scene's surfaces: how much the answer depends on where in a voxel the point lies, and what
  * it reads. Costs are counts, the same on every machine; nanoseconds come from umb_calibrate.
  *
  * Threads: everything here may be called at once; only struct umb_calibration is written to.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -63,20 +67,24 @@ struct umb_curve_row {
     double visibility_error;
     double nodes; /* mixed octree nodes above bricks that a point's look-up goes through */
     double lines; /* cache lines it reads: grid, wide nodes, bricks */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
  * Copies the curve of a light out of an asset, coarse levels first, then by taps.
  *
- * Returns the number of rows: 0 if the light is unknown or the asset carries no curve.
+ * Out:   count: number of rows, 0 on failure.
+ * Fails: E_NOT_FOUND (no such light, or the asset carries no curve).
  */
-UMB_API size_t umb_curve_get(const struct umb_asset *asset, uint32_t light,
-                             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX]);
+UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t light,
+                                            struct umb_curve_row rows[UMB_CURVE_ROWS_MAX],
+                                            size_t *count);
 
 /* What rows cost on this machine; umb_calibrate or umb_calibrate_points fills it in. */
 struct umb_calibration {
-    size_t count;                  /* rows, in the order of umb_curve_get */
+    size_t count;                  /* rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* nanoseconds a point on one core */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -109,18 +117,17 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
  * Fails: E_ARGUMENT (no points), E_NOT_FOUND (light), E_UNSUPPORTED (no curve), E_NO_MEMORY.
  * Cost:  about 50 ms of one core; 32 KiB, freed again.
  */
-UMB_API UMB_CHECKED enum umb_status umb_calibrate_points(const struct umb_asset *asset,
-                                                         uint32_t light,
-                                                         const struct umb_points *points,
-                                                         double (*now_s)(void),
-                                                         struct umb_calibration *calibration,
-                                                         struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status
+umb_calibrate_points(const struct umb_asset *asset, uint32_t light, const struct umb_points *points,
+                     double (*now_s)(void), struct umb_calibration *calibration,
+                     struct umb_error *error);
 
 /* What is wanted of an answer; 0 where nothing is. */
 struct umb_dial {
     double max_error_m;    /* bound, metres */
     double max_visibility; /* root mean square error of visibility, 0..1 */
     double budget_ns;      /* nanoseconds a point on one core; needs a calibration */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

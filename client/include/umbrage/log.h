@@ -4,6 +4,7 @@
 /*
  * The log callback of the libraries. They never write to stdout or stderr by themselves; without a
  * callback they are silent.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 
 #ifdef __cplusplus

@@ -4,17 +4,23 @@
 /*
  * Shadow maps of the literature behind one interface: depth layers in, visibility out.
  *
- *     struct umb_map_frustum frustum;
- *     umb_map_frustum_fit(to_light, &box, 1024, 1024, &frustum, &error);  where the texels lie
- *     ... fill depth[y * 1024 + x] along umb_map_frustum_point(...) ...
- *     umb_map_build(&frustum, &layer, &settings, NULL, &map, &error);
- *     umb_map_prepare(map, &filter, &query, &error);                      checks, once
- *     umb_map_run(&query, &points, 0, points.count, values);              cannot fail
+ *     struct umb_map_frustum frustum;  // where the texels lie
+ *     if (umb_map_frustum_fit(to_light, &box, 64, 64, &frustum, &error)) {
+ *         return error.status;
+ *     }
+ *     // ... fill layer.depth[y * 64 + x] along umb_map_frustum_point(&frustum, ...)
+ *     struct umb_map *map;
+ *     struct umb_map_query query;
+ *     if (umb_map_build(&frustum, &layer, &settings, NULL, &map, &error) ||
+ *         umb_map_prepare(map, &filter, &query, &error)) {  // checks, once
+ *         return error.status;
+ *     }
+ *     umb_map_run(&query, &points, 0, points.count, values);  // cannot fail
  *     umb_map_destroy(map);
  *
  * They are what umbrage's own voxel DAG is measured against, and what a thin client's GPU samples.
- * Which technique promises what stands in docs/techniques.md, the numerical argument of each in
- * docs/numerics.md.
+ * Which technique promises what stands in docs/explained/techniques.md, the numerical argument of
+ * each in docs/explained/numerics-maps.md.
  *
  * Map space: x and y in texels, texel i covers [i, i + 1) and is sampled at its centre; depth 0..1
  * along the light, linear in metres for every projection. Depth 1 in a layer means "no caster".
@@ -25,7 +31,7 @@
  * Ownership: a map copies what it needs; destroy it with umb_map_destroy.
  * Threads: a built map and a prepared query are immutable; any number of threads may run a query.
  * Trust: sizes, settings and every depth of a layer are checked; points as umb_points_check wants.
- * Stability: experimental; may change before version 1.0.
+ * Stability: experimental; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -56,8 +62,9 @@ enum umb_map_technique {
     UMB_MAP_DEEP,        /* transmittance lists; see umb_map_build_deep */
     UMB_MAP_MOMENTS,    /* `terms` moments of where light is taken; see umb_map_build_translucent */
     UMB_MAP_ABSORBANCE, /* the same of absorbance, -log of transmittance, and its sum */
-    UMB_MAP_TECHNIQUES
 };
+
+#define UMB_MAP_TECHNIQUES 10 /* Number of values of enum umb_map_technique in this version */
 
 enum umb_map_format {
     UMB_MAP_F32 = 0, /* IEEE single */
@@ -101,6 +108,7 @@ struct umb_map_frustum {
     double near_m;   /* metres from a point or spot light to depth 0 */
     int directional; /* 1: `light` is the unit vector towards the light, else its position */
     double light[3];
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What the light sees through the centre of each texel. */
@@ -108,6 +116,7 @@ struct umb_map_layer {
     const float *depth; /* float[height][width], 0..1, 1 = no caster */
     const float *slope; /* float[height][width][2]: depth the hit surface gains per texel in x and
                            in y, finite; NULL: the smaller of the differences to both neighbours */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map_settings {
@@ -129,6 +138,7 @@ struct umb_map_settings {
     double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of what may be taken at the
                                    receiver's own depth that counts; 0: an upper bound of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_map_kernel {
@@ -152,6 +162,7 @@ struct umb_map_filter {
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map; /* opaque */
@@ -165,7 +176,8 @@ struct umb_map_info {
     uint64_t fragments;       /* DEEP: kept in all lists */
     enum umb_map_bound bound; /* of an answer without `reduction`, in exact arithmetic */
     double slack;             /* rounding, of visibility: the stated error of storage and arithmetic
-                                 (docs/numerics.md) */
+                                 (docs/explained/numerics-maps.md) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */
@@ -195,6 +207,7 @@ struct umb_map_deep_settings {
     double exponent; /* 0: steps; to 1e6: the last step fades in by exp(-c d), d of depth behind it
                       */
     enum umb_map_deep_way way;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A checked query: caller's storage, no pointer into itself, may be copied. */
@@ -218,6 +231,7 @@ struct umb_map_spot {
     double tangent;                        /* of half the field of view, > 0 */
     double near_m, far_m;                  /* metres along forward, 0 <= near < far */
     enum umb_map_projection projection;    /* PERSPECTIVE, or PARABOLOID (tangent not used) */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT.
@@ -228,12 +242,14 @@ UMB_API UMB_CHECKED enum umb_status umb_map_frustum_spot(const struct umb_map_sp
                                                          struct umb_error *error);
 
 /*
- * World position of a point of map space; a texel's light ray runs from depth 0 to depth 1, and
- * depth grows linearly along it. Returns 0 if there is none (a matrix without inverse, or a corner
- * of a paraboloid map).
+ * Finds the world position of a point of map space. A texel's light ray runs from depth 0 to depth
+ * 1, and depth grows linearly along it.
+ *
+ * Fails: E_NOT_FOUND (a matrix without inverse, or a corner of a paraboloid map).
  */
-UMB_API int umb_map_frustum_point(const struct umb_map_frustum *frustum, double x, double y,
-                                  double depth, double world[3]);
+UMB_API UMB_CHECKED enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum,
+                                                          double x, double y, double depth,
+                                                          double world[3]);
 
 /*
  * Builds a map.
@@ -289,11 +305,13 @@ struct umb_map_level {
     enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
                                    1/32767; U24: three bytes a texel */
     size_t bytes;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* Fills in level 0, or a mip level. Returns 0 if there is none: beyond the last, or the map is not
- * stored as texels (tables, DEEP). Cost: O(1). */
-UMB_API int umb_map_get_level(const struct umb_map *map, uint32_t level, struct umb_map_level *out);
+/* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (beyond the last, or the map is not stored
+ * as texels: tables, DEEP); out is then zeroed. Cost: O(1). */
+UMB_API enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
+                                          struct umb_map_level *out);
 
 /* Name of a technique: "pcf", "vsm", ...; "unknown" for any other number. */
 UMB_API const char *umb_map_technique_name(enum umb_map_technique technique);

@@ -5,12 +5,37 @@
  * Partial assets: some pages of a packed file, proven one by one, and what can be answered from
  * them.
  *
- *     umb_partial_open(front, size, &options, &partial, &error);  head and directory, against the
- * id umb_partial_want(partial, &view);                 which pages matter, and how much count =
- * umb_partial_missing(partial, list, room, budget);   the best first umb_partial_add(partial, page,
- * stored, size, &error);       for each that came umb_partial_build(partial, &error); lays out what
- * is there umb_partial_query(partial, &settings, &points, &answers, &error);
+ *     struct umb_partial *partial;
+ *     if (umb_partial_open(front, size, &options, &partial, &error) ||  // head.open_bytes
+ *         umb_partial_build(partial, &error)) {                         // coarse answers
+ *         return error.status;
+ *     }
+ *     uint32_t pages[64];
+ *     size_t count;
+ *     do {
+ *         if (umb_partial_want(partial, &view, 0, &error)) {  // which pages matter, and how much
+ *             return error.status;
+ *         }
+ *         count = umb_partial_missing(partial, pages, 64, 0);  // the best first
+ *         for (size_t i = 0; i < count; i++) {
+ *             uint64_t offset;
+ *             uint32_t length;
+ *             umb_partial_locate(partial, pages[i], &offset, &length);
+ *             // ... read `length` bytes at `offset` of the file into `stored`
+ *             if (umb_partial_add(partial, pages[i], stored, length, &error)) {
+ *                 return error.status;
+ *             }
+ *         }
+ *         if (umb_partial_build(partial, &error)) {  // lays out what is here
+ *             return error.status;
+ *         }
+ *     } while (count > 0);
+ *     if (umb_partial_query(partial, &settings, &points, 0, &answers, &error)) {
+ *         return error.status;
+ *     }
  *     umb_partial_close(partial);
+ *
+ * umbrage/region.h does all of that over a source of byte ranges.
  *
  * How a missing page is answered. What is there is laid out twice: in the lower asset every subtree
  * that is not there is all shadowed, in the upper one all lit. Both are ordinary assets, so that
@@ -26,9 +51,11 @@
  * MiB) comes from malloc on top. A dropped page is missing again.
  * Threads: one at a time; but between two builds any number may query.
  * Space: voxels and boxes as in umbrage/geom.h.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
+#include "umbrage/file.h"
 #include "umbrage/query.h"
 
 #ifdef __cplusplus
@@ -36,14 +63,15 @@ extern "C" {
 #endif
 
 struct umb_partial; /* opaque */
-struct umb_sha256;  /* the core has no hash of its own: libumbrage brings one (umbrage/region.h) */
-struct umb_sink;    /* writes bytes in order */
 
 struct umb_partial_options {
-    const struct umb_sha256 *sha256; /* needed; borrowed until close */
+    const struct umb_sha256 *sha256; /* Hash that proves pages: umb_sha256_openssl() of libumbrage,
+                                        or the caller's (umbrage/file.h); needed; borrowed until
+                                        close */
     const uint8_t *id;               /* uint8[UMB_ID_BYTES] that was asked for; NULL: any */
     uint64_t max_memory_bytes;       /* 0 = 1 GiB; less than the head takes: E_TOO_LARGE */
     const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What one wants to see. World space, metres, radians. */
@@ -52,15 +80,12 @@ struct umb_partial_view {
     int has_box;        /* only what answers points in `box` */
     struct umb_box box; /* finite, min <= max */
     int has_camera;     /* only what answers points in the camera's pyramid; nearer is better */
-    double eye[3];
-    double forward[3], up[3]; /* need not be unit length; 1e-9 rad apart or more */
-    double fov_y;             /* of the picture's height, 0 < fov_y < pi */
-    double aspect;            /* width / height, > 0 */
-    double far_m;             /* 0: no limit */
+    struct umb_camera camera; /* near_m is not read; far_m: distance from the eye, 0 = no limit */
     double max_error_m;       /* cells this small need not be looked into; 0: exact */
     double max_error_rad;     /* the same, as seen from the eye: half a pixel, say; 0: exact */
     uint32_t taps;            /* widest window that will be asked; 0 = UMB_TAPS_MAX */
     double bias_m;            /* longest bias that will be asked beyond UMB_BIAS_AUTO's */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_partial_stats {
@@ -72,15 +97,8 @@ struct umb_partial_stats {
     uint64_t pages_dropped;                   /* by the budget, since open */
     uint64_t builds;
     uint32_t block_count, blocks_held; /* of the directory; here */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
-
-/*
- * How long the head of a packed file is, the first block of its directory included, from its first
- * 128 bytes or more.
- * Fails: E_FORMAT, E_VERSION, E_TRUNCATED (under 128 bytes), E_CORRUPT.
- */
-UMB_API UMB_CHECKED enum umb_status
-umb_partial_head_length(const void *front, size_t size, uint64_t *length, struct umb_error *error);
 
 /*
  * Opens the front of a packed file: its head at least. If the first block of the directory follows
@@ -143,13 +161,10 @@ UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
 /* 1 if a page is here. */
 UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
 
-/* Where a page stands in the file; 0 and 0 if its block of the directory is not here. In: page:
- * below page_count. */
-UMB_API void umb_partial_locate(const struct umb_partial *partial, uint32_t page, uint64_t *offset,
-                                uint32_t *length);
-
-/* Stored bytes of a page that is here, borrowed until it is dropped; NULL if it is not. */
-UMB_API const uint8_t *umb_partial_stored(const struct umb_partial *partial, uint32_t page);
+/* Says where a page stands in the file. In: page: below page_count. Fails: E_NOT_FOUND, and zeros
+ * (its block of the directory is not here). */
+UMB_API enum umb_status umb_partial_locate(const struct umb_partial *partial, uint32_t page,
+                                           uint64_t *offset, uint32_t *length);
 
 /* The head's bytes: uint8[head_bytes], borrowed until close. */
 UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
@@ -186,10 +201,10 @@ UMB_API size_t umb_partial_missing(const struct umb_partial *partial, uint32_t *
 UMB_API UMB_CHECKED enum umb_status umb_partial_build(struct umb_partial *partial,
                                                       struct umb_error *error);
 
-/* The assets between which the truth lies, of the last build; borrowed until the next. Equal
- * answers of both are the whole asset's. NULL before the first build. */
+/* The lower asset of the last build, in which every missing subtree is shadowed. It also says what
+ * the whole asset is: info, lights, frusta. Borrowed until the next build; NULL before the first.
+ */
 UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *partial);
-UMB_API const struct umb_asset *umb_partial_upper(const struct umb_partial *partial);
 
 /* Answers of a partial asset. Arrays of points->count; only values is needed. */
 struct umb_partial_answers {
@@ -200,6 +215,7 @@ struct umb_partial_answers {
     uint64_t exact;    /* out: points whose low and high are equal */
     double worst_error_m;         /* out: greatest of error_m */
     struct umb_query_stats stats; /* of the lower asset, added to */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -221,7 +237,8 @@ UMB_API void umb_partial_get_stats(const struct umb_partial *partial,
                                    struct umb_partial_stats *stats);
 
 /*
- * Writes what is there as a partial file (docs/umb-format.md, section 7).
+ * Writes what is here as a partial file (docs/reference/umb-format.md, section 7).
+ *
  * Fails: E_NO_MEMORY, or what the sink returns.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_save(const struct umb_partial *partial,

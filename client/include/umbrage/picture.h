@@ -5,15 +5,20 @@
  * Frame loops: a point for each pixel of a depth picture, and answers packed so that a frame costs
  * only what changed since an earlier one.
  *
- *     umb_picture_check(&picture, &error);
- *     umb_picture_points(&picture, first, count, points);   floats relative to picture.eye
- *     ... umb_query_run on them ...
- *     umb_picture_fill(&picture, first, count, format, values);   pixels with nothing in them: lit
- *     umb_picture_pack(values, base, size, out, &packed, &error);
- *     umb_picture_unpack(packed bytes, base, values, size, &error);
+ *     if (umb_picture_check(&picture, &error)) {
+ *         return error.status;
+ *     }
+ *     umb_picture_points(&picture, 0, count, points);  // floats relative to the eye
+ *     // ... umb_query_run on them ...
+ *     umb_picture_fill(&picture, 0, count, UMB_ANSWER_U8, values);  // empty pixels are lit
+ *     if (umb_picture_pack(values, base, count, scratch, packed, &packed_size, &error) ||
+ *         umb_picture_unpack(packed, packed_size, base, unpacked, count, &error)) {
+ *         return error.status;
+ *     }
  *
  * Client and server run the same code. Nothing here keeps state.
  * Trust: unpacking is safe on hostile bytes.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -26,15 +31,14 @@ extern "C" {
 /* Depths beyond this, metres, are taken for pixels with nothing in them. */
 #define UMB_DEPTH_MAX 1e9
 
-/* What a camera sees: pixel x + y * width, from the upper left corner. World space, metres. */
+/* What a camera sees: pixel x + y * width, from the upper left corner. */
 struct umb_picture {
-    double eye[3];
-    double forward[3], up[3]; /* need not be unit length; 1e-9 rad apart or more */
-    double fov_y;             /* of the picture's height, radians, 0 < fov_y < pi */
-    uint32_t width, height;   /* pixels, at least 1; they are square */
+    struct umb_camera camera; /* aspect, near_m and far_m are not read */
+    uint32_t width, height;   /* Numbers of pixels, at least 1; pixels are square */
     const void *depth; /* float[width * height], little-endian, any alignment: along `forward`, not
                           along the pixel's ray. Not positive, not finite or beyond UMB_DEPTH_MAX:
                           nothing is there */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Fails: E_ARGUMENT (what is wrong is named). */
@@ -45,8 +49,9 @@ UMB_API UMB_CHECKED enum umb_status umb_picture_check(const struct umb_picture *
  * Where the pixels first .. first + count - 1 are.
  *
  * In:  picture: one that umb_picture_check takes.
- * Out: points: float[3 * count], relative to picture->eye; 0 where nothing is there. Through the
- *      pixel's centre, in double precision, rounded once; the tangent of fov_y is the C library's.
+ * Out: points: float[3 * count], relative to picture->camera.eye; 0 where nothing is there. Through
+ *      the pixel's centre, in double precision, rounded once; the tangent of fov_y is the C
+ *      library's.
  */
 UMB_API void umb_picture_points(const struct umb_picture *picture, size_t first, size_t count,
                                 float *points);

@@ -4,16 +4,18 @@
 /*
  * Queries: how much of a light reaches each of a batch of points.
  *
- *     struct umb_query_settings settings = {.light = 0, .taps = 9};
+ *     const struct umb_query_settings settings = {.light = 0, .taps = 9};
  *     struct umb_query query;
- *     umb_query_prepare(asset, &settings, &query, &error);   checks the settings, once
- *     umb_points_check(&points, &error);                      checks the batch
- *     umb_query_run(&query, &points, 0, points.count, &answers);   cannot fail
+ *     if (umb_query_prepare(asset, &settings, &query, &error) ||  // checks the settings, once
+ *         umb_points_check(&points, &error)) {                    // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_query_run(&query, &points, 0, points.count, &answers);  // cannot fail
  *
  * Answers are the fraction of an n x n window of texels, at the depth of the point's voxel, from
  * which the light is visible: 0 shadowed, 1 lit (percentage closer filtering; Sintorn et al. 2014,
  * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
- * closed rule an answer is unspecified ("defined space", docs/accuracy.md).
+ * closed rule an answer is unspecified ("defined space", docs/explained/accuracy.md).
  *
  * Spot and point lights: the answer is whether anything stands between point and light; how the
  * light fades with distance and towards its cone is the caller's. What a spot light's frusta do not
@@ -32,6 +34,7 @@
  * thread count and instruction set.
  * Threads: a prepared query is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -83,7 +86,7 @@ enum umb_filter {
     UMB_FILTER_FOOTPRINT = 3,
 };
 
-#define UMB_FILTERS 4 /* how many enum umb_filter has */
+#define UMB_FILTERS 4 /* Number of values of enum umb_filter in this version */
 
 /* "box", "tent", "penumbra", "footprint"; "auto", "voxels", "metres", "none"; "unknown" else.
  * Static strings. */
@@ -130,13 +133,14 @@ struct umb_query_settings {
     double light_extent;
     /* 1: translucent casters of assets with the effect `transmittance` take nothing. 0: answers are
      * multiplied by the light that they leave, a mean over a box as wide as the window, but no
-     * narrower than their map's texels (docs/effects.md). */
+     * narrower than their map's texels (docs/explained/effects.md). */
     int opaque_only;
     /* For UMB_FILTER_FOOTPRINT instead of footprint_m: an eye in world space, metres, and the angle
      * of its pixels in radians, up to 1; 0: none. A point's square then has the area that a pixel
      * covers of its surface: side = pixel_rad * distance / sqrt(c), c the cosine between normal and
      * the way to the eye, at least 1/16 (1 without a normal). */
     double eye[3], pixel_rad;
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -153,6 +157,7 @@ struct umb_points {
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
                                 UMB_FILTER_FOOTPRINT reads them; they come before the settings'. */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What a run adds up; zero it before the first run. */
@@ -168,6 +173,7 @@ struct umb_query_stats {
      * depend on how a batch is cut; the others and the answers do not. */
     uint64_t nodes; /* cells, columns and nodes; 1 for a window that the grid settles */
     uint64_t bricks;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Adds what one run counted to what others did: for who splits a batch himself. */
@@ -177,6 +183,7 @@ struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */
     struct umb_query_stats stats; /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
@@ -256,6 +263,7 @@ UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 struct umb_light_answers {
     void *const *values; /* [query_count], an array for each light as umb_answers.values */
     struct umb_query_stats *stats; /* [query_count], added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -300,6 +308,7 @@ struct umb_explanation {
         uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: went on */
         uint64_t index; /* offset or brick number */
     } steps[16];        /* path of the centre tap */
+    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few

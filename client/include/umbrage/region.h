@@ -4,9 +4,14 @@
 /*
  * libumbrage: streaming the part of an asset that one needs, and evaluating it here.
  *
- *     umb_region_open(&source, &options, &region, &error);      32 KiB: coarse answers everywhere
- *     umb_region_update(region, &request, &error);              fetches what a camera sees
- *     umb_region_query(region, &settings, &points, &answers, &error);
+ *     struct umb_region *region;
+ *     enum umb_status status = umb_region_open(&source, NULL, &region, &error);  // reads 32 KiB
+ *     if (status == UMB_OK) {
+ *         status = umb_region_update(region, &request, &error);  // fetches what a camera sees
+ *     }
+ *     if (status == UMB_OK) {
+ *         status = umb_region_query(region, &settings, &points, 0, &answers, &error);
+ *     }
  *     umb_region_close(region);
  *
  * A source gives ranges of a packed file: a local file, a web server, a daemon. Pages come coarse
@@ -18,6 +23,7 @@
  * Blocking: open and update wait for the source.
  * Trust: a hostile source can fail calls and waste time, not crash or lie: what it sends is proven
  * against options.id; without an id only against what it says of itself.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -30,7 +36,7 @@ extern "C" {
 struct umb_client; /* umbrage/client.h */
 struct umb_region; /* opaque */
 
-/* An interval of the packed file, bytes. */
+/* A byte range of the packed file. */
 struct umb_range {
     uint64_t offset, length;
 };
@@ -54,12 +60,14 @@ struct umb_region_source {
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
     void *user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES] to insist on; NULL: any */
     uint64_t max_memory_bytes; /* of everything the region keeps; 0 = 1 GiB */
     uint64_t first_bytes;      /* how much to read at first; 0 = 32 KiB */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What has come so far; see umb_region_request. */
@@ -69,6 +77,7 @@ struct umb_region_stats {
     uint64_t requests;       /* ranges asked for */
     uint64_t rounds;         /* times the source was asked and waited for */
     uint64_t pages_received;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -85,6 +94,7 @@ struct umb_region_request {
                              of what is here, at least 512 KiB */
     umb_region_fn progress; /* may be NULL */
     void *progress_user;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -135,8 +145,11 @@ UMB_API UMB_CHECKED enum umb_status umb_region_query(struct umb_region *region,
 
 UMB_API void umb_region_get_stats(const struct umb_region *region, struct umb_region_stats *stats);
 
-/* The partial asset inside, borrowed until close: for saving and for its two bounding assets. */
+/* The partial asset inside, borrowed until close: for saving. */
 UMB_API struct umb_partial *umb_region_partial(struct umb_region *region);
+
+/* A SHA-256 without state, by OpenSSL, for umbrage/partial.h and umbrage/file.h. Threads: any. */
+UMB_API const struct umb_sha256 *umb_sha256_openssl(void);
 
 /* A source that reads a local packed file. Fails: E_NO_INPUT, E_PERMISSION, E_NO_MEMORY. Close it
  * after the regions that use it. */

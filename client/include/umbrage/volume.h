@@ -7,9 +7,11 @@
  * and which share of a box is lit.
  *
  *     struct umb_volume volume;
- *     umb_volume_prepare(asset, light, &volume, &error);     once
- *     umb_segments_check(&segments, &error);                  checks the batch
- *     umb_segments_run(&volume, &segments, 0, segments.count, &answers);   cannot fail
+ *     if (umb_volume_prepare(asset, light, &volume, &error) ||  // once
+ *         umb_segments_check(&segments, &error)) {              // checks the batch
+ *         return error.status;
+ *     }
+ *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);  // cannot fail
  *
  * All three answer for voxels as the asset holds them, exactly: they equal a march through every
  * single voxel. There is no filter and no bias; who starts at a surface moves the start off it.
@@ -19,8 +21,8 @@
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stand as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
  * inside they answer for what is stored. A column's first occluder needs the depth of front faces,
- * which such an asset holds only if it was baked with the effect `front`; else umb_columns_check
- * refuses it.
+ * which such an asset holds only if it was baked with the effect `front`; else
+ * umb_volume_check_columns refuses it.
  *
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
@@ -33,6 +35,7 @@
  * every batch size, split, thread count and machine.
  * Threads: a prepared volume is immutable; any number of threads may run it on disjoint ranges.
  * Cost: no allocation, no I/O, no failure while running. Uniform space is crossed in one step.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -54,6 +57,7 @@ struct umb_volume {
 struct umb_volume_stats {
     uint64_t nodes;  /* grid cells and nodes read */
     uint64_t bricks; /* bricks read */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -86,6 +90,7 @@ struct umb_segments {
     enum umb_point_format format;
     double origin[3]; /* metres, world space, added to every end; finite */
     size_t count;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A lit interval: parameters of the segment, 0 at its start and 1 at its end; begin < end. */
@@ -106,6 +111,7 @@ struct umb_segment_answers {
     size_t interval_max;                 /* intervals kept of each segment; later ones are counted
                                             and added up, not kept */
     struct umb_volume_stats stats;       /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that segments may be run: every number finite. Fails: E_ARGUMENT, naming the first bad
@@ -138,8 +144,9 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
  *        3 << log2_size steps a segment.
  * Source: Amanatides and Woo 1987 (voxel traversal), with the octree's empty-space skipping.
  */
-UMB_API void umb_segments_run(const struct umb_volume *volume, const struct umb_segments *segments,
-                              size_t first, size_t count, struct umb_segment_answers *answers);
+UMB_API void umb_volume_segments(const struct umb_volume *volume,
+                                 const struct umb_segments *segments, size_t first, size_t count,
+                                 struct umb_segment_answers *answers);
 
 struct umb_column_answer {
     uint32_t lit;     /* voxels before the first shadowed one: the first occluder lies within half
@@ -153,12 +160,13 @@ struct umb_column_answer {
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
     struct umb_volume_stats stats;     /* added to */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that the volume's first shadowed voxels are its first occluders. Fails: E_UNSUPPORTED for
  * a frustum baked under the closed rule without the effect `front`. */
-UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *volume,
-                                                      struct umb_error *error);
+UMB_API UMB_CHECKED enum umb_status umb_volume_check_columns(const struct umb_volume *volume,
+                                                             struct umb_error *error);
 
 /*
  * Finds the first occluder in the columns of voxels that points first .. first + count - 1 lie in.
@@ -167,12 +175,12 @@ UMB_API UMB_CHECKED enum umb_status umb_columns_check(const struct umb_volume *v
  * Out:   distance_m is right to half a voxel's depth for the light ray through the texel's centre.
  *        Spot and point lights: columns are those of the face that looks at the point, and
  *        distances are along the ray from the light through it.
- * Not guaranteed: in a volume that umb_columns_check refuses, `lit` is the first voxel stored as
- *        shadowed: nowhere before the first occluder, possibly behind it.
- * Threads: as umb_segments_run.
+ * Not guaranteed: in a volume that umb_volume_check_columns refuses, `lit` is the first voxel
+ *        stored as shadowed: nowhere before the first occluder, possibly behind it.
+ * Threads: as umb_volume_segments.
  */
-UMB_API void umb_columns_run(const struct umb_volume *volume, const struct umb_points *points,
-                             size_t first, size_t count, struct umb_column_answers *answers);
+UMB_API void umb_volume_columns(const struct umb_volume *volume, const struct umb_points *points,
+                                size_t first, size_t count, struct umb_column_answers *answers);
 
 /* Voxels min <= v < max on each axis. */
 struct umb_voxel_box {
@@ -187,26 +195,35 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* added to */
-    /* For who must not be held up by what others ask: called each time after so many steps of a box
-     * as UMB_BOX_STEPS, with the steps of this box so far, while its answer holds what is counted
-     * so far; 0 gives the box up, and its `voxels` is UINT64_MAX. A step is a node, a cell or a
-     * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all
-     * machines. NULL: every box is finished. */
-    int (*go_on)(void *user, uint64_t steps);
-    void *go_on_user;
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-#define UMB_BOX_STEPS 65536 /* a few milliseconds at most */
+#define UMB_BOX_STEPS 65536 /* between two looks at a box under way: a few milliseconds at most */
 
 /*
- * Boxes as files and requests have them: pairs of opposite corners, in either order on each axis.
- * _check: every number finite; fails as umb_segments_check, naming boxes. _get makes boxes of
- * pairs first .. first + count - 1. Out: boxes: [count].
+ * Number of steps that a box without a watch may take for each column of bricks of the frustum,
+ * which has (size / 8)^2 of them: 2^32 steps at 16384 voxels a side. The faces of a box cut each
+ * row of bricks twice at most, so they take 6 * 64 of these steps; the other 640 are bricks and
+ * nodes inside. No asset of up to 4096 voxels a side has more. At 16384 a box of the whole frustum
+ * has more if 30 % of the bricks hold both lit and shadowed voxels.
  */
-UMB_API UMB_CHECKED enum umb_status umb_corners_check(const struct umb_segments *corners,
-                                                      struct umb_error *error);
-UMB_API void umb_corners_get(const struct umb_segments *corners, size_t first, size_t count,
-                             struct umb_box *boxes);
+#define UMB_BOX_COLUMN_STEPS 1024
+
+/*
+ * A look at boxes under way, for callers that bound the time of one. A step is a node, a cell or a
+ * brick that lies inside; a brick that the box's faces cut counts as 64. The same on all machines.
+ */
+struct umb_box_watch {
+    /* Called after every UMB_BOX_STEPS steps of a box, with its steps so far; its answer then holds
+     * what is counted so far. Returns 0 to leave the box: its `voxels` becomes UINT64_MAX. */
+    int (*go_on)(void *user, uint64_t steps);
+    void *user; /* First argument of go_on */
+};
+
+/* Makes boxes of pairs of opposite corners, in either order on each axis: of the pairs first ..
+ * first + count - 1. Out: boxes: [count]. */
+UMB_API void umb_boxes_from_corners(const struct umb_segments *corners, size_t first, size_t count,
+                                    struct umb_box *boxes);
 
 /* Checks boxes: finite, min <= max. Fails: E_ARGUMENT, naming the first bad number. */
 UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes, size_t count,
@@ -216,24 +233,30 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
  * Counts the lit voxels of boxes in world space; for volumes that umb_volume_check_parallel lets
  * pass. In others no box holds a voxel.
  *
- * In:    boxes: [first + count], metres, world space. A voxel is in the box if its centre is, min
- * <= centre < max, so that boxes side by side share no voxel and leave none out. The centre of
- *        voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2) ez) + origin, in
- *        doubles and in this order: ex, ey, ez are the frustum's voxel_step, o = -(m0 ex) - m1 ey -
- *        m2 ez with the last column m of world_to_voxel, origin is the asset's. Voxels outside the
- *        frustum do not count.
- * Not guaranteed: as umb_segments_run, for boxes that umb_boxes_check refuses.
- * Threads: as umb_segments_run.
+ * In:    watch: NULL: each box has the limit of UMB_BOX_COLUMN_STEPS. boxes: [first + count],
+ *        metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that
+ *        boxes side by side share no voxel and leave none out. Voxels outside the frustum do not
+ *        count. The centre of voxel (x, y, z) is (((o + (x + 1/2) ex) + (y + 1/2) ey) + (z + 1/2)
+ *        ez) + origin, in doubles and in this order: ex, ey, ez are the frustum's voxel_step, o =
+ *        -(m0 ex) - m1 ey - m2 ez with the last column m of world_to_voxel, origin is the asset's.
+ * Fails: E_LIMIT (only without a watch: a box takes too many steps; it and those behind it have no
+ *        answers).
+ * Not guaranteed: as umb_volume_segments, for boxes that umb_boxes_check refuses.
+ * Threads: as umb_volume_segments.
  * Cost:  linear in the nodes and bricks inside the box, each as often as the tree shares it, and in
- *        the voxels its faces cut. For boxes of a large part of a large frustum of untrusted bytes
- *        that has no useful bound: a service must limit the size of boxes.
+ *        the voxels its faces cut. A small file of untrusted bytes may share one node so often that
+ *        a large box takes hours: a service must limit a box's steps by a watch.
  */
-UMB_API void umb_boxes_run(const struct umb_volume *volume, const struct umb_box *boxes,
-                           size_t first, size_t count, struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, size_t first,
+                 size_t count, const struct umb_box_watch *watch, struct umb_box_answers *answers,
+                 struct umb_error *error);
 
 /* Counts the lit voxels of boxes of voxels, likewise. A box with min >= max on an axis is empty. */
-UMB_API void umb_voxel_boxes_run(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
-                                 size_t first, size_t count, struct umb_box_answers *answers);
+UMB_API UMB_CHECKED enum umb_status
+umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
+                       size_t first, size_t count, const struct umb_box_watch *watch,
+                       struct umb_box_answers *answers, struct umb_error *error);
 
 #ifdef __cplusplus
 }

@@ -3,6 +3,7 @@
 #define UMBRAGE_WORKERS_H
 /*
  * Threads that the core may use; it has none of its own.
+ * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stdint.h>
 

@@ -23,7 +23,7 @@ struct umbb_cut_plane;
 /* Share of the opaque casters' area that closed parts must have for the closed rule to be worth it.
  * An asset's bytes belong to surfaces, and the rule saves at most about that share of them.
  * Measured on real scenes at 4096: 0.3 % of the area saves 0.4 %, 1.1 % nothing, 5.7 % 5.6 %, 22 %
- * 10 %, 85 % 54 % (docs/effects.md). */
+ * 10 %, 85 % 54 % (docs/results/effects.md). */
 #define UMBB_CLOSED_SHARE 0.025
 
 /* Bytes a triangle takes at the peak (search for parts; or ray tracing for verification). */

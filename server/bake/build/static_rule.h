@@ -10,7 +10,8 @@
  * all over are not asked: their answer is lit, whatever their windows meet behind another caster's
  * front. Behind the first caster a column is undefined up to the first voxel that a window of an
  * asked triangle may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the automatic
- * bias, and the triangle's own normal, or none on slopes of at most 3 in 4 (docs/effects.md).
+ * bias, and the triangle's own normal, or none on slopes of at most 3 in 4
+ * (docs/explained/effects.md).
  *
  *     umbb_static_init(&rule, &casters, frustum, cells, &error);
  *     for every tile, drawn: umbb_static_survey(&rule, tile, jobs, cancelled); finds the asked

@@ -20,6 +20,7 @@
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
+#include "tool/exit_code.h"
 
 #define EXIT_USAGE 2
 #define EXIT_READ  74
@@ -167,5 +168,5 @@ int umbb_import_child(int argc, char **argv)
                        (unsigned long long)(max_memory >> 20));
     }
     say(name, error.message);
-    return umb_status_exit(status);
+    return umbu_exit_code(status);
 }

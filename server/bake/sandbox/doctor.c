@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "common/json_text.h"
+#include "tool/exit_code.h"
 
 #define EXIT_UNAVAILABLE 69
 #define FORBID_MAX       16
@@ -267,7 +268,7 @@ int umbb_doctor(int argc, char **argv)
     const enum umb_status status = umbb_ground_make(&ground, &error);
     if (status != UMB_OK) {
         fprintf(stderr, "umbrage-bake doctor: %s\n", error.message);
-        return umb_status_exit(status);
+        return umbu_exit_code(status);
     }
     code = examine(&request, &ground);
     umbb_ground_remove(&ground);

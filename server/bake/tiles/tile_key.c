@@ -8,6 +8,7 @@
 #include "bake/depth/cut_out.h"
 #include "base/bytes.h"
 #include "common/sha256_chain.h"
+#include "umbrage/version.h"
 
 static const char key_domain[16] = "umbrage tile", occluder_depth_domain[16] = "umbrage front";
 
@@ -75,7 +76,7 @@ void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape 
     umbs_chain_init(&chain);
     umbs_chain_add(&chain, shape->occluder_depth != NULL ? occluder_depth_domain : key_domain,
                    sizeof key_domain);
-    umbs_chain_add(&chain, UMB_VERSION, sizeof UMB_VERSION);
+    umbs_chain_add(&chain, UMB_VERSION_TEXT, sizeof UMB_VERSION_TEXT);
     add32(&chain, UMBB_BAKE_VERSION);
     add32(&chain, (uint32_t)casters->size);
     add32(&chain, shape->tile_log2);

@@ -24,6 +24,7 @@
 #include "common/open_beneath.h"
 #include "scene/scene.h"
 #include "scene/scene_contract.h"
+#include "tool/exit_code.h"
 
 static char try_folder[256];
 
@@ -104,7 +105,7 @@ static inline void expect_refusal(const char *name, const char *text, const char
     }
     assert_int_equal(status, UMB_E_BAD_SCENE);
     assert_non_null(strstr(error.message, words));
-    assert_int_equal(umb_status_exit(status), 65);
+    assert_int_equal(umbu_exit_code(status), 65);
 }
 
 static inline void expect_corner(const struct umbs_scene *scene, size_t triangle, int corner,

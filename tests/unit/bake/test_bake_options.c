@@ -10,6 +10,7 @@
 
 #include "bake/bake_options.h"
 #include "bake/effect_options.h"
+#include "tool/exit_code.h"
 
 #define MAX_WORDS 16
 
@@ -189,7 +190,7 @@ static void assert_refused(const char *line, const char *option, const char *val
         strstr(e.message, value) == NULL) {
         fail_msg("'%s': status %d, message '%s'", line, (int)status, e.message);
     }
-    assert_int_equal(umb_status_exit(status), 2);
+    assert_int_equal(umbu_exit_code(status), 2);
 }
 
 static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)

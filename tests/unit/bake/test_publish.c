@@ -17,6 +17,7 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/write/publish.h"
 #include "bake_soups.h"
+#include "tool/exit_code.h"
 
 #define LOG2_SIZE 8U
 
@@ -151,7 +152,7 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     const struct umbb_check check = check_of(f);
     const enum umb_status status = umbb_publish_check(&publish, &check, &error);
     assert_int_equal(status, UMB_E_INTERNAL);
-    assert_int_equal(umb_status_exit(status), 70);
+    assert_int_equal(umbu_exit_code(status), 70);
     assert_non_null(strstr(error.message, "disagree with traced rays"));
     umbb_publish_abandon(&publish);
     assert_int_equal(file_count(f), 0);
@@ -169,7 +170,7 @@ static void a_check_that_lacks_memory_asks_for_more(void **state)
     assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
     const enum umb_status status = umbb_publish_check(&publish, &check, &error);
     assert_int_equal(status, UMB_E_LIMIT);
-    assert_int_equal(umb_status_exit(status), 75);
+    assert_int_equal(umbu_exit_code(status), 75);
     assert_non_null(strstr(error.message, "--memory"));
     umbb_publish_abandon(&publish);
     assert_int_equal(file_count(f), 0);

@@ -73,7 +73,7 @@ static inline const uint8_t *partial_page(const struct partial_fixture *f, uint3
                                           uint32_t *length)
 {
     uint64_t offset;
-    umb_partial_locate(f->partial, page, &offset, length);
+    (void)umb_partial_locate(f->partial, page, &offset, length);
     return f->file.data + offset;
 }
 

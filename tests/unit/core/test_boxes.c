@@ -7,6 +7,7 @@
 #include <cmocka.h>
 
 #include "volume_fixture.h"
+#include "query/volume_parts.h"
 
 /* The header's words for the centre of a voxel. */
 static double centre_at(const struct volume_fixture *f, unsigned axis, const int64_t voxel[3])
@@ -88,7 +89,7 @@ static void expect_plain_counts(voxel_fn lit, uint32_t log2_size, int turned, ui
             }
         }
         struct umb_box_answer want = count_plainly(&f, &box, low, high);
-        umb_boxes_run(&f.volume, &box, 0, 1, &answers);
+        assert_int_equal(umb_volume_boxes(&f.volume, &box, 0, 1, NULL, &answers, NULL), UMB_OK);
         if (got.lit != want.lit || got.voxels != want.voxels) {
             fail_msg("box %zu: %llu of %llu lit, not %llu of %llu", i, (unsigned long long)got.lit,
                      (unsigned long long)got.voxels, (unsigned long long)want.lit,
@@ -129,8 +130,9 @@ static void boxes_side_by_side_share_no_voxel_and_leave_none_out(void **state)
             boxes[i].max[k] = whole.min[k] + side * (at[k] + 1) / CUTS;
         }
     }
-    umb_boxes_run(&f.volume, boxes, 0, CUTS * CUTS * CUTS, &a);
-    umb_boxes_run(&f.volume, &whole, 0, 1, &b);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, CUTS * CUTS * CUTS, NULL, &a, NULL),
+                     UMB_OK);
+    assert_int_equal(umb_volume_boxes(&f.volume, &whole, 0, 1, NULL, &b, NULL), UMB_OK);
     struct umb_box_answer sum = {0, 0};
     for (unsigned i = 0; i < CUTS * CUTS * CUTS; i++) {
         sum.lit += parts[i].lit;
@@ -160,7 +162,8 @@ static void voxel_boxes_count_exactly_and_are_clipped_to_the_frustum(void **stat
             box.min[0] = INT64_MIN;
             box.max[2] = INT64_MAX;
         }
-        umb_voxel_boxes_run(&f.volume, &box, 0, 1, &answers);
+        assert_int_equal(umb_volume_voxel_boxes(&f.volume, &box, 0, 1, NULL, &answers, NULL),
+                         UMB_OK);
         int64_t low[3], high[3];
         for (unsigned k = 0; k < 3; k++) {
             low[k] = box.min[k] < 0 ? 0 : box.min[k];
@@ -191,14 +194,14 @@ static void boxes_that_are_no_boxes_are_named_and_do_no_harm(void **state)
     volume_fixture_open(&f, fixture_noise, 6, 1, 0);
     assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "boxes[1].min.y: 5"));
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers, NULL), UMB_OK);
     assert_int_equal(got[1].voxels, 0);
     boxes[1].max[1] = NAN;
     assert_int_equal(umb_boxes_check(boxes, 2, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "boxes[1].max.y: nan"));
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers, NULL), UMB_OK);
     boxes[1] = (struct umb_box){{-1.7e308, -1.7e308, -INFINITY}, {1.7e308, 1.7e308, INFINITY}};
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &answers, NULL), UMB_OK);
     assert_int_equal(got[1].voxels, 64 * 64 * 64);
     volume_fixture_close(&f);
 }
@@ -232,7 +235,8 @@ static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
     struct umb_box boxes[2] = {{{-15, -15, -15}, {15, 15, 15}}, {{0, 0, 0}, {1, 1, 1}}};
     struct umb_box_answer free_of_it[2], got[2];
     struct umb_box_answers plain = {.boxes = free_of_it};
-    struct umb_box_answers answers = {.boxes = got, .go_on = is_patient, .go_on_user = &patience};
+    struct umb_box_answers answers = {.boxes = got};
+    const struct umb_box_watch watch = {is_patient, &patience};
     volume_fixture_open(&f, fixture_noise, 8, 1, 0);
     for (unsigned i = 0; i < 2; i++) {
         for (unsigned k = 0; k < 3; k++) {
@@ -240,18 +244,84 @@ static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
             boxes[i].max[k] += 5 + fixture_origin[k];
         }
     }
-    umb_boxes_run(&f.volume, boxes, 0, 2, &plain);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, NULL, &plain, NULL), UMB_OK);
     patience.answer = &got[0];
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, &watch, &answers, NULL), UMB_OK);
     assert_memory_equal(got, free_of_it, sizeof got);
     assert_true(patience.counted > 0 && patience.counted < got[0].voxels);
     assert_true(patience.asked >= 1 && patience.last >= UMB_BOX_STEPS);
     patience = (struct patience){.limit = 0};
-    umb_boxes_run(&f.volume, boxes, 0, 2, &answers);
+    assert_int_equal(umb_volume_boxes(&f.volume, boxes, 0, 2, &watch, &answers, NULL), UMB_OK);
     assert_int_equal(patience.asked, 1);
     assert_true(got[0].voxels == UINT64_MAX);
     assert_memory_equal(&got[1], &free_of_it[1], sizeof got[1]);
     volume_fixture_close(&f);
+}
+
+/* A tree whose nodes of a level are one node, shared eight times by the node above: 2^(3n) voxels
+ * in a kilobyte. The lowest have no brick, only lit and shadowed children. */
+static struct bytes shared_nodes(uint32_t log2_size)
+{
+    static const double origin[3] = {0, 0, 0};
+    const struct voxels voxels = {.log2_size = log2_size, .frustum_count = 1};
+    static uint16_t mixed = 0xaaaa, lit_and_shadowed = 0x1111;
+    uint32_t first[2] = {0, 8}, none[2] = {0, 0}, children[8] = {0};
+    struct umb_octree_root root = {UMB_NODE_MIXED, log2_size, 0};
+    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    struct umb_content content;
+    struct bytes file = {0};
+    struct umb_sink sink = bytes_sink(&file);
+    uint8_t id[UMB_ID_BYTES];
+    for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= log2_size; level++) {
+        const int lowest = level == UMB_LEVEL_BRICK + 1;
+        octree.level[level] = (struct umb_octree_level){
+            .count = 1,
+            .masks = lowest ? &lit_and_shadowed : &mixed,
+            .first = lowest ? none : first,
+            .children = children,
+        };
+    }
+    make_content(&voxels, 1, origin, &content);
+    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    return file;
+}
+
+/* A box of such a tree is counted where the resolution bounds its steps, and refused where it does
+ * not. */
+static void a_box_without_a_watch_has_a_limit(void **state)
+{
+    static const uint32_t sizes[] = {11, 13};
+    (void)state;
+    for (size_t i = 0; i < 2; i++) {
+        const int64_t size = (int64_t)1 << sizes[i];
+        const struct umb_voxel_box boxes[2] = {{{0, 0, 0}, {16, 16, 16}},
+                                               {{0, 0, 0}, {size, size, size}}};
+        struct umb_box_answer got[2] = {{0, 0}, {0, 0}};
+        struct umb_box_answers answers = {.boxes = got};
+        struct bytes file = shared_nodes(sizes[i]);
+        struct umb_asset *asset;
+        struct umb_volume volume;
+        struct umb_error error = {0};
+        assert_true(file.size < 10000);
+        assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, &error), UMB_OK);
+        assert_int_equal(umb_volume_prepare(asset, 0, &volume, &error), UMB_OK);
+        const enum umb_status status =
+            umb_volume_voxel_boxes(&volume, boxes, 0, 2, NULL, &answers, &error);
+        assert_int_equal(got[0].voxels, 16 * 16 * 16);
+        assert_int_equal(got[0].lit, got[0].voxels / 2);
+        if (i == 0) {
+            assert_int_equal(status, UMB_OK);
+            assert_int_equal(got[1].voxels, size * size * size);
+            assert_int_equal(got[1].lit, got[1].voxels / 2);
+        } else {
+            assert_int_equal(status, UMB_E_LIMIT);
+            assert_int_equal(got[1].voxels, UINT64_MAX);
+            assert_non_null(strstr(error.message, "boxes[1]: takes more than 1073741824 steps"));
+            assert_non_null(strstr(error.message, "8192 voxels a side"));
+        }
+        umb_asset_close(asset);
+        bytes_finish(&file);
+    }
 }
 
 static void corners_make_boxes_in_either_order(void **state)
@@ -261,13 +331,13 @@ static void corners_make_boxes_in_either_order(void **state)
     struct umb_box boxes[1];
     float ends[12] = {0, 0, 0, 0, 0, 0, 1, 5, 3, 2, 4, 6};
     struct umb_segments corners = {.ends = ends, .origin = {10, 20, 30}, .count = 2};
-    umb_corners_get(&corners, 1, 1, boxes);
+    umb_boxes_from_corners(&corners, 1, 1, boxes);
     assert_true(boxes[0].min[0] == 11 && boxes[0].max[0] == 12);
     assert_true(boxes[0].min[1] == 24 && boxes[0].max[1] == 25);
     assert_true(boxes[0].min[2] == 33 && boxes[0].max[2] == 36);
-    assert_int_equal(umb_corners_check(&corners, &error), UMB_OK);
+    assert_int_equal(umb__corners_check(&corners, &error), UMB_OK);
     ends[10] = INFINITY;
-    assert_int_equal(umb_corners_check(&corners, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umb__corners_check(&corners, &error), UMB_E_ARGUMENT);
     assert_string_equal(error.message, "boxes[1].y1: inf, must be finite");
 }
 
@@ -295,7 +365,7 @@ static void columns_end_at_their_first_shadowed_voxel(void **state)
         struct umb_column_answers answers = {.columns = &got};
         struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
         memcpy(points.origin, fixture_origin, sizeof fixture_origin);
-        umb_columns_run(&f.volume, &points, 0, 1, &answers);
+        umb_volume_columns(&f.volume, &points, 0, 1, &answers);
         assert_int_equal(got.outside, outside);
         assert_int_equal(got.lit, want);
         if (want == f.size) {
@@ -313,13 +383,13 @@ static void closed_frusta_refuse_columns_and_open_ones_do_not(void **state)
     struct volume_fixture f;
     struct umb_error error;
     volume_fixture_open(&f, fixture_hills, 6, 0, 0);
-    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_OK);
+    assert_int_equal(umb_volume_check_columns(&f.volume, &error), UMB_OK);
     struct umb_volume none;
     assert_int_equal(umb_volume_prepare(f.asset, 1, &none, &error), UMB_E_NOT_FOUND);
     assert_non_null(strstr(error.message, "light: 1"));
     volume_fixture_close(&f);
     volume_fixture_open(&f, fixture_hills, 6, 0, 1);
-    assert_int_equal(umb_columns_check(&f.volume, &error), UMB_E_UNSUPPORTED);
+    assert_int_equal(umb_volume_check_columns(&f.volume, &error), UMB_E_UNSUPPORTED);
     assert_non_null(strstr(error.message, "--closed off"));
     volume_fixture_close(&f);
 }
@@ -333,7 +403,7 @@ static void columns_of_points_that_are_not_finite_touch_nothing(void **state)
     struct umb_column_answers answers = {.columns = got};
     struct umb_points points = {.positions = bad, .count = 3};
     volume_fixture_open(&f, fixture_hills, 6, 1, 0);
-    umb_columns_run(&f.volume, &points, 0, 3, &answers);
+    umb_volume_columns(&f.volume, &points, 0, 3, &answers);
     assert_int_equal(got[0].outside + got[1].outside + got[2].outside, 3);
     volume_fixture_close(&f);
 }
@@ -346,6 +416,7 @@ int main(void)
         cmocka_unit_test(voxel_boxes_count_exactly_and_are_clipped_to_the_frustum),
         cmocka_unit_test(boxes_that_are_no_boxes_are_named_and_do_no_harm),
         cmocka_unit_test(a_box_is_given_up_when_it_takes_too_many_steps),
+        cmocka_unit_test(a_box_without_a_watch_has_a_limit),
         cmocka_unit_test(corners_make_boxes_in_either_order),
         cmocka_unit_test(columns_end_at_their_first_shadowed_voxel),
         cmocka_unit_test(closed_frusta_refuse_columns_and_open_ones_do_not),

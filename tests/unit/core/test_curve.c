@@ -171,12 +171,16 @@ static void curves_survive_packing_and_mapping(void **state)
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], again[UMB_CURVE_ROWS_MAX];
     assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, NULL), UMB_OK);
     for (uint32_t light = 0; light < 2; light++) {
-        const size_t count = umb_curve_get(f.asset, light, rows);
+        size_t count, count_again;
+        assert_int_equal(umb_asset_get_curve(f.asset, light, rows, &count), UMB_OK);
         assert_int_equal(count, 10); /* nine filters and level 3 */
-        assert_int_equal(umb_curve_get(asset, light, again), count);
+        assert_int_equal(umb_asset_get_curve(asset, light, again, &count_again), UMB_OK);
+        assert_int_equal(count_again, count);
         assert_memory_equal(rows, again, count * sizeof *rows);
     }
-    assert_int_equal(umb_curve_get(asset, 2, rows), 0);
+    size_t none = 1;
+    assert_int_equal(umb_asset_get_curve(asset, 2, rows, &none), UMB_E_NOT_FOUND);
+    assert_int_equal(none, 0);
     assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
     struct fixture exported = {.octree = octree, .content = content};
     struct bytes packed = pack(&exported);
@@ -289,7 +293,8 @@ static void a_budget_buys_the_least_error_that_costs_no_more(void **state)
     fixture_open(&f, 7);
     ticks = 0;
     assert_int_equal(umb_calibrate(f.asset, 1, slow_clock, &calibration, NULL), UMB_OK);
-    const size_t count = umb_curve_get(f.asset, 1, rows);
+    size_t count;
+    assert_int_equal(umb_asset_get_curve(f.asset, 1, rows, &count), UMB_OK);
     assert_int_equal(calibration.count, count);
     double cheapest = INFINITY;
     for (size_t i = 0; i < count; i++) {
@@ -358,7 +363,8 @@ static void costs_rise_with_the_lines_and_keep_their_mean_whatever_the_clock_say
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], row;
     fixture_open(&f, 7);
     const struct umb_points points = draw_points(7);
-    const size_t count = umb_curve_get(f.asset, 1, rows);
+    size_t count;
+    assert_int_equal(umb_asset_get_curve(f.asset, 1, rows, &count), UMB_OK);
     clock_seed = 5;
     for (int round = 0; round < 50; round++) {
         struct umb_calibration calibration;

@@ -282,7 +282,7 @@ static void assert_columns(const struct umb_asset *asset, const struct map *map)
     struct umb_volume volume;
     struct umb_frustum_info frustum;
     assert_int_equal(umb_volume_prepare(asset, 0, &volume, NULL), UMB_OK);
-    assert_int_equal(umb_columns_check(&volume, NULL), UMB_OK);
+    assert_int_equal(umb_volume_check_columns(&volume, NULL), UMB_OK);
     assert_int_equal(umb_asset_get_frustum(asset, 0, &frustum), UMB_OK);
     for (uint32_t i = 0; i < SIZE * SIZE; i += 3) {
         const double p[3] = {(i % SIZE + 0.5) * 0.25, (i / SIZE + 0.5) * 0.25, 1.25};
@@ -290,7 +290,7 @@ static void assert_columns(const struct umb_asset *asset, const struct map *map)
         struct umb_column_answers answers = {.columns = &got};
         struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
         memcpy(points.origin, fixture_origin, sizeof fixture_origin);
-        umb_columns_run(&volume, &points, 0, 1, &answers);
+        umb_volume_columns(&volume, &points, 0, 1, &answers);
         assert_int_equal(got.outside, 0);
         assert_int_equal(got.lit, map->lit[i]);
         if (got.lit < SIZE) {

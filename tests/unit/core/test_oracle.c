@@ -5,7 +5,7 @@
  * refuse.
  *
  * The harness packs with a stand-in for SHA-256. reseal() puts the real page hashes and the real id
- * in their place, by docs/umb-format.md section 4, as the oracle checks them.
+ * in their place, by docs/reference/umb-format.md section 4, as the oracle checks them.
  */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The order of a packed file against docs/umb-format.md, section 5, followed word by word: nodes
- * visited by recursion, what stands where in plain arrays.
+ * The order of a packed file against docs/reference/umb-format.md, section 5, followed word by
+ * word: nodes visited by recursion, what stands where in plain arrays.
  */
 #include <stdarg.h>
 #include <stddef.h>

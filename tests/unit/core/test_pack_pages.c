@@ -137,11 +137,12 @@ static void pages_hashed_together_are_those_hashed_one_by_one(void **state)
     assert_true(many.calls > 1 && pages > 16 * (many.calls - 1)); /* all but the last were full */
 
     many = (struct many){.failing = SIZE_MAX};
-    assert_int_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_OK);
+    assert_int_equal(umb_packed_prove(file.data, file.size, NULL, &hasher, NULL), UMB_OK);
     assert_int_equal(many.digests, pages);
     for (size_t failing = 0; failing < pages; failing += 1 + pages / 3) {
         many = (struct many){.failing = failing};
-        assert_int_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_E_NO_MEMORY);
+        assert_int_equal(umb_packed_prove(file.data, file.size, NULL, &hasher, NULL),
+                         UMB_E_NO_MEMORY);
         many = (struct many){.failing = failing};
         spoiled.size = 0;
         assert_int_equal(umb_pack_write(&content, &octree, &hasher, &spoiled_sink, id, NULL),

@@ -333,6 +333,38 @@ static void flat_matrix(struct umb_content *content, struct umb_octree *octree)
     content->frusta[0].world_to_voxel[2][2] = 0;
 }
 
+/* A spot light along +z whose W is `far_w` at the far side. */
+static void aim(struct umb_content *content, double far_w, double scale)
+{
+    struct umb_frustum_info *frustum = &content->frusta[0];
+    double(*m)[4] = frustum->world_to_voxel;
+    content->lights[0].kind = UMB_LIGHT_SPOT;
+    memset(m, 0, sizeof frustum->world_to_voxel);
+    for (int i = 0; i < 3; i++) {
+        m[i][i] = 1;
+    }
+    m[2][3] = (double)(1U << frustum->log2_size) - far_w;
+    m[3][2] = scale;
+}
+
+static void far_side_at_the_light(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    aim(content, 0, 1);
+}
+
+static void far_side_behind_the_light(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    aim(content, -1, 1);
+}
+
+static void vanishing_axis(struct umb_content *content, struct umb_octree *octree)
+{
+    (void)octree;
+    aim(content, 1, 1e-200); /* its square is 0 */
+}
+
 static void infinite_bounds(struct umb_content *content, struct umb_octree *octree)
 {
     (void)octree;
@@ -380,6 +412,9 @@ static void what_a_reader_would_refuse_is_an_argument_error(void **state)
         {endless_name, "lights[2].name"},
         {shared_frustum, "lights[2]"},
         {flat_matrix, "frusta[0].world_to_voxel"},
+        {far_side_at_the_light, "its far side is not ahead of the light"},
+        {far_side_behind_the_light, "its far side is not ahead of the light"},
+        {vanishing_axis, "frusta[0].world_to_voxel"},
         {infinite_bounds, "bounds"},
         {latin1_plan, "plan"},
         {latin1_notes, "notes"},
@@ -570,7 +605,7 @@ static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **sta
         }
         assert_int_equal(status, UMB_E_NO_MEMORY);
         left = digests;
-        assert_int_not_equal(umb_pack_prove(file.data, file.size, 1, &hasher, NULL), UMB_OK);
+        assert_int_not_equal(umb_packed_prove(file.data, file.size, NULL, &hasher, NULL), UMB_OK);
     }
     assert_true(digests >= 2); /* a page and the id */
     umb_octree_finish(&octree);

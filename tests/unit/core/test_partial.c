@@ -152,15 +152,16 @@ static void a_camera_holds_all_that_its_picture_needs(void **state)
     struct partial_fixture f;
     partial_fixture_open(&f, 0);
     const double *eye = f.points + 3;
-    const struct umb_partial_view view = {
-        .light = 0,
-        .has_camera = 1,
-        .eye = {fixture_origin[0] + eye[0], fixture_origin[1] + eye[1], fixture_origin[2] + eye[2]},
-        .forward = {-eye[0], -eye[1], -eye[2]},
-        .up = {0, 0, 1},
-        .fov_y = 0.6,
-        .aspect = 1.5,
-        .far_m = 15};
+    const struct umb_partial_view view = {.light = 0,
+                                          .has_camera = 1,
+                                          .camera.eye = {fixture_origin[0] + eye[0],
+                                                         fixture_origin[1] + eye[1],
+                                                         fixture_origin[2] + eye[2]},
+                                          .camera.forward = {-eye[0], -eye[1], -eye[2]},
+                                          .camera.up = {0, 0, 1},
+                                          .camera.fov_y = 0.6,
+                                          .camera.aspect = 1.5,
+                                          .camera.far_m = 15};
     fetch(&f, &view);
     struct umb_partial_stats stats;
     umb_partial_get_stats(f.partial, &stats);
@@ -194,16 +195,16 @@ static void a_camera_whose_up_lies_along_its_view_is_refused(void **state)
     partial_fixture_open(&f, 0);
     partial_build(&f);
     for (unsigned i = 0; i < 100; i++) {
-        struct umb_partial_view view = {.has_camera = 1, .fov_y = 0.6, .aspect = 1.5};
+        struct umb_partial_view view = {.has_camera = 1, .camera.fov_y = 0.6, .camera.aspect = 1.5};
         for (unsigned k = 0; k < 3; k++) {
-            view.forward[k] = random_unit(&seed) * 2 - 1;
-            view.up[k] = view.forward[k] * (0.1 + i);
+            view.camera.forward[k] = random_unit(&seed) * 2 - 1;
+            view.camera.up[k] = view.camera.forward[k] * (0.1 + i);
         }
         assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_E_ARGUMENT);
-        assert_non_null(strstr(error.message, "span a picture"));
-        view.up[i % 3] += 1e-3 * (0.1 + i);
+        assert_non_null(strstr(error.message, "not parallel"));
+        view.camera.up[i % 3] += 1e-3 * (0.1 + i);
         assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_OK);
-        memset(view.forward, 0, sizeof view.forward); /* no direction at all */
+        memset(view.camera.forward, 0, sizeof view.camera.forward); /* no direction at all */
         assert_int_equal(umb_partial_want(f.partial, &view, 0, &error), UMB_E_ARGUMENT);
     }
     partial_fixture_close(&f);

@@ -22,10 +22,10 @@ static float depths[PIXELS];
 
 static struct umb_picture picture_of(void)
 {
-    return (struct umb_picture){.eye = {1e6, -3, 2},
-                                .forward = {3, 0, 4},
-                                .up = {0, 2, 0},
-                                .fov_y = 1.0,
+    return (struct umb_picture){.camera.eye = {1e6, -3, 2},
+                                .camera.forward = {3, 0, 4},
+                                .camera.up = {0, 2, 0},
+                                .camera.fov_y = 1.0,
                                 .width = WIDTH,
                                 .height = HEIGHT,
                                 .depth = depths};
@@ -93,12 +93,12 @@ static void pictures_that_span_nothing_are_refused(void **state)
     }
     bad[0].width = 0;
     bad[1].height = 0;
-    bad[2].fov_y = 0;
-    bad[3].fov_y = NAN;
-    bad[4].fov_y = 3.2;
-    bad[5].eye[1] = INFINITY;
-    memcpy(bad[6].up, good.forward, sizeof good.forward);
-    memset(bad[7].forward, 0, sizeof bad[7].forward);
+    bad[2].camera.fov_y = 0;
+    bad[3].camera.fov_y = NAN;
+    bad[4].camera.fov_y = 3.2;
+    bad[5].camera.eye[1] = INFINITY;
+    memcpy(bad[6].camera.up, good.camera.forward, sizeof good.camera.forward);
+    memset(bad[7].camera.forward, 0, sizeof bad[7].camera.forward);
     for (size_t i = 0; i < 8; i++) {
         assert_int_equal(umb_picture_check(&bad[i], &error), UMB_E_ARGUMENT);
         assert_non_null(strstr(error.message, "picture"));
@@ -115,11 +115,11 @@ static void an_up_along_forward_is_refused_whatever_its_direction(void **state)
         struct umb_picture picture = picture_of();
         const double length = ldexp(random_unit(&seed) * 4 - 2, (int)(i % 40) - 20);
         for (unsigned k = 0; k < 3; k++) {
-            picture.forward[k] = random_unit(&seed) * 2 - 1;
-            picture.up[k] = picture.forward[k] * length;
+            picture.camera.forward[k] = random_unit(&seed) * 2 - 1;
+            picture.camera.up[k] = picture.camera.forward[k] * length;
         }
         assert_int_equal(umb_picture_check(&picture, &error), UMB_E_ARGUMENT);
-        picture.up[i % 3] += 1e-3 * length;
+        picture.camera.up[i % 3] += 1e-3 * length;
         assert_int_equal(umb_picture_check(&picture, &error), UMB_OK);
     }
 }

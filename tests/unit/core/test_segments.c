@@ -135,7 +135,7 @@ static void expect_march(const struct volume_fixture *f, const double p[2][3], s
         memcpy(q[e], p[e], sizeof q[e]);
         fixture_voxel_of(f, q[e], v[e]);
     }
-    umb_segments_run(&f->volume, &segments, 0, 1, &answers);
+    umb_volume_segments(&f->volume, &segments, 0, 1, &answers);
     size_t count = march(f, v, marched, &lit);
     int same = count == answer.interval_count && lit == answer.lit;
     for (size_t i = 0; same && i < count; i++) {
@@ -214,7 +214,7 @@ static void points_within_intervals_are_lit_and_others_shadowed(void **state)
         struct umb_segment_answers answers = {
             .segments = &answer, .intervals = found, .interval_max = INTERVALS};
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
-        umb_segments_run(&f.volume, &segments, 0, 1, &answers);
+        umb_volume_segments(&f.volume, &segments, 0, 1, &answers);
         int inside = 0, near = 0;
         for (size_t k = 0; k < answer.interval_count; k++) {
             inside |= t >= found[k].begin && t < found[k].end;
@@ -251,9 +251,9 @@ static void intervals_that_do_not_fit_are_counted_and_added_up(void **state)
     struct umb_segment_answers b = {.segments = &part, .intervals = two, .interval_max = 2};
     struct umb_segment_answers c = {.segments = &none};
     memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
-    umb_segments_run(&f.volume, &segments, 0, 1, &a);
-    umb_segments_run(&f.volume, &segments, 0, 1, &b);
-    umb_segments_run(&f.volume, &segments, 0, 1, &c);
+    umb_volume_segments(&f.volume, &segments, 0, 1, &a);
+    umb_volume_segments(&f.volume, &segments, 0, 1, &b);
+    umb_volume_segments(&f.volume, &segments, 0, 1, &c);
     assert_true(whole.interval_count > 3);
     assert_memory_equal(&whole, &part, sizeof whole);
     assert_memory_equal(&whole, &none, sizeof whole);
@@ -276,13 +276,13 @@ static void segments_that_are_not_finite_are_named_and_do_no_harm(void **state)
     volume_fixture_open(&f, fixture_noise, 6, 0, 0);
     assert_int_equal(umb_segments_check(&segments, &error), UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "segments[1].y1: nan"));
-    umb_segments_run(&f.volume, &segments, 0, 2, &answers);
+    umb_volume_segments(&f.volume, &segments, 0, 2, &answers);
     ends[1][4] = INFINITY;
-    umb_segments_run(&f.volume, &segments, 0, 2, &answers);
+    umb_volume_segments(&f.volume, &segments, 0, 2, &answers);
     ends[1][4] = -1.7e308;
     ends[1][1] = 1.7e308;
     assert_int_equal(umb_segments_check(&segments, &error), UMB_OK);
-    umb_segments_run(&f.volume, &segments, 0, 2, &answers);
+    umb_volume_segments(&f.volume, &segments, 0, 2, &answers);
     assert_true(out[1].lit == 1);
     segments.origin[2] = NAN;
     assert_int_equal(umb_segments_check(&segments, &error), UMB_E_ARGUMENT);

@@ -322,7 +322,7 @@ static void intervals_before_a_lamp_equal_a_march_through_every_voxel(void **sta
         random_ends(&seed, p);
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
         memcpy(ends, p, sizeof ends);
-        umb_segments_run(&lamp.volume, &segments, 0, 1, &answers);
+        umb_volume_segments(&lamp.volume, &segments, 0, 1, &answers);
         march(&lamp, (const double(*)[3])p, &marched);
         int same = marched.count == answer.interval_count && marched.lit == answer.lit;
         for (size_t k = 0; same && k < marched.count; k++) {
@@ -365,7 +365,7 @@ static void points_within_intervals_before_a_lamp_are_lit_and_others_shadowed(vo
         random_ends(&seed, p);
         memcpy(segments.origin, fixture_origin, sizeof fixture_origin);
         memcpy(points.origin, fixture_origin, sizeof fixture_origin);
-        umb_segments_run(&lamp.volume, &segments, 0, 1, &answers);
+        umb_volume_segments(&lamp.volume, &segments, 0, 1, &answers);
         for (size_t k = 0; k < answer.interval_count; k++) {
             inside |= t >= intervals[k].begin && t < intervals[k].end;
             near |= fabs(t - intervals[k].begin) < 1e-8 || fabs(t - intervals[k].end) < 1e-8;
@@ -408,7 +408,7 @@ static void columns_before_a_lamp_end_at_their_first_shadowed_voxel(void **state
         while (want < SIZE && face_noise(NULL, face, (uint32_t)x, (uint32_t)y, want)) {
             want++;
         }
-        umb_columns_run(&lamp.volume, &points, 0, 1, &answers);
+        umb_volume_columns(&lamp.volume, &points, 0, 1, &answers);
         assert_int_equal(got.outside, 0); /* a guard band lies around every face */
         assert_int_equal(got.lit, want);
         if (want < SIZE) {
@@ -437,7 +437,7 @@ static void boxes_are_refused_before_a_lamp_and_numbers_that_overflow_do_no_harm
     const struct umb_box box = {{-1e7, -1e7, -1e7}, {1e7, 1e7, 1e7}};
     struct umb_box_answer count;
     struct umb_box_answers boxes = {.boxes = &count};
-    umb_boxes_run(&lamp.volume, &box, 0, 1, &boxes);
+    assert_int_equal(umb_volume_boxes(&lamp.volume, &box, 0, 1, NULL, &boxes, &error), UMB_OK);
     assert_int_equal(count.voxels, 0);
     for (size_t i = 0; i < 20000; i++) {
         double p[2][3];
@@ -450,8 +450,8 @@ static void boxes_are_refused_before_a_lamp_and_numbers_that_overflow_do_no_harm
         for (unsigned k = 0; k < 6; k++) {
             p[k / 3][k % 3] = far[next_random(&seed) % 10] * random_unit(&seed);
         }
-        umb_segments_run(&lamp.volume, &segments, 0, 1, &answers);
-        umb_columns_run(&lamp.volume, &points, 0, 1, &columns);
+        umb_volume_segments(&lamp.volume, &segments, 0, 1, &answers);
+        umb_volume_columns(&lamp.volume, &points, 0, 1, &columns);
         assert_true(!(answer.lit < 0) && !(answer.lit > 1 + 1e-12));
     }
     lamp_close(&lamp);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Status codes, their mappings, and the sentences that go with them. */
+/* Status codes, their exit codes, and the sentences that go with them. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "umbrage/status.h"
+#include "tool/exit_code.h"
 
 static void every_status_has_its_names_and_codes(void **state)
 {
@@ -17,7 +18,7 @@ static void every_status_has_its_names_and_codes(void **state)
         int value;
         const char *name;
     } rows[] = {
-#define ROW(name, value, text, grpc, exit_code) {UMB_##name, value, #name},
+#define ROW(name, value, text) {UMB_##name, value, #name},
         UMB_STATUS_LIST(ROW)
 #undef ROW
     };
@@ -27,31 +28,14 @@ static void every_status_has_its_names_and_codes(void **state)
         assert_int_equal(status, rows[i].value);
         assert_string_equal(umb_status_name(status), rows[i].name);
         assert_true(umb_status_text(status)[0] != '\0');
-        assert_in_range(umb_status_grpc(status), 0, 16);
-        assert_in_range(umb_status_exit(status), 0, 78);
-        assert_int_equal(umb_status_exit(status) == 0, status == UMB_OK);
-        assert_int_equal(umb_status_grpc(status) == 0, status == UMB_OK);
+        assert_in_range(umbu_exit_code(status), 0, 78);
+        assert_int_equal(umbu_exit_code(status) == 0, status == UMB_OK);
         for (size_t k = 0; k < i; k++) {
             assert_int_not_equal(rows[k].value, rows[i].value);
         }
     }
     assert_string_equal(umb_status_name((enum umb_status)(-999)), "E_UNKNOWN");
-    assert_int_equal(umb_status_exit((enum umb_status)(-999)), 70);
-    assert_int_equal(umb_status_grpc((enum umb_status)(-999)), 2);
-}
-
-static void grpc_codes_have_a_status_and_keep_their_sense(void **state)
-{
-    (void)state;
-    assert_int_equal(umb_status_from_grpc(0), UMB_OK);
-    for (int code = 1; code <= 16; code++) {
-        enum umb_status status = umb_status_from_grpc(code);
-        assert_int_not_equal(status, UMB_OK);
-        assert_int_not_equal(status, UMB_E_PROTOCOL);
-    }
-    assert_int_equal(umb_status_from_grpc(8), UMB_E_TOO_LARGE); /* without a hint to come again */
-    assert_int_equal(umb_status_from_grpc(17), UMB_E_PROTOCOL);
-    assert_int_equal(umb_status_from_grpc(-1), UMB_E_PROTOCOL);
+    assert_int_equal(umbu_exit_code((enum umb_status)(-999)), 70);
 }
 
 static void messages_are_one_line_of_plain_utf8(void **state)
@@ -96,7 +80,6 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_status_has_its_names_and_codes),
-        cmocka_unit_test(grpc_codes_have_a_status_and_keep_their_sense),
         cmocka_unit_test(messages_are_one_line_of_plain_utf8),
         cmocka_unit_test(long_messages_are_cut_and_stay_utf8),
     };

@@ -95,17 +95,23 @@ static void peers_are_counted_by_address_and_v6_by_its_half(void **state)
     struct umbd_peer_table *table = umbd_peers_create();
     struct umbd_peer_account *one, *two, *three, *four, *none;
     const char *reason;
+    size_t strangers = 9;
     struct sockaddr_storage a = v4(1), b = v4(2), c = v6(1, 1), d = v6(1, 2), e = v6(2, 1);
     assert_non_null(table);
-    assert_true(umbd_peers_acquire(table, &a, 1, &one, &reason));
-    assert_false(umbd_peers_acquire(table, &a, 1, &none, &reason));
+    assert_true(umbd_peers_acquire(table, &a, 1, &one, &strangers, &reason));
+    assert_false(umbd_peers_acquire(table, &a, 1, &none, &strangers, &reason));
     assert_non_null(strstr(reason, "one address"));
-    assert_true(umbd_peers_acquire(table, &b, 1, &two, &reason));
-    assert_true(umbd_peers_acquire(table, &c, 1, &three, &reason));
-    assert_false(umbd_peers_acquire(table, &d, 1, &none, &reason));
-    assert_true(umbd_peers_acquire(table, &e, 1, &four, &reason));
+    assert_int_equal(strangers, 0);
+    atomic_store(&one->strangers, 1);
+    assert_false(umbd_peers_acquire(table, &a, 1, &none, &strangers, &reason));
+    assert_int_equal(strangers, 1);
+    atomic_store(&one->strangers, 0);
+    assert_true(umbd_peers_acquire(table, &b, 1, &two, &strangers, &reason));
+    assert_true(umbd_peers_acquire(table, &c, 1, &three, &strangers, &reason));
+    assert_false(umbd_peers_acquire(table, &d, 1, &none, &strangers, &reason));
+    assert_true(umbd_peers_acquire(table, &e, 1, &four, &strangers, &reason));
     umbd_peers_release(table, one, 0);
-    assert_true(umbd_peers_acquire(table, &a, 1, &one, &reason));
+    assert_true(umbd_peers_acquire(table, &a, 1, &one, &strangers, &reason));
     umbd_peers_release(table, one, 0);
     umbd_peers_release(table, two, 0);
     umbd_peers_release(table, three, 0);
@@ -178,17 +184,18 @@ static void each_clock_of_an_account_outlives_its_connections(void **state)
         struct umbd_peer_table *table = umbd_peers_create();
         struct umbd_peer_account *account;
         const char *reason;
+        size_t strangers;
         uint64_t wait;
         struct sockaddr_storage address = v4(8), other = v4(9);
         assert_non_null(table);
         for (int round = 0; round < 2; round++) {
-            assert_true(umbd_peers_acquire(table, &address, 9, &account, &reason));
+            assert_true(umbd_peers_acquire(table, &address, 9, &account, &strangers, &reason));
             atomic_uint_fast64_t *clock = which == 0   ? &account->paid_until_ns
                                           : which == 1 ? &account->open_until_ns
                                                        : &account->handshake_until_ns;
             assert_int_equal(umbd_rate_take(clock, 1, 5, SECOND, &wait), round == 0);
             umbd_peers_release(table, account, SECOND);
-            assert_true(umbd_peers_acquire(table, &other, 9, &account, &reason));
+            assert_true(umbd_peers_acquire(table, &other, 9, &account, &strangers, &reason));
             umbd_peers_release(table, account, SECOND); /* may sweep the chain */
         }
         umbd_peers_destroy(table);
@@ -201,13 +208,14 @@ static void debts_outlive_the_connections(void **state)
     struct umbd_peer_table *table = umbd_peers_create();
     struct umbd_peer_account *account;
     const char *reason;
+    size_t strangers;
     uint64_t wait;
     struct sockaddr_storage address = v4(7);
     assert_non_null(table);
-    assert_true(umbd_peers_acquire(table, &address, 9, &account, &reason));
+    assert_true(umbd_peers_acquire(table, &address, 9, &account, &strangers, &reason));
     assert_true(umbd_rate_take(&account->paid_until_ns, 10, 100, SECOND, &wait));
     umbd_peers_release(table, account, SECOND);
-    assert_true(umbd_peers_acquire(table, &address, 9, &account, &reason));
+    assert_true(umbd_peers_acquire(table, &address, 9, &account, &strangers, &reason));
     assert_false(umbd_rate_take(&account->paid_until_ns, 10, 1, SECOND, &wait));
     umbd_peers_release(table, account, 100 * SECOND);
     umbd_peers_destroy(table);

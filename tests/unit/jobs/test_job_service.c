@@ -482,6 +482,10 @@ static void a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing(vo
     umbj__take_report(f->service, &report);
     assert_int_equal(counting.cancelled, 1);
     umbj__service_turn(f->service, 0); /* the lease is another daemon's */
+    assert_int_equal(umbj_service_cancel(f->service, job.id, NULL, &job, &f->error),
+                     UMB_E_UNAVAILABLE);
+    assert_non_null(strstr(f->error.message, "another daemon has taken over"));
+    assert_int_equal(counting.cancelled, 1);
     assert_int_equal(umbj_table_get(f->service->table, job.id, NULL, &job, &f->error), UMB_OK);
     assert_int_equal(job.state, UMBJ_RUNNING);
 }

@@ -251,6 +251,23 @@ static void a_file_that_is_no_table_is_refused(void **state)
     reopen(f);
 }
 
+static void a_frozen_table_is_read_and_not_written(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_job job;
+    char id[UMBJ_ID_SIZE];
+    int is_new;
+    assert_int_equal(submit_as(f, "ann", 1, 0, 1, &job, &is_new), UMB_OK);
+    memcpy(id, job.id, sizeof id);
+    assert_int_equal(umbj_table_freeze(f->table, &f->error), UMB_OK);
+    assert_int_equal(umbj_table_cancel(f->table, id, "ann", 2, &job, &f->error), UMB_E_IO);
+    assert_int_equal(submit_as(f, "ann", 2, 0, 2, &job, &is_new), UMB_E_IO);
+    assert_int_equal(umbj_table_get(f->table, id, "ann", &job, &f->error), UMB_OK);
+    assert_int_equal(job.state, UMBJ_QUEUED);
+    reopen(f);
+    assert_int_equal(umbj_table_cancel(f->table, id, "ann", 2, &job, &f->error), UMB_OK);
+}
+
 /* Reopens with other limits. */
 static void reopen_with(struct fixture *f, int64_t owner_assets, int64_t owner_history)
 {
@@ -386,6 +403,7 @@ int main(void)
         TABLE_TEST(a_restart_queues_what_ran),
         TABLE_TEST(an_asset_lives_as_long_as_somebody_has_it),
         TABLE_TEST(a_file_that_is_no_table_is_refused),
+        TABLE_TEST(a_frozen_table_is_read_and_not_written),
         TABLE_TEST(what_an_owner_keeps_has_a_quota),
         TABLE_TEST(the_oldest_jobs_of_an_owner_are_forgotten),
         TABLE_TEST(a_step_of_the_clock_moves_no_lease_and_lengthens_no_pause),

@@ -112,7 +112,7 @@ static enum umb_status stage(const struct fixture *f, uint64_t most, struct umb_
     const enum umb_status status = umbj_stage(f->path, most, f->folder, &staged, asset, error);
     assert_int_equal(staged.temporary != NULL, status == UMB_OK);
     if (status == UMB_OK) {
-        assert_memory_equal(asset, f->packed.data + 48, sizeof asset); /* docs/umb-format.md */
+        assert_memory_equal(asset, f->packed.data + 48, sizeof asset); /* umb-format.md: head */
     }
     umbs_file_abandon(&staged);
     return status;

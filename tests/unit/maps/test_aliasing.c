@@ -13,24 +13,21 @@ enum {
 };
 
 /* A camera that looks along +y with z up. */
-static struct umb_cascade_camera camera_at(double y, double z)
+static struct umb_camera camera_at(double y, double z)
 {
-    return (struct umb_cascade_camera){.eye = {0, y, z},
-                                       .right = {1, 0, 0},
-                                       .up = {0, 0, 1},
-                                       .forward = {0, 1, 0},
-                                       .tan_x = 0.6,
-                                       .tan_y = 0.45,
-                                       .near_m = 0.1,
-                                       .far_m = 100};
+    return (struct umb_camera){.eye = {0, y, z},
+                               .forward = {0, 3, 0},
+                               .up = {0, 0, 2},
+                               .fov_y = 0.85,
+                               .aspect = 4.0 / 3.0};
 }
 
 /*
  * Lloyd's m in the plane x = 0, where the surface, the light's and the eye's rays all lie: ratio of
  * the widths of the light's and the eye's beam on the surface. Long double.
  */
-static long double lloyd(const struct umb_cascade_camera *camera, const double light[3],
-                         double tangent, const double point[3], const double normal[3])
+static long double lloyd(const struct umb_camera *camera, const double light[3], double tangent,
+                         const double point[3], const double normal[3])
 {
     const long double ly = (long double)(point[1] - light[1]),
                       lz = (long double)(point[2] - light[2]);
@@ -44,7 +41,8 @@ static long double lloyd(const struct umb_cascade_camera *camera, const double l
         fabsl((long double)normal[1] * ly + (long double)normal[2] * lz) / l;
     const long double cos_psi_e =
         fabsl((long double)normal[1] * ey + (long double)normal[2] * ez) / e;
-    const long double w_l = 2.0L * (long double)tangent, w_e = 2.0L * (long double)camera->tan_y;
+    const long double w_l = 2.0L * (long double)tangent,
+                      w_e = 2.0L * (long double)tan(camera->fov_y / 2);
     const long double r_t = TEXELS, r_j = PIXELS_Y; /* n_l = n_e = 1 */
     return r_j / r_t * (w_l * d_l * cos_phi_l) / (w_e * d_e * cos_phi_e) * cos_psi_e / cos_psi_l;
 }
@@ -57,7 +55,7 @@ static void a_step_of_one_texel_is_lloyds_m(void **state)
     int seen = 0;
     print_message("seed 2007\n");
     for (int i = 0; i < 1000000; i++) {
-        const struct umb_cascade_camera camera =
+        const struct umb_camera camera =
             camera_at(-5.0 * random_unit(&seed), 1.0 + 5.0 * random_unit(&seed));
         const struct umb_map_spot spot = {.position = {0, 20 * random_unit(&seed), 20},
                                           .forward = {0, 0, -1},
@@ -72,7 +70,7 @@ static void a_step_of_one_texel_is_lloyds_m(void **state)
         struct umb_map_frustum frustum;
         struct umb_aliasing a;
         assert_int_equal(umb_map_frustum_spot(&spot, TEXELS, TEXELS, &frustum, NULL), UMB_OK);
-        if (!umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a)) {
+        if (umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a) != UMB_OK) {
             continue;
         }
         const long double m = lloyd(&camera, spot.position, spot.tangent, point, normal);
@@ -99,7 +97,7 @@ static void a_step_of_one_texel_is_lloyds_m(void **state)
 static void under_a_light_from_above_it_is_the_simplified_formula(void **state)
 {
     (void)state;
-    const struct umb_cascade_camera camera = camera_at(0.0, 2.0);
+    const struct umb_camera camera = camera_at(0.0, 2.0);
     const struct umb_box ground = {{-50, 0, -1}, {50, 100, 1}};
     const double to_light[3] = {0, 0, 1};
     struct umb_map_frustum frustum;
@@ -109,10 +107,11 @@ static void under_a_light_from_above_it_is_the_simplified_formula(void **state)
         const double point[3] = {0, y, 0}, normal[3] = {0, 0, 1};
         struct umb_aliasing a;
         assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, normal, &a),
-                         1);
+                         UMB_OK);
         /* A texel is 100 m / 510 deep. On the ground 2 m below the eye, dv/dy = f 2 / y^2 pixels;
          * dp/ds takes the distance r along the ray for y, and cos a = 2 / r. */
-        const double texel_m = 100.0 / 510.0, f = 0.5 * PIXELS_Y / 0.45, r = hypot(y, 2.0);
+        const double texel_m = 100.0 / 510.0, f = 0.5 * PIXELS_Y / tan(camera.fov_y / 2),
+                     r = hypot(y, 2.0);
         const double exact = texel_m * f * 2.0 / (y * y);
         const double along = fmin(a.along[0], a.along[1]); /* the axis that lies along the view */
         assert_true(fabs(along - exact) < 1e-9 * exact);
@@ -127,7 +126,10 @@ static void patches_equal_finite_differences(void **state)
     (void)state;
     uint64_t seed = 17;
     for (int i = 0; i < case_count(20000); i++) {
-        struct umb_cascade_camera camera = camera_at(-3.0, 4.0);
+        struct umb_camera camera = camera_at(-3.0, 4.0);
+        const double tan_y = tan(camera.fov_y / 2), tan_x = tan_y * camera.aspect;
+        camera.near_m = 0.1;
+        camera.far_m = 100;
         const struct umb_box box = {{-20, -10, 0}, {20, 30, 8}};
         double to_light[3] = {random_unit(&seed) - 0.5, random_unit(&seed) - 0.5, 0.4};
         struct umb_cascade_plan plan;
@@ -141,7 +143,7 @@ static void patches_equal_finite_differences(void **state)
                        0.5 + random_unit(&seed)};
         struct umb_aliasing a;
         assert_true(umb__unit(n));
-        if (!umb_aliasing_at(&plan.frusta[0], &camera, PIXELS_X, PIXELS_Y, world, n, &a) ||
+        if (umb_aliasing_at(&plan.frusta[0], &camera, PIXELS_X, PIXELS_Y, world, n, &a) != UMB_OK ||
             a.most > 1e4) {
             continue;
         }
@@ -153,19 +155,21 @@ static void patches_equal_finite_differences(void **state)
         for (int side = 0; side < 2; side++) {
             const double step = side == 0 ? -1e-4 : 1e-4;
             double p0[3], p1[3], hit[3], d[3], to[3];
-            assert_true(
-                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 0, p0));
-            assert_true(
-                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 1, p1));
+            assert_int_equal(
+                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 0, p0),
+                UMB_OK);
+            assert_int_equal(
+                umb_map_frustum_point(&plan.frusta[0], here.at[0] + step, here.at[1], 1, p1),
+                UMB_OK);
             umb__subtract(p1, p0, d);
             umb__subtract(world, p0, to);
             const double t = umb__dot(n, to) / umb__dot(n, d);
             for (int k = 0; k < 3; k++) {
                 hit[k] = p0[k] + t * d[k] - camera.eye[k];
             }
-            const double z = umb__dot(hit, camera.forward);
-            pixels[side][0] = 0.5 * PIXELS_X * umb__dot(hit, camera.right) / (z * camera.tan_x);
-            pixels[side][1] = 0.5 * PIXELS_Y * umb__dot(hit, camera.up) / (z * camera.tan_y);
+            const double z = hit[1]; /* the camera looks along +y with z up */
+            pixels[side][0] = 0.5 * PIXELS_X * hit[0] / (z * tan_x);
+            pixels[side][1] = 0.5 * PIXELS_Y * hit[2] / (z * tan_y);
         }
         const double m = hypot(pixels[1][0] - pixels[0][0], pixels[1][1] - pixels[0][1]) / 2e-4;
         if (!(fabs(a.along[0] - m) <= 1e-4 * (m + 1e-3))) {
@@ -178,7 +182,7 @@ static void patches_equal_finite_differences(void **state)
 static void a_grazing_light_is_infinite_and_nothing_is_nan(void **state)
 {
     (void)state;
-    const struct umb_cascade_camera camera = camera_at(0.0, 2.0);
+    const struct umb_camera camera = camera_at(0.0, 2.0);
     const struct umb_box box = {{-50, 0, -1}, {50, 100, 1}};
     const double point[3] = {0, 10, 0};
     double before = 0.0;
@@ -189,7 +193,8 @@ static void a_grazing_light_is_infinite_and_nothing_is_nan(void **state)
         struct umb_aliasing a;
         assert_int_equal(umb_map_frustum_fit(to_light, &box, TEXELS, TEXELS, &frustum, NULL),
                          UMB_OK);
-        assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), 1);
+        assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a),
+                         UMB_OK);
         assert_true(a.most > before && !isnan(a.least));
         before = a.projection;
     }
@@ -197,11 +202,13 @@ static void a_grazing_light_is_infinite_and_nothing_is_nan(void **state)
     struct umb_map_frustum frustum;
     struct umb_aliasing a;
     assert_int_equal(umb_map_frustum_fit(to_light, &box, TEXELS, TEXELS, &frustum, NULL), UMB_OK);
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), 1);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, up, &a), UMB_OK);
     assert_true(isinf(a.most) && isinf(a.along[0]) && isinf(a.projection));
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, down, &a), 0);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, point, down, &a),
+                     UMB_E_NOT_FOUND);
     const double behind[3] = {0, -10, 0};
-    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, behind, up, &a), 0);
+    assert_int_equal(umb_aliasing_at(&frustum, &camera, PIXELS_X, PIXELS_Y, behind, up, &a),
+                     UMB_E_NOT_FOUND);
     assert_true(a.most == 0.0);
 }
 

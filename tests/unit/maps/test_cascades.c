@@ -2,28 +2,25 @@
 /* Splits, frusta of slices, snapping, warps, and the seam with its remedy. */
 #include "maps_fixture.h"
 #include "maps/map_receiver.h"
+#include "maps/map_view.h"
 #include "base/vec.h"
 #include "umbrage/cascades.h"
 
 static const struct umb_box scene = {{-60, -50, 0}, {70, 40, 25}};
 
-static struct umb_cascade_camera camera_of(uint64_t *seed)
+static struct umb_camera camera_of(uint64_t *seed)
 {
-    struct umb_cascade_camera camera = {.tan_x = 0.3 + 0.5 * random_unit(seed),
-                                        .tan_y = 0.2 + 0.3 * random_unit(seed),
-                                        .near_m = 0.1 + random_unit(seed),
-                                        .far_m = 60.0 + 100.0 * random_unit(seed)};
-    const double up[3] = {0, 0, 1};
+    struct umb_camera camera = {.up = {0, 0, 1},
+                                .fov_y = 0.4 + 0.5 * random_unit(seed),
+                                .aspect = 1 + random_unit(seed),
+                                .near_m = 0.1 + random_unit(seed),
+                                .far_m = 60.0 + 100.0 * random_unit(seed)};
     for (int k = 0; k < 3; k++) {
         camera.eye[k] = (random_unit(seed) - 0.5) * 40.0;
         camera.forward[k] = random_unit(seed) - 0.5;
     }
     camera.eye[2] = 3.0 + 10.0 * random_unit(seed);
     camera.forward[2] *= 0.5;
-    assert_true(umb__unit(camera.forward));
-    umb__cross(camera.forward, up, camera.right);
-    assert_true(umb__unit(camera.right));
-    umb__cross(camera.right, camera.forward, camera.up);
     return camera;
 }
 
@@ -66,23 +63,24 @@ static void every_visible_point_of_the_scene_lies_on_its_map(void **state)
     uint64_t seed = 2013;
     int seen = 0, warped = 0;
     for (int round = 0; round < case_count(600000) / 200; round++) {
-        const struct umb_cascade_camera camera = camera_of(&seed);
+        const struct umb_camera camera = camera_of(&seed);
         const struct umb_cascade_settings settings = settings_of((enum umb_cascade_fit)(round % 3));
+        struct umb__map_view view;
         struct umb_cascade_plan plan;
         double to_light[3] = {random_unit(&seed) - 0.5, random_unit(&seed) - 0.5,
                               0.05 + random_unit(&seed)};
         assert_int_equal(umb_cascades_plan(&camera, to_light, &scene, &settings, &plan, NULL),
                          UMB_OK);
         assert_true(umb__unit(to_light));
+        assert_int_equal(umb__map_view_make(&camera, &view, NULL), UMB_OK);
         for (int i = 0; i < 200; i++) {
             const double z = camera.near_m + (camera.far_m - camera.near_m) * random_unit(&seed);
-            const double x = (2.0 * random_unit(&seed) - 1.0) * z * camera.tan_x;
-            const double y = (2.0 * random_unit(&seed) - 1.0) * z * camera.tan_y;
+            const double x = (2.0 * random_unit(&seed) - 1.0) * z * view.tan_x;
+            const double y = (2.0 * random_unit(&seed) - 1.0) * z * view.tan_y;
             double world[3];
             int inside = 1, slice = 0;
             for (int k = 0; k < 3; k++) {
-                world[k] =
-                    camera.eye[k] + x * camera.right[k] + y * camera.up[k] + z * camera.forward[k];
+                world[k] = view.eye[k] + x * view.right[k] + y * view.up[k] + z * view.forward[k];
                 inside &= world[k] >= scene.min[k] && world[k] <= scene.max[k];
             }
             if (!inside) {
@@ -114,14 +112,14 @@ static void snapped_texels_stay_where_they_are_in_the_world(void **state)
     (void)state;
     uint64_t seed = 99;
     const double to_light[3] = {0.3, -0.5, 0.9}, world[3] = {5.0, 7.0, 1.0};
-    struct umb_cascade_camera camera = camera_of(&seed);
+    struct umb_camera camera = camera_of(&seed);
     const struct umb_cascade_settings settings = settings_of(UMB_CASCADE_SLICE);
     struct umb_cascade_plan first, next;
     assert_int_equal(umb_cascades_plan(&camera, to_light, &scene, &settings, &first, NULL), UMB_OK);
     for (int round = 0; round < case_count(2000); round++) {
-        struct umb_cascade_camera moved = camera_of(&seed); /* turned, and somewhere else */
-        moved.tan_x = camera.tan_x;
-        moved.tan_y = camera.tan_y;
+        struct umb_camera moved = camera_of(&seed); /* turned, and somewhere else */
+        moved.fov_y = camera.fov_y;
+        moved.aspect = camera.aspect;
         moved.near_m = camera.near_m;
         moved.far_m = camera.far_m;
         assert_int_equal(umb_cascades_plan(&moved, to_light, &scene, &settings, &next, NULL),
@@ -141,14 +139,13 @@ static void snapped_texels_stay_where_they_are_in_the_world(void **state)
 /* Metres of a texel across the view, at the near and the far end of the first slice. */
 static void texel_ratio(enum umb_cascade_fit fit, double *near_m, double *ratio)
 {
-    const struct umb_cascade_camera camera = {.eye = {0, 0, 1.7},
-                                              .right = {1, 0, 0},
-                                              .up = {0, 0, 1},
-                                              .forward = {0, 1, 0},
-                                              .tan_x = 0.5,
-                                              .tan_y = 0.3,
-                                              .near_m = 1.0,
-                                              .far_m = 100.0};
+    const struct umb_camera camera = {.eye = {0, 0, 1.7},
+                                      .forward = {0, 1, 0},
+                                      .up = {0, 0, 1},
+                                      .fov_y = 0.58, /* tangents of 0.3 and 0.5 */
+                                      .aspect = 5.0 / 3.0,
+                                      .near_m = 1.0,
+                                      .far_m = 100.0};
     const struct umb_box ground = {{-200, -200, 0}, {200, 200, 10}};
     const double to_light[3] = {0, 0, 1};
     struct umb_cascade_settings settings = settings_of(fit);
@@ -240,7 +237,7 @@ static void points_ask_their_slice_and_fade_into_the_next(void **state)
         queries[i] = query_of(maps[i], &(struct umb_map_filter){.width = 1});
     }
     struct umb_cascade_plan plan = {.count = 2, .splits = {1, 10, 50}, .blend = 0.2};
-    plan.camera.forward[2] = 1.0; /* looks along z, which is depth in hundredths */
+    plan.forward[2] = 1.0; /* looks along z, which is depth in hundredths */
     for (double z = 0.5; z < 60.0; z += 0.1) {
         const double world[3] = {0.5, 0.5, z};
         const struct umb_points points = {.positions = world, .format = UMB_POINT_F64, .count = 1};
@@ -257,18 +254,28 @@ static void plans_of_strangers_are_refused_by_name(void **state)
 {
     (void)state;
     uint64_t seed = 5;
-    const struct umb_cascade_camera good = camera_of(&seed);
+    const struct umb_camera good = camera_of(&seed);
     const struct umb_cascade_settings settings = settings_of(UMB_CASCADE_SLICE);
     const double to_light[3] = {0, 0, 1}, nothing[3] = {0, 0, 0};
     struct umb_cascade_plan plan;
     struct umb_error error;
-    struct umb_cascade_camera bad = good;
+    struct umb_camera bad = good;
     bad.near_m = 0.0;
     assert_int_equal(umb_cascades_plan(&bad, to_light, &scene, &settings, &plan, &error),
                      UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "near 0"));
     bad = good;
-    bad.right[0] = NAN;
+    bad.up[0] = NAN;
+    assert_int_equal(umb_cascades_plan(&bad, to_light, &scene, &settings, &plan, &error),
+                     UMB_E_ARGUMENT);
+    struct umb__map_view view; /* a request brings one as it likes */
+    assert_int_equal(umb__map_view_make(&good, &view, NULL), UMB_OK);
+    view.right[0] = NAN;
+    assert_int_equal(umb__cascades_plan(&view, to_light, &scene, &settings, &plan, &error),
+                     UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "orthonormal"));
+    bad = good;
+    bad.fov_y = 3.2;
     assert_int_equal(umb_cascades_plan(&bad, to_light, &scene, &settings, &plan, &error),
                      UMB_E_ARGUMENT);
     assert_int_equal(umb_cascades_plan(&good, nothing, &scene, &settings, &plan, &error),
@@ -292,7 +299,7 @@ static void cameras_beyond_what_doubles_can_tell_are_refused(void **state)
 {
     (void)state;
     uint64_t seed = 6;
-    const struct umb_cascade_camera good = camera_of(&seed);
+    const struct umb_camera good = camera_of(&seed);
     const double to_light[3] = {0, 0, 1};
     struct umb_cascade_plan plan;
     struct umb_error error;
@@ -300,14 +307,14 @@ static void cameras_beyond_what_doubles_can_tell_are_refused(void **state)
         const struct umb_cascade_settings settings = settings_of((enum umb_cascade_fit)fit);
         const double eyes[] = {1e20, -1e20, 1e29, 1e31, 1e308};
         for (size_t i = 0; i < sizeof eyes / sizeof eyes[0]; i++) {
-            struct umb_cascade_camera far_away = good;
+            struct umb_camera far_away = good;
             far_away.eye[0] = eyes[i];
             assert_int_equal(
                 umb_cascades_plan(&far_away, to_light, &scene, &settings, &plan, &error),
                 UMB_E_ARGUMENT);
             assert_non_null(strstr(error.message, "eye"));
         }
-        struct umb_cascade_camera odd = good;
+        struct umb_camera odd = good;
         odd.far_m = 1e300;
         assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
                          UMB_E_ARGUMENT);
@@ -316,7 +323,7 @@ static void cameras_beyond_what_doubles_can_tell_are_refused(void **state)
         assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
                          UMB_E_ARGUMENT);
         odd = good;
-        odd.tan_x = 1e-300;
+        odd.aspect = 1e-300;
         assert_int_equal(umb_cascades_plan(&odd, to_light, &scene, &settings, &plan, &error),
                          UMB_E_ARGUMENT);
         odd = good;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The failures that the literature knows, each constructed, measured, and beside it the remedy.
- * Figures of docs/techniques.md come from here.
+ * Figures of docs/explained/techniques.md come from here.
  */
 #include "maps_fixture.h"
 

@@ -34,7 +34,7 @@ static void points_of_map_space_come_back_from_the_world(void **state)
                               random_unit(&seed)};
         double world[3];
         struct umb__map_point back;
-        assert_true(umb_map_frustum_point(&frustum, at[0], at[1], at[2], world));
+        assert_int_equal(umb_map_frustum_point(&frustum, at[0], at[1], at[2], world), UMB_OK);
         assert_true(umb__frustum_map(&frustum, world, &back));
         for (int k = 0; k < 3; k++) {
             /* 1e7 m resolve 2e-9 m; a texel is at least 2 mm at the near plane. */
@@ -53,9 +53,10 @@ static void gradients_equal_finite_differences(void **state)
         struct umb_map_frustum frustum = frustum_of_kind(i % 3, &seed);
         memset(frustum.origin, 0, sizeof frustum.origin); /* so that differences are fine */
         double world[3];
-        assert_true(umb_map_frustum_point(&frustum, 60 + random_unit(&seed) * 150,
-                                          60 + random_unit(&seed) * 80,
-                                          0.1 + 0.8 * random_unit(&seed), world));
+        assert_int_equal(umb_map_frustum_point(&frustum, 60 + random_unit(&seed) * 150,
+                                               60 + random_unit(&seed) * 80,
+                                               0.1 + 0.8 * random_unit(&seed), world),
+                         UMB_OK);
         struct umb__map_point here, low, high;
         assert_true(umb__frustum_map(&frustum, world, &here));
         for (int axis = 0; axis < 3; axis++) {

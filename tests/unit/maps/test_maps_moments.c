@@ -540,7 +540,8 @@ static void opaque_lists_have_the_moments_of_a_shadow_map(void **state)
     struct umb_map_level a, b;
     assert_int_equal(umb_map_build_translucent(&frustum, &in, &settings, NULL, &lists, NULL),
                      UMB_OK);
-    assert_true(umb_map_get_level(lists, 0, &a) && umb_map_get_level(depths, 0, &b));
+    assert_true(umb_map_get_level(lists, 0, &a) == UMB_OK &&
+                umb_map_get_level(depths, 0, &b) == UMB_OK);
     assert_true(a.bytes == b.bytes);
     for (size_t i = 0; i < a.bytes / sizeof(float); i++) {
         float x, y;

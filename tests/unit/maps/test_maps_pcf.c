@@ -257,7 +257,7 @@ static void penumbra_of_a_spot_light_follows_similar_triangles(void **state)
     for (int y = 0; y < SIDE; y++) {
         for (int x = 0; x < SIDE; x++) {
             double world[3];
-            assert_true(umb_map_frustum_point(&frustum, x + 0.5, y + 0.5, 0.4, world));
+            assert_int_equal(umb_map_frustum_point(&frustum, x + 0.5, y + 0.5, 0.4, world), UMB_OK);
             assert_true(fabs(world[2] - 5.0) < 1e-9); /* near + 0.4 * 10 m below the light */
             depths[y][x] = world[0] < 3.0 ? 0.4F : 1.0F;
         }

@@ -11,6 +11,7 @@
  * point with its x coordinate (float).
  */
 #include "fake_reply.h"
+#include "wire/bakes.h"
 #include "wire/grpc.h"
 #include "wire/volume_queries.h"
 
@@ -196,8 +197,9 @@ static void fake_health(struct fake_stream *stream)
 }
 
 /* Segments: of segment i share i is lit, in i intervals, each from its number on; "lies" tells one
- * interval less than it counts, "few" answers one segment less. Other questions get no answer. */
-static void fake_segments(struct fake_stream *stream)
+ * interval less than it counts, "few" answers one segment less. Other questions get an empty reply.
+ * Returns false for "silent", which gets none. */
+static bool fake_segments(struct fake_stream *stream)
 {
     struct umbw_volume_query_request request;
     struct umbw_buffer buffer = {NULL, 0, 0};
@@ -206,7 +208,10 @@ static void fake_segments(struct fake_stream *stream)
     size_t told = 0;
     if (umbw_decode_volume_query_request(UMBW_SEGMENTS, stream->body + 5, stream->body_size - 5,
                                          1000, &request, NULL) != UMB_OK) {
-        return; /* an empty reply */
+        return true; /* an empty reply */
+    }
+    if (strcmp(request.asset, "silent") == 0) {
+        return false;
     }
     for (uint32_t i = 0; i < request.count && i < 16; i++) {
         lit[i] = counts[i] = i;
@@ -228,6 +233,45 @@ static void fake_segments(struct fake_stream *stream)
         abort();
     }
     fake_append_buffer(stream, &buffer);
+    return true;
+}
+
+/* Jobs: all but those of "silent" are done after a status on the way; an asset is "0123456789" in
+ * two pieces. Returns false if nothing is answered. */
+static bool fake_jobs(struct fake_stream *stream)
+{
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    struct umbw_job_status jobs[2] = {{.job = "first", .state = 1}, {.job = "second", .state = 2}};
+    const struct umbw_job_list list = {.jobs = jobs, .count = 2};
+    const struct umbw_submit_reply submitted = {.job = "first", .existing = 1};
+    char job[UMBW_JOB_MAX + 1] = "";
+    enum umb_status status = UMB_OK;
+    (void)!umbw_decode_job_request(stream->body + 5, stream->body_size - 5, job, NULL);
+    if (strcmp(job, "silent") == 0) {
+        return false;
+    }
+    if (strcmp(stream->path, UMBW_PATH_BAKES_LIST) == 0) {
+        status = umbw_encode_job_list(&list, &buffer, NULL);
+    } else if (strcmp(stream->path, UMBW_PATH_BAKES_SUBMIT) == 0) {
+        status = umbw_encode_submit_reply(&submitted, &buffer, NULL);
+    } else if (strcmp(stream->path, UMBW_PATH_BAKES_DELETE) == 0) {
+        status = umbw_encode_delete_reply(&buffer, NULL);
+    } else if (strcmp(stream->path, UMBW_PATH_BAKES_CANCEL) == 0) {
+        status = umbw_encode_job_status(&jobs[1], &buffer, NULL);
+    } else {
+        for (size_t i = 0; i < 2 && status == UMB_OK; i++) {
+            const struct umbw_fetch_reply piece = {
+                .size = 10, .offset = 5 * i, .data = (const uint8_t *)"0123456789" + 5 * i, 5};
+            status = strcmp(stream->path, UMBW_PATH_BAKES_FETCH) == 0
+                         ? umbw_encode_fetch_reply(&piece, &buffer, NULL)
+                         : umbw_encode_job_status(&jobs[i], &buffer, NULL);
+        }
+    }
+    if (status != UMB_OK) {
+        abort();
+    }
+    fake_append_buffer(stream, &buffer);
+    return true;
 }
 
 static void fake_respond(struct fake_connection *connection, struct fake_stream *stream)
@@ -251,8 +295,14 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
             fake_describe(stream);
         } else if (strcmp(stream->path, UMBW_PATH_LIMITS) == 0) {
             fake_limits(stream);
+        } else if (strncmp(stream->path, "/umbrage.v1.Bakes/", 18) == 0) {
+            if (!fake_jobs(stream)) {
+                return;
+            }
         } else if (strncmp(stream->path, "/umbrage.v1.Questions/", 22) == 0) {
-            fake_segments(stream);
+            if (!fake_segments(stream)) {
+                return;
+            }
         } else {
             fake_health(stream);
         }

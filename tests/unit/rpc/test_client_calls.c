@@ -366,7 +366,8 @@ static void queued_calls_expire_behind_a_full_server(void **state)
     assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
     struct umb_client_query_request request = make_request("silent");
     request.timeout_ms = 5000;
-    assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, &error), UMB_OK);
+    assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, NULL, &error),
+                     UMB_OK);
     while (atomic_load(&server.requests) < 2) { /* it has the only stream */
         fake_pause(1);
     }
@@ -412,10 +413,10 @@ static void full_client_is_busy_and_close_cancels_every_call_once(void **state)
     struct umb_client *client = open_client(address, &options);
     struct umb_client_query_request request = make_request("silent");
     for (int i = 0; i < 8; i++) {
-        assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, &error),
+        assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, NULL, &error),
                          UMB_OK);
     }
-    assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, &error),
+    assert_int_equal(umb_client_query_start(client, &request, count_call, &tally, NULL, &error),
                      UMB_E_BUSY);
     assert_non_null(strstr(error.message, "the limit is 8"));
     assert_region_is_busy(client);
@@ -570,7 +571,7 @@ static void start_another(void *user, enum umb_status status,
     if (chain->left-- > 0) {
         chain->blocking = umb_client_query(chain->client, &request, values, NULL, &ignored);
         assert_int_equal(
-            umb_client_query_start(chain->client, &request, start_another, chain, &ignored),
+            umb_client_query_start(chain->client, &request, start_another, chain, NULL, &ignored),
             UMB_OK);
     }
     count_call(&chain->tally, status, reply, error);
@@ -587,8 +588,9 @@ static void callbacks_may_start_calls_but_not_block(void **state)
     const struct umb_client_options options = {.max_calls = 1}; /* a call ends before done runs */
     chain.client = open_client(address, &options);
     struct umb_client_query_request request = make_request("ok");
-    assert_int_equal(umb_client_query_start(chain.client, &request, start_another, &chain, &error),
-                     UMB_OK);
+    assert_int_equal(
+        umb_client_query_start(chain.client, &request, start_another, &chain, NULL, &error),
+        UMB_OK);
     for (int i = 0; i < 500 && calls_so_far(&chain.tally) < 5; i++) {
         fake_pause(10);
     }

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include "call_end.h"
 #include "fake_server.h"
 #include "umbrage/client.h"
 
@@ -49,10 +50,10 @@ static void assets_are_listed(void **state)
     struct umb_error error;
     struct umb_client_asset *assets;
     size_t count;
-    assert_int_equal(umb_client_list(peer->client, &assets, &count, &error), UMB_OK);
+    assert_int_equal(umb_client_list_assets(peer->client, &assets, &count, &error), UMB_OK);
     assert_int_equal(count, 2);
     assert_string_equal(assets[1].name, "b");
-    umb_client_assets_free(assets);
+    umb_free(assets);
 }
 
 static void an_asset_is_described(void **state)
@@ -60,13 +61,59 @@ static void an_asset_is_described(void **state)
     struct peer *peer = *state;
     struct umb_error error;
     struct umb_client_description *about;
-    assert_int_equal(umb_client_describe(peer->client, "a", &about, &error), UMB_OK);
+    assert_int_equal(umb_client_describe(peer->client, "a", &about, NULL, &error), UMB_OK);
     assert_string_equal(about->asset.name, "a");
     assert_int_equal(about->light_count, 1);
     assert_string_equal(about->lights[0].info.name, "sun");
     assert_int_equal(about->lights[0].resolution, 1024);
     assert_string_equal(about->plan, "effect=closed state=on\n");
-    umb_client_description_free(about);
+    umb_free(about);
+}
+
+/* Begins a call in a callback, where waiting is refused. */
+struct chain {
+    struct umb_client *client;
+    struct umb_client_description *second;
+    enum umb_status waited, begun;
+    struct umb_client_async async;
+};
+
+static void on_first(void *user, enum umb_status status, const struct umb_error *error)
+{
+    struct chain *chain = user;
+    struct umb_client_description *none;
+    (void)status;
+    (void)error;
+    chain->waited = umb_client_describe(chain->client, "a", &none, NULL, NULL);
+    chain->begun = umb_client_describe(chain->client, "a", &chain->second, &chain->async, NULL);
+}
+
+static void a_description_comes_to_a_callback(void **state)
+{
+    struct peer *peer = *state;
+    struct end end;
+    struct umb_client_description *first = NULL;
+    struct umb_error error;
+    end_init(&end);
+    struct chain chain = {.client = peer->client, .async = {.done = on_end, .user = &end}};
+    struct umb_client_async async = {.done = on_first, .user = &chain};
+    assert_int_equal(umb_client_describe(peer->client, "a", &first, &async, &error), UMB_OK);
+    end_wait(&end);
+    assert_int_equal(chain.waited, UMB_E_STATE);
+    assert_int_equal(chain.begun, UMB_OK);
+    assert_int_equal(end.status, UMB_OK);
+    assert_true(async.call != 0 && chain.async.call != 0 && async.call != chain.async.call);
+    assert_string_equal(first->asset.name, "a");
+    assert_string_equal(chain.second->plan, "effect=closed state=on\n");
+    assert_string_equal(chain.second->settings, "");
+    umb_free(first);
+    umb_free(chain.second);
+    /* What fails at once does not come to the callback. */
+    end.calls = 0;
+    assert_int_equal(umb_client_describe(peer->client, "", &first, &chain.async, &error),
+                     UMB_E_ARGUMENT);
+    assert_null(first);
+    assert_int_equal(end.calls, 0);
 }
 
 static void limits_are_those_that_the_server_tells(void **state)
@@ -113,6 +160,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(assets_are_listed, meet, part),
         cmocka_unit_test_setup_teardown(an_asset_is_described, meet, part),
+        cmocka_unit_test_setup_teardown(a_description_comes_to_a_callback, meet, part),
         cmocka_unit_test_setup_teardown(limits_are_those_that_the_server_tells, meet, part),
         cmocka_unit_test_setup_teardown(limits_that_are_refused_are_zero, meet_refusing, part),
         cmocka_unit_test_setup_teardown(health_is_told, meet, part),

@@ -20,7 +20,8 @@ enum {
 struct answer {
     struct answers *all;
     enum umb_status status;
-    float first; /* the first point's answer: its x */
+    uint64_t call; /* its number */
+    float first;   /* the first point's answer: its x */
     unsigned place;
 };
 
@@ -80,7 +81,8 @@ static void start(struct umb_client *client, struct umb_client_stream *stream, u
     struct umb_error error = {.status = UMB_OK};
     struct umb_client_query_request request = request_of(stream, k, asset);
     request.timeout_ms = timeout_ms;
-    if (umb_client_query_start(client, &request, on_answer, &answers.of[k], &error) != UMB_OK) {
+    if (umb_client_query_start(client, &request, on_answer, &answers.of[k], &answers.of[k].call,
+                               &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
 }
@@ -232,16 +234,17 @@ static void a_cancelled_request_ends_alone_on_a_stream_and_on_its_own(void **sta
         wait_for(1);
         start(peer.client, own[over_stream], 1, "silent", 0);
         start(peer.client, own[over_stream], 2, "ok", 0);
-        assert_int_equal(umb_client_query_cancel(peer.client, NULL, NULL), UMB_OK);
-        assert_int_equal(umb_client_query_cancel(peer.client, &answers, NULL), UMB_OK);
-        assert_int_equal(umb_client_query_cancel(peer.client, &answers.of[0], NULL), UMB_OK);
-        assert_int_equal(umb_client_query_cancel(peer.client, &answers.of[1], NULL), UMB_OK);
+        assert_int_equal(umb_client_cancel(peer.client, 0, NULL), UMB_OK);
+        assert_int_equal(umb_client_cancel(peer.client, UINT64_MAX, NULL), UMB_OK);
+        assert_int_equal(umb_client_cancel(peer.client, answers.of[0].call, NULL), UMB_OK);
+        assert_int_equal(umb_client_cancel(peer.client, answers.of[1].call, NULL), UMB_OK);
         wait_for(3);
         assert_int_equal(answers.of[0].status, UMB_OK);
         assert_int_equal(answers.of[1].status, UMB_E_CANCELLED);
         assert_int_equal(answers.of[2].status, UMB_OK);
         assert_true(answers.of[2].first == 2000);
-        /* What is started later with the same user is another query. */
+        /* A later query has a number of its own. */
+        assert_int_equal(umb_client_cancel(peer.client, answers.of[1].call, NULL), UMB_OK);
         start(peer.client, own[over_stream], 1, "ok", 0);
         wait_for(4);
         assert_int_equal(answers.of[1].status, UMB_OK);

@@ -272,9 +272,10 @@ static void requests_are_held_up_to_a_number_of_bytes(void **state)
     (void)state;
     fake_start(&server, 0, address);
     struct umb_client *client = open_client(address, &options);
-    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, &error), UMB_OK);
-    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, &error), UMB_OK);
-    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, &error), UMB_E_BUSY);
+    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, NULL, &error), UMB_OK);
+    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, NULL, &error), UMB_OK);
+    assert_int_equal(umb_client_query_start(client, &request, ignore, NULL, NULL, &error),
+                     UMB_E_BUSY);
     assert_non_null(strstr(error.message, "300"));
     umb_client_close(client);
     fake_stop(&server);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The README's snippet that asks a daemon, compiled and run; a test compares the texts. */
+/* The snippet of docs/guide/embedding.md that asks a daemon, compiled and run; a test compares the
+ * texts. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -31,7 +32,7 @@ static int ask(const char *address, const float *positions, size_t count, float 
     /* snippet ends */
 }
 
-static void readme_client_snippet_answers(void **state)
+static void client_snippet_answers(void **state)
 {
     struct fake_server server = {.http1 = false};
     static const float positions[6] = {0.25F, 1, 2, 0.75F, 3, 4};
@@ -46,15 +47,15 @@ static void readme_client_snippet_answers(void **state)
     assert_int_equal(ask("nonsense", positions, 2, visibility), 1);
 }
 
-static void readme_shows_the_client_snippet(void **state)
+static void page_shows_the_client_snippet(void **state)
 {
     (void)state;
-    static char readme[65536], source[16384];
-    FILE *file = fopen("README.md", "r");
+    static char page[65536], source[16384];
+    FILE *file = fopen("docs/guide/embedding.md", "r");
     if (!file) {
         skip(); /* not run from the top folder */
     }
-    readme[fread(readme, 1, sizeof readme - 1, file)] = '\0';
+    page[fread(page, 1, sizeof page - 1, file)] = '\0';
     (void)fclose(file);
     file = fopen("tests/unit/rpc/test_readme_client.c", "r");
     assert_non_null(file);
@@ -66,8 +67,8 @@ static void readme_shows_the_client_snippet(void **state)
     for (line = strchr(line, '\n') + 1; line < end;) {
         char *next = strchr(line, '\n');
         *next = '\0';
-        if (strstr(readme, line + 4) == NULL) {
-            fail_msg("not in README.md: %s", line + 4);
+        if (strstr(page, line + 4) == NULL) {
+            fail_msg("not in docs/guide/embedding.md: %s", line + 4);
         }
         line = next + 1;
     }
@@ -76,8 +77,8 @@ static void readme_shows_the_client_snippet(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(readme_client_snippet_answers),
-        cmocka_unit_test(readme_shows_the_client_snippet),
+        cmocka_unit_test(client_snippet_answers),
+        cmocka_unit_test(page_shows_the_client_snippet),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "make_asset.h"
-#include "rpc/rpc_sha256.h"
 #include "umbrage/region.h"
 
 enum {
@@ -38,7 +37,7 @@ static struct bytes packed_noise(void)
     make_octree(&voxels, &octree);
     make_content(&voxels, 0.5, origin, &content);
     struct umb_sink sink = bytes_sink(&file);
-    assert_int_equal(umb_pack_write(&content, &octree, &umb__client_sha256, &sink, id, NULL),
+    assert_int_equal(umb_pack_write(&content, &octree, umb_sha256_openssl(), &sink, id, NULL),
                      UMB_OK);
     umb_octree_finish(&octree);
     return file;

@@ -29,8 +29,9 @@ static pthread_t parent;
 static void *serve(void *unused)
 {
     struct pollfd wanted = {.fd = ends[0], .events = POLLIN};
+    uint32_t left = UINT32_MAX;
     (void)unused;
-    while (poll(&wanted, 1, 10000) > 0 && umbs_broker_serve(ends[0], folder)) {
+    while (poll(&wanted, 1, 10000) > 0 && umbs_broker_serve(ends[0], folder, &left) > 0) {
     }
     return NULL;
 }

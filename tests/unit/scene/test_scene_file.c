@@ -16,7 +16,6 @@
 
 #include "scene/scene_builder.h"
 #include "scene/scene_file.h"
-#include "common/trusted_file.h"
 
 #define WHAT "--scene-buffer"
 
@@ -122,17 +121,16 @@ static void what_was_saved_is_ones_own_and_loads(void **state)
     assert_int_equal(chdir(here), 0);
 }
 
-/* The message names the field, the path, owner and mode, and what to do. */
-static void assert_not_proven(struct fixture *f, const char *path, const char *kind)
+/* The message names the field, the file, what is at fault and why. */
+static void assert_not_proven(struct fixture *f, const char *at_fault, const char *why)
 {
+    char words[160];
+    snprintf(words, sizeof words, "'%s' %s", at_fault, why);
     f->asked = 0;
     assert_int_equal(load(f, f->file, 0), UMB_E_PERMISSION);
     assert_int_equal(f->asked, 0); /* nothing was read */
     assert_non_null(strstr(f->error.message, WHAT));
-    assert_non_null(strstr(f->error.message, path));
-    assert_non_null(strstr(f->error.message, kind));
-    assert_non_null(strstr(f->error.message, "owner"));
-    assert_non_null(strstr(f->error.message, "mode"));
+    assert_non_null(strstr(f->error.message, words));
 }
 
 static void what_others_can_write_is_refused(void **state)
@@ -141,14 +139,14 @@ static void what_others_can_write_is_refused(void **state)
     struct fixture *f = *state;
     for (int i = 0; i < 3; i++) {
         assert_int_equal(chmod(f->file, modes[i]), 0);
-        assert_not_proven(f, f->file, "file '");
+        assert_not_proven(f, f->file, "has mode 06");
         assert_non_null(strstr(f->error.message, "chmod go-w"));
         assert_int_equal(chmod(f->file, 0644), 0);
         assert_int_equal(load(f, f->file, 0), UMB_OK);
         assert_int_equal(chmod(f->folder, 0700 | modes[i]), 0);
-        assert_not_proven(f, f->folder, "folder '");
+        assert_not_proven(f, f->folder, "has mode 07");
         assert_int_equal(chmod(f->folder, 01777), 0); /* sticky: a file's name can still be taken */
-        assert_not_proven(f, f->folder, "folder '");
+        assert_not_proven(f, f->folder, "has mode 1777");
         assert_int_equal(chmod(f->folder, 0755), 0);
         assert_int_equal(load(f, f->file, 0), UMB_OK);
     }
@@ -161,12 +159,42 @@ static void what_another_user_owns_is_refused(void **state)
         skip();
     }
     assert_int_equal(chown(f->file, 12345, 0), 0);
-    assert_not_proven(f, f->file, "file '");
-    assert_non_null(strstr(f->error.message, "12345"));
+    assert_not_proven(f, f->file, "belongs to uid 12345");
     assert_int_equal(chown(f->file, 0, 0), 0);
     assert_int_equal(chown(f->folder, 12345, 0), 0);
-    assert_not_proven(f, f->folder, "folder '");
+    assert_not_proven(f, f->folder, "belongs to uid 12345");
     assert_int_equal(chown(f->folder, 0, 0), 0);
+    assert_int_equal(load(f, f->file, 0), UMB_OK);
+}
+
+/* Another user could put a folder of its own in the place of one above. */
+static void a_folder_above_that_others_can_write_is_refused(void **state)
+{
+    struct fixture *f = *state;
+    char below[96], file[128];
+    snprintf(below, sizeof below, "%s/below", f->folder);
+    snprintf(file, sizeof file, "%s/scene", below);
+    assert_int_equal(mkdir(below, 0700), 0);
+    assert_int_equal(rename(f->file, file), 0);
+    assert_int_equal(load(f, file, 0), UMB_OK);
+    assert_int_equal(chmod(f->folder, 0770), 0);
+    assert_int_equal(load(f, file, 0), UMB_E_PERMISSION);
+    assert_non_null(strstr(f->error.message, "has mode 0770"));
+    assert_int_equal(chmod(f->folder, 01777), 0); /* sticky: theirs cannot replace ours */
+    assert_int_equal(load(f, file, 0), UMB_OK);
+    assert_int_equal(chmod(f->folder, 0700), 0);
+    assert_int_equal(rename(file, f->file), 0);
+    assert_int_equal(rmdir(below), 0);
+}
+
+/* Another user could have linked the file into a folder where it is left behind. */
+static void a_file_of_two_names_is_refused(void **state)
+{
+    struct fixture *f = *state;
+    assert_int_equal(link(f->file, f->link), 0);
+    assert_int_equal(load(f, f->file, 0), UMB_E_PERMISSION);
+    assert_non_null(strstr(f->error.message, "2 hard links"));
+    assert_int_equal(unlink(f->link), 0);
     assert_int_equal(load(f, f->file, 0), UMB_OK);
 }
 
@@ -219,6 +247,9 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_was_saved_is_ones_own_and_loads, setup, teardown),
         cmocka_unit_test_setup_teardown(what_others_can_write_is_refused, setup, teardown),
         cmocka_unit_test_setup_teardown(what_another_user_owns_is_refused, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_folder_above_that_others_can_write_is_refused, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(a_file_of_two_names_is_refused, setup, teardown),
         cmocka_unit_test_setup_teardown(only_regular_files_are_opened, setup, teardown),
         cmocka_unit_test_setup_teardown(bytes_are_read_after_shutting_in_and_checked, setup,
                                         teardown),

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
@@ -19,6 +20,7 @@
 #include <unistd.h>
 
 #include "scene/scene.h"
+#include "scene/scene_broker.h"
 #include "scene/scene_builder.h"
 #include "scene/scene_contract.h"
 
@@ -86,6 +88,21 @@ static int overflow_output(void)
     return 0;
 }
 
+/* Asks for the scene itself, `times` times at most; then hands in a scene. */
+static int ask(int times)
+{
+    int fd = 0;
+    for (int i = 0; i < times && fd >= 0; i++) {
+        fd = umbs_broker_open(UMBS_CHILD_FD_FILES, i % 2 == 0 ? "asks" : "absent");
+        if (fd >= 0) {
+            (void)close(fd);
+        } else if (i % 2 != 0 && errno == ENOENT) {
+            fd = 0;
+        }
+    }
+    return write_triangle();
+}
+
 static int misbehave(const char *name)
 {
     if (strcmp(name, "good") == 0) {
@@ -110,6 +127,10 @@ static int misbehave(const char *name)
     } else if (strcmp(name, "odd") == 0) {
         say("odd: words\n");
         return 42;
+    } else if (strcmp(name, "asks") == 0) {
+        return ask(8);
+    } else if (strcmp(name, "asks_on") == 0) {
+        return ask(1000000000);
     } else if (strcmp(name, "garbage") == 0) {
         ssize_t written = write(UMBS_CHILD_FD_OUTPUT, "garbage, garbage", 16);
         (void)written;
@@ -365,6 +386,31 @@ static void large_input_is_a_limit(void **state)
     assert_non_null(strstr(error.message, "6 bytes, limit 5"));
 }
 
+/* Also the look-ups that find nothing count, and the default ends those without end. */
+static void look_ups_of_files_are_a_limit(void **state)
+{
+    static const struct {
+        const char *name;
+        uint32_t most;
+        enum umb_status status;
+        const char *words;
+    } cases[] = {
+        {"asks", 8, UMB_OK, ""},
+        {"asks", 7, UMB_E_LIMIT, "asks: asks for files more than 7 times, the limit of a scene"},
+        {"asks_on", 0, UMB_E_LIMIT, "more than 65536 times"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct umbs_scene *scene;
+        struct umb_error error;
+        const struct umbs_import_options options = {.timeout_s = 60, .max_files = cases[i].most};
+        assert_int_equal(import_with(cases[i].name, options, &scene, &error), cases[i].status);
+        assert_non_null(strstr(error.message, cases[i].words));
+        assert_int_equal(scene != NULL, cases[i].status == UMB_OK);
+        umbs_scene_destroy(scene);
+    }
+}
+
 static void missing_importer_is_unavailable(void **state)
 {
     (void)state;
@@ -390,9 +436,9 @@ static int make_folder(void **state)
 static int remove_folder(void **state)
 {
     (void)state;
-    static const char *const names[] = {"good",   "abort",    "sleep",  "silent",     "spin",
-                                        "refuse", "limit",    "odd",    "garbage",    "nothing",
-                                        "spam",   "overflow", "orphan", "descriptors"};
+    static const char *const names[] = {
+        "good",    "abort",   "sleep", "silent",   "spin",   "refuse",      "limit", "odd",
+        "garbage", "nothing", "spam",  "overflow", "orphan", "descriptors", "asks",  "asks_on"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         (void)unlink(path_of(names[i]));
     }
@@ -418,6 +464,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(missing_input_and_folders_are_no_input),
         cmocka_unit_test(the_caller_shuts_itself_in_or_nothing_is_read),
         cmocka_unit_test(large_input_is_a_limit),
+        cmocka_unit_test(look_ups_of_files_are_a_limit),
         cmocka_unit_test(missing_importer_is_unavailable),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);

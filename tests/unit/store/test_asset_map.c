@@ -94,7 +94,7 @@ static int setup(void **state)
     folder_make(&f->folder);
     struct bytes packed = make_packed(&voxels, 1.0, origin);
     f->mapped = make_mapped(&packed);
-    memcpy(f->options.id, packed.data + 48, UMB_ID_BYTES); /* docs/umb-format.md: the head */
+    memcpy(f->options.id, packed.data + 48, UMB_ID_BYTES); /* umb-format.md: the head */
     bytes_finish(&packed);
     put_file(f);
     size_t i = 0;

@@ -81,7 +81,7 @@ static void rays_of_more_intervals_than_fit_are_halved(void **state)
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
     assert_int_equal(umbt_fog_make(asset, 0, 1e-7, &thick, NULL), UMB_OK);
     parts = thick;
-    umb_segments_run(&parts.volume, &segments, 0, 1, &answers);
+    umb_volume_segments(&parts.volume, &segments, 0, 1, &answers);
     double through, lit;
     umbt_fog_look(&thick, ends, ends + 3, &through, &lit);
     /* So thin a fog sends light in proportion to the lit length. */

@@ -35,7 +35,7 @@ static uint8_t *sample_description(size_t *size)
         for (size_t row = 0; row < lights[i].curve.count; row++) {
             const double number = (double)row + i;
             lights[i].curve.rows[row] =
-                (struct umb_curve_row){i, 3, number, number / 64, number + 2, number + 3};
+                (struct umb_curve_row){i, 3, number, number / 64, number + 2, number + 3, {0}};
             lights[i].curve.scattered_ns[row] = number + 4;
             lights[i].curve.coherent_ns[row] = i == 1 ? 0 : number + 5;
         }

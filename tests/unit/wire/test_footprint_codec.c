@@ -70,10 +70,10 @@ static void a_picture_has_pixels_of_its_own(void **state)
     struct umb_error error;
     in.has_picture = 1;
     in.points.positions = NULL;
-    in.picture = (struct umb_picture){.eye = {3, 2, 1},
-                                      .forward = {0, 1, 0},
-                                      .up = {0, 0, 1},
-                                      .fov_y = 1,
+    in.picture = (struct umb_picture){.camera.eye = {3, 2, 1},
+                                      .camera.forward = {0, 1, 0},
+                                      .camera.up = {0, 0, 1},
+                                      .camera.fov_y = 1,
                                       .width = POINTS,
                                       .height = 1,
                                       .depth = (const void *)depth};

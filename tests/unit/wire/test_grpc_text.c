@@ -10,6 +10,7 @@
 #include "wire/grpc.h"
 #include "base/utf8.h"
 #include "wire_samples.h"
+#include "wire/grpc_status.h"
 
 static void timeout_parse_knows_every_unit(void **state)
 {
@@ -203,9 +204,35 @@ static void grpc_name_is_never_null(void **state)
     assert_string_equal(umbw_grpc_name(-1), "UNRECOGNISED");
 }
 
+static void grpc_codes_have_a_status_and_keep_their_sense(void **state)
+{
+    static const enum umb_status statuses[] = {
+#define ROW(name, value, text) UMB_##name,
+        UMB_STATUS_LIST(ROW)
+#undef ROW
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof statuses / sizeof statuses[0]; i++) {
+        assert_in_range(umbw_grpc_code(statuses[i]), 0, 16);
+        assert_int_not_equal(umbw_grpc_code(statuses[i]), 2); /* UNKNOWN: it has no row */
+        assert_int_equal(umbw_grpc_code(statuses[i]) == 0, statuses[i] == UMB_OK);
+    }
+    assert_int_equal(umbw_grpc_code((enum umb_status)(-999)), 2);
+    assert_int_equal(umbw_grpc_status(0), UMB_OK);
+    for (int code = 1; code <= 16; code++) {
+        enum umb_status status = umbw_grpc_status(code);
+        assert_int_not_equal(status, UMB_OK);
+        assert_int_not_equal(status, UMB_E_PROTOCOL);
+    }
+    assert_int_equal(umbw_grpc_status(8), UMB_E_TOO_LARGE); /* without a hint to come again */
+    assert_int_equal(umbw_grpc_status(17), UMB_E_PROTOCOL);
+    assert_int_equal(umbw_grpc_status(-1), UMB_E_PROTOCOL);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(grpc_codes_have_a_status_and_keep_their_sense),
         cmocka_unit_test(timeout_parse_knows_every_unit),
         cmocka_unit_test(timeout_parse_rejects_everything_else),
         cmocka_unit_test(timeout_format_rounds_up_and_parses_back),

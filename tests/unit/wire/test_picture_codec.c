@@ -20,10 +20,10 @@ static struct umbw_query_request request_of(void)
                                          .pack = 1,
                                          .base_mark = 0xfedcba9876543210U};
     request.points.count = 6;
-    request.picture = (struct umb_picture){.eye = {1, 2, 3},
-                                           .forward = {0, 0, 1},
-                                           .up = {0, 1, 0},
-                                           .fov_y = 0.5,
+    request.picture = (struct umb_picture){.camera.eye = {1, 2, 3},
+                                           .camera.forward = {0, 0, 1},
+                                           .camera.up = {0, 1, 0},
+                                           .camera.fov_y = 0.5,
                                            .width = 3,
                                            .height = 2,
                                            .depth = depths};
@@ -57,9 +57,9 @@ static void picture_and_packing_survive_the_wire(void **state)
     assert_true(out.base_mark == in.base_mark);
     assert_int_equal(out.points.count, 6);
     assert_memory_equal(out.points.positions, depths, sizeof depths);
-    assert_memory_equal(out.picture.eye, in.picture.eye, 3 * sizeof(double));
-    assert_memory_equal(out.picture.forward, in.picture.forward, 3 * sizeof(double));
-    assert_memory_equal(out.picture.up, in.picture.up, 3 * sizeof(double));
+    assert_memory_equal(out.picture.camera.eye, in.picture.camera.eye, 3 * sizeof(double));
+    assert_memory_equal(out.picture.camera.forward, in.picture.camera.forward, 3 * sizeof(double));
+    assert_memory_equal(out.picture.camera.up, in.picture.camera.up, 3 * sizeof(double));
     assert_int_equal(out.picture.width, 3);
     assert_int_equal(out.picture.height, 2);
     umbw_buffer_finish(&buffer);
@@ -86,7 +86,7 @@ static void pictures_that_do_not_fit_are_refused_by_field(void **state)
     in.picture.width = 4;
     expect_refused(&in, 100, UMB_E_ARGUMENT, "depth: 6 numbers for 4 x 2 pixels");
     in = request_of();
-    in.picture.fov_y = 4;
+    in.picture.camera.fov_y = 4;
     expect_refused(&in, 100, UMB_E_ARGUMENT, "fov_y");
     in = request_of();
     in.points.origin[1] = 5;

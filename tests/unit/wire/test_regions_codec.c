@@ -95,14 +95,14 @@ static struct umbw_derive_request derive_sample(int cascades)
     if (cascades) {
         request.settings.cascades =
             (struct umb_cascade_settings){.count = 8, .weight = 0.7, .fit = UMB_CASCADE_LISPSM};
-        request.camera = (struct umb_cascade_camera){.eye = {1, 2, 3},
-                                                     .right = {1, 0, 0},
-                                                     .up = {0, 1, 0},
-                                                     .forward = {0, 0, 1},
-                                                     .tan_x = 0.5,
-                                                     .tan_y = 0.25,
-                                                     .near_m = 1,
-                                                     .far_m = 2};
+        request.view = (struct umb__map_view){.eye = {1, 2, 3},
+                                              .right = {1, 0, 0},
+                                              .up = {0, 1, 0},
+                                              .forward = {0, 0, 1},
+                                              .tan_x = 0.5,
+                                              .tan_y = 0.25,
+                                              .near_m = 1,
+                                              .far_m = 2};
     }
     return request;
 }

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An open asset in either encoding, and its identity made again; see umbrage/file.h. */
+#include "umbrage/file.h"
+
+#include <string.h>
+
+#include "format/asset_parts.h"
+
+static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
+{
+    (void)user;
+    (void)bytes;
+    (void)count;
+    return UMB_OK;
+}
+
+/* Packs an asset and compares the id that its content has with the one that it claims. */
+static enum umb_status pack_again(const struct umb_asset *asset, const struct umb_sha256 *sha256,
+                                  const struct umb_sink *sink, struct umb_error *error)
+{
+    struct umb_octree octree;
+    struct umb_content content;
+    uint8_t id[UMB_ID_BYTES];
+    if (!sha256) {
+        return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, packing needs one");
+    }
+    enum umb_status status = umb_asset_export(asset, &octree, &content, error);
+    if (status != UMB_OK) {
+        return status;
+    }
+    status = umb_pack_write(&content, &octree, sha256, sink, id, error);
+    umb_octree_finish(&octree);
+    if (status == UMB_OK && memcmp(id, asset->id, sizeof id) != 0) {
+        char made[UMB_ID_TEXT_SIZE], claimed[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(id, made);
+        umb_id_to_text(asset->id, claimed);
+        status =
+            umb_fail(error, UMB_E_CORRUPT,
+                     "id: the content has %s, the file claims %s: damaged or of another version",
+                     made, claimed);
+    }
+    return status;
+}
+
+enum umb_status umb_asset_write(const struct umb_asset *asset, enum umb_encoding encoding,
+                                const struct umb_sha256 *sha256, const struct umb_sink *sink,
+                                struct umb_error *error)
+{
+    switch (encoding) {
+    case UMB_ENCODING_PACKED:
+        return pack_again(asset, sha256, sink, error);
+    case UMB_ENCODING_MAPPED:
+        return umb_mapped_write(asset, sink, error);
+    }
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "encoding: %d is unknown, give UMB_ENCODING_PACKED or "
+                    "UMB_ENCODING_MAPPED",
+                    (int)encoding);
+}
+
+enum umb_status umb_asset_prove(const struct umb_asset *asset, const struct umb_sha256 *sha256,
+                                struct umb_error *error)
+{
+    const struct umb_sink nowhere = {.write = drop_bytes, .user = NULL};
+    return pack_again(asset, sha256, &nowhere, error);
+}

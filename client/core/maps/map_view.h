@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_MAPS_MAP_VIEW_H
+#define UMBRAGE_CORE_MAPS_MAP_VIEW_H
+/*
+ * A camera's view as the maps compute with it, and as Regions.DeriveMap sends it: client and server
+ * derive from the same doubles.
+ */
+#include "umbrage/derive.h"
+
+struct umb__map_view {
+    double eye[3];                      /* Position in metres, world space */
+    double right[3], up[3], forward[3]; /* Axes, orthonormal */
+    double tan_x, tan_y;                /* Tangents of half the fields of view, 1e-6 .. 1000 */
+    double near_m, far_m;               /* Distances along forward, 1e-30 <= near < far <= 1e30 */
+};
+
+/* Makes a camera's view. Fails: E_ARGUMENT (forward and up span no picture). */
+UMB_CHECKED enum umb_status umb__map_view_make(const struct umb_camera *camera,
+                                               struct umb__map_view *view, struct umb_error *error);
+
+/* umb_cascades_plan for a view, whose numbers are checked. */
+UMB_CHECKED enum umb_status
+umb__cascades_plan(const struct umb__map_view *view, const double to_light[3],
+                   const struct umb_box *scene, const struct umb_cascade_settings *settings,
+                   struct umb_cascade_plan *plan, struct umb_error *error);
+
+/* umb_derive for a view instead of settings->camera; NULL: without cascades. */
+UMB_CHECKED enum umb_status umb__derive(const struct umb_asset *asset,
+                                        const struct umb_derive_settings *settings,
+                                        const struct umb__map_view *view,
+                                        const struct umb_alloc *alloc, struct umb_derived **out,
+                                        struct umb_error *error);
+
+#endif

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TOOL_BASE_H
+#define UMBRAGE_TOOL_BASE_H
+/*
+ * The parts of the core's base that programs use too: numbers in files, text fit to be shown, and
+ * the status of a failed open. Nothing here knows of assets; for those programs use umbrage/.
+ */
+#include "base/bytes.h"
+#include "base/open_status.h"
+#include "base/utf8.h"
+
+#endif
