@@ -92,7 +92,7 @@ static const struct option table[] = {
     {"--address-rate", KIND_TOTAL, AT(address_rate), 0, (uint64_t)1000000000000, "N",
      "points a second that one address may ask; default 0; then any number"},
     {"--token-file", KIND_TEXT, AT(token_file), 0, 0, "FILE",
-     "who may ask: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
+     "tokens of callers: lines of NAME SCOPES TOKEN [POINTS_PER_SECOND]; read again on SIGHUP"},
     {"--without-tokens", KIND_FLAG, AT(without_tokens), 0, 0, NULL,
      "let other machines query without --token-file and --tls-client-ca"},
     {"--jobs", KIND_TEXT, AT(jobs), 0, 0, "DIR",
@@ -106,9 +106,9 @@ static const struct option table[] = {
      "layers that the kernel has) or off; default required"},
     {"--bake-workers", KIND_COUNT, AT(bake_workers), 1, 256, "N", "bakes at once; default 1"},
     {"--executor", KIND_TEXT, AT(executor), 0, 0, "NAME",
-     "who bakes: local (this machine, the default) or slurm (tiles as array jobs)"},
+     "place of bakes: local (this machine, the default) or slurm (tiles as array jobs)"},
     {"--executor-interval", KIND_TIME, AT(executor_interval_ms), 100, HOUR_MS, "TIME",
-     "between questions to slurm about tasks; default 2s"},
+     "between status requests to slurm; default 2s"},
     {"--slurm-options", KIND_TEXT, AT(slurm_options), 0, 0, "TEXT",
      "more options of sbatch, with blanks between, as --partition=bake"},
     {"--bake-tile", KIND_COUNT, AT(bake_tile), 64, 32768, "N",
@@ -434,7 +434,7 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     }
     if (options->tls_client_ca != NULL && !has_tls) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "--tls-client-ca: no --listen is tls:, so that nobody would be asked");
+                        "--tls-client-ca: no --listen is tls:, so no client needs a certificate");
     }
     if (options->admin != NULL) {
         enum umb_status status = umbd_address_parse_admin(options->admin, &address, error);

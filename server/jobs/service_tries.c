@@ -148,7 +148,7 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
         return;
     }
     if (umbj_bundle_take_away(service->folder, key, gone) != 0) {
-        (void)umb_fail_errno(&error, UMB_E_IO, errno, "a bundle that nobody needs stays");
+        (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot remove a bundle without jobs");
         umbj__log_error(service, "bundle_remove", &error);
     } else if (gone[0] != '\0') {
         remove_later(service, gone);
