@@ -31,8 +31,8 @@ struct umbs_sha256_lanes *umbs_sha256_lanes_create(const struct umb_alloc *alloc
 /*
  * Hashes `count` messages. In: messages, sizes: [count] bytes and their number; similar lengths are
  * fastest.
- * Out: digests: [count]; those of messages that are too long are left unchanged. Returns false if
- * the library failed on any of the others; discard the digests then.
+ * Out: digests: [count]; those of messages that are too long are left unchanged.
+ * Returns false if the library failed on any of the others; discard the digests then.
  * Cost: allocates nothing.
  */
 bool umbs_sha256_lanes_digest(struct umbs_sha256_lanes *lanes, const uint8_t *const *messages,

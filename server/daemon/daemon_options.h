@@ -4,8 +4,8 @@
 /*
  * The command line and the config file of umbraged, checked. Text fields point into argv, or into
  * memory of the options. The command line overrides the file; a list (store, listen) of the command
- * line replaces the file's. Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare
- * number is seconds).
+ * line replaces the file's.
+ * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is seconds).
  */
 #include <stddef.h>
 #include <stdint.h>

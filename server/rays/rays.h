@@ -89,9 +89,9 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
  * In:    closed: uint8[triangle count], 1 for triangles of a closed part.
  * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
  *        crossings: all hits of closed triangles. A ray through an edge or a corner that facets
- *        share crosses there once. Not guaranteed: a point within float rounding of a surface may
- *        count as either side. Caveat: facing is by winding as built; turn parts that
- *        umbs_parts_find calls `flipped` first.
+ *        share crosses there once.
+ * Not guaranteed: a point within float rounding of a surface may count as either side.
+ * Caveat: facing is by winding as built; turn parts that umbs_parts_find calls `flipped` first.
  */
 void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
                     const uint8_t *closed, int *winding, int *crossings);

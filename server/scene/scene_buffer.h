@@ -23,8 +23,8 @@
 
 #define UMBS_SCENE_MAGIC "UMBSCN1\n"
 
-/* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries too
- * are below UMBS_COORDINATE_MAX, so products stay finite in float. */
+/* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries
+ * have the same limit, so products stay finite in float. */
 #define UMBS_COORDINATE_MAX      1e15
 #define UMBS_WORLD_TRIANGLES_MAX 0xffffffffULL
 #define UMBS_TEXTURE_SIDE_MAX    65536U

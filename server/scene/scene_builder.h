@@ -11,8 +11,8 @@
  *     umbs_scene_builder_finish(&builder);
  *
  * Ownership: the builder owns its arrays; everything passed in is copied. The arrays may be read
- * and changed in place, their counts only through the functions. Failure: E_NO_MEMORY and E_LIMIT
- * leave the builder as it was.
+ * and changed in place, their counts only through the functions.
+ * Failure: E_NO_MEMORY and E_LIMIT leave the builder as it was.
  * Threads: one thread.
  */
 #include "scene/scene.h"

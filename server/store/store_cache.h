@@ -69,9 +69,9 @@ int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Steps around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first of
- * each scan are. _made: it is complete. The others are synced together before a list names them: a
- * power cut may tear a mapped file without a record, which is then made anew.
+ * Steps around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first
+ * files of each scan are. _made: the file is complete. The others are synced together before a list
+ * names them: a power cut may tear a mapped file without a record, which is then made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);

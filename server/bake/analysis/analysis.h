@@ -91,7 +91,8 @@ void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum);
 
 /* Projects the part of the casters that a spot or point light's frustum sees; the corners stay in
  * world space.
- * In: cuts: of umbb_cut_planes_make for that frustum. Out, Fails: as umbb_perspective_project. */
+ * In: cuts: of umbb_cut_planes_make for that frustum.
+ * Out, Fails: as umbb_perspective_project. */
 UMB_CHECKED enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis,
                                                   uint32_t frustum, const struct umbb_cuts *cuts,
                                                   size_t max_bytes,

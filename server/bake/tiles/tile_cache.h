@@ -19,10 +19,10 @@
  * trusted: give write access only to users who may decide what is baked.
  *
  * Size: when the results exceed max_bytes, the least recently used ones are removed until a tenth
- * of max_bytes is free. Threads and processes: one cache a thread. Any number of processes may
- * share a folder: equal keys mean equal bytes, and a missing file is baked again. Each process
- * counts only its own additions, so several may exceed the limit together until one of them reads
- * the folder again.
+ * of max_bytes is free.
+ * Threads and processes: one cache a thread. Any number of processes may share a folder: equal keys
+ * mean equal bytes, and a missing file is baked again. Each process counts only its own additions,
+ * so several may exceed the limit together until one of them reads the folder again.
  */
 #include <stddef.h>
 #include <stdint.h>
