@@ -3,6 +3,7 @@
 #
 #   config=release|debug|asan|tsan|ubsan   which build (each in its own folder)
 #   werror=1                         warnings are errors (CI)
+#   warn=                            no warnings: for sources that another build has compiled
 #   BUILD=DIR                        another build folder
 #   IPSEC_MB=                        without libipsec-mb, also where it is installed
 #   harden=                          a release build without the hardening flags, to measure what they cost
@@ -35,8 +36,8 @@ CORES := $(shell nproc)
 
 opt_release := -O2 -DNDEBUG
 opt_debug   := -O0
-opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-opt_tsan    := -O1 -fsanitize=thread -fno-omit-frame-pointer
+opt_asan    := -O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+opt_tsan    := -O1 -g1 -fsanitize=thread -fno-omit-frame-pointer
 opt_ubsan   := -O2 -fsanitize=undefined -fno-sanitize-recover=all
 ifeq ($(opt_$(config)),)
 $(error config=$(config) is not one of release debug asan tsan ubsan)
@@ -55,7 +56,8 @@ HARDEN_CFLAGS := -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=$(FORTIFY) -fstack-protecto
 HARDEN_LDFLAGS := -Wl,-z,relro,-z,now,-z,noexecstack
 endif
 
-WARN := -Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla
+warn ?= yes
+WARN := $(if $(warn),-Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla,-w)
 CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
 	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)

@@ -68,8 +68,14 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-system: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/oracle_check $(BUILD)/kernel_count $(BUILD)/light_products $(BUILD)/lamp_check $(WITHOUT_BINS) $(BUILD)/interop/umbraged ## real processes on loopback, agreement, interop
+SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count light_products lamp_check interop/umbraged) $(WITHOUT_BINS)
+system: $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
+
+# Unit, system and short fault tests in one run, so that what waits runs beside what computes.
+release-needs: all $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-tests: release-needs
+	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
 VOLUME_QUERIES := $(addprefix $(BUILD)/tests/unit/core/test_,segments segments_faces boxes)
@@ -176,15 +182,22 @@ attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attacke
 	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
 .PHONY: verify-scenes effects-table larger-than-memory soak attack
 
-# Sanitizer runs: all unit tests under both, and the daemon serving real clients.
-sanitize:
-	@$(MAKE) --no-print-directory -j$(CORES) config=asan sanitize-one
-	@$(MAKE) --no-print-directory -j$(CORES) config=tsan sanitize-one
-# Core and wire have no threads: TSan has nothing to see there.
-SANITIZED := $(if $(filter tsan,$(config)),$(filter-out $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire),$(UNIT_TESTS)),$(UNIT_TESTS))
-sanitize-one: $(SANITIZED) $(PROGRAMS) $(BUILD)/scenegen
+# Sanitizer runs: all unit tests under ASan and UBSan, those that have threads under TSan, the daemon
+# serving real clients under both. What the short form leaves out is in docs/explained/testing.md.
+sanitize: ## unit tests and a serving daemon under ASan with UBSan, then under TSan
+	@$(MAKE) --no-print-directory -j$(CORES) config=asan warn= sanitize-one
+	@$(MAKE) --no-print-directory -j$(CORES) config=tsan warn= sanitize-one
+sanitize-short:
+	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory sanitize
+# The core, maps and wire start no threads; a test of theirs may.
+THREADLESS := $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire)
+THREADED := $(filter-out $(THREADLESS),$(UNIT_TESTS)) $(patsubst %.c,$(BUILD)/%,$(shell grep -l pthread_create $(THREADLESS:$(BUILD)/%=%.c)))
+SANITIZED := $(if $(filter tsan,$(config)),$(THREADED),$(UNIT_TESTS) $(FUZZ_REPLAYS))
+sanitize-one: $(SANITIZED) $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake scenegen)
 	@echo "== $(config)"
-	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SANITIZED) tests/interop/test_grpcio.py tests/system/test_drain.py
+	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) \
+		$(if $(filter tsan,$(config)),$$(sh tests/harness/with_threads.sh $(SANITIZED)),$(SANITIZED)) \
+		tests/interop/test_grpcio.py tests/system/test_drain.py
 
 # Guards taken out one at a time, in copies of the tree below build/mutants.
 mutants: ## take 60 guards out one at a time: a test notices each (twenty minutes)
@@ -197,14 +210,18 @@ mutants-short: ## a handful of them
 -include tests/coverage/coverage.mk
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
-	@$(MAKE) --no-print-directory -j$(CORES) all unit $(BENCH_PROGRAMS) $(BUILD)/scenegen $(BUILD)/oracle_check
-	@$(MAKE) --no-print-directory lint check
-	@$(MAKE) --no-print-directory system
-	@$(MAKE) --no-print-directory fuzz-replay fault-short
-	@$(MAKE) --no-print-directory sanitize
+	@$(MAKE) --no-print-directory lint layers
+	@$(MAKE) --no-print-directory -j$(CORES) release-tests
+	@$(MAKE) --no-print-directory sanitize-short
 
 layers: ## prove the include rules
-	@sh tests/lint/layers.sh
+	@/usr/bin/python3 tests/lint/layers.py
+
+prose-sample: ## 60 comments and 24 paragraphs drawn at random (SEED=1)
+	@/usr/bin/python3 tests/lint/prose_sample.py $(or $(SEED),1)
+
+tidy: $(PROTO_GEN_C) ## clang-tidy's checks of .clang-tidy: under a minute
+	@INCLUDES="$(INC_tests)" sh tests/lint/tidy.sh
 
 lint: ## banned functions, names, lengths
 	@sh tests/lint/lint.sh
@@ -213,7 +230,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-one test layers lint format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -35,7 +35,7 @@ unsigned long umbj_tile_edge(const char *settings, uint32_t tile);
 
 void umbj_words_finish(struct umbj_words *words);
 
-/* 1 if one of the lines equals `line`. */
-int umbj_settings_have(const char *settings, const char *line);
+/* 1 if one of the lines equals `wanted`. */
+int umbj_settings_have(const char *settings, const char *wanted);
 
 #endif

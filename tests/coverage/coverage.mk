@@ -11,7 +11,7 @@ COVERAGE_BUILD := build/cov
 COVERAGE_CFLAGS := --coverage -fprofile-update=atomic -DEXEMPT=1
 COVERAGE_daemon := $(sort $(wildcard tests/interop/test_*)) tests/fault/test_fault_calls.py \
 	$(patsubst %,tests/system/test_%,admin_port.py attacks.py bake_calls.py cli.sh derive.py descriptors.py drain.py occluder_depth.sh \
-	hostile_peers.py job_owners.py job_place.py job_tiles.py jobs.py load.py private_files.py service_manager.py \
+	hostile_peers.py idle_peers.py job_owners.py job_place.py job_tiles.py jobs.py load.py private_files.py service_manager.py \
 	signals.py slow_servers.py slurm_executor.py store.py store_damage.py submit.py transmittance.sh without_token.py)
 COVERAGE_all := $(COVERAGE_daemon) $(patsubst %,tests/system/test_%,dial.sh examples.py light_products.py \
 	lights.sh lying_server.py oracle.sh pictures.sh scenes.sh spots.sh static.sh paging.py study.sh techniques.py tiles.py)

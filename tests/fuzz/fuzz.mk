@@ -62,20 +62,35 @@ fuzz-one-%:
 		2>$(BUILD)/corpus/$*.log || { echo "FAILED $*"; tail -n 40 $(BUILD)/corpus/$*.log; exit 1; }; \
 	echo "ok $*: $$(sed -n 's/^stat::number_of_executed_units: *//p' $(BUILD)/corpus/$*.log) executions," \
 		"$$(sed -n 's/^stat::new_units_added: *//p' $(BUILD)/corpus/$*.log) new to it, in $(T_CI) s"
-fuzz-ci-live: $(FUZZ_CI:%=$(BUILD)/tests/fuzz/live_%)
-	@$(MAKE) --no-print-directory $(FUZZ_CI:%=fuzz-one-%)
-
-FUZZ_CLANG = CC=clang config=asan BUILD=build/fuzz CFLAGS=-fsanitize=fuzzer-no-link
+FUZZ_CLANG = CC=clang config=asan BUILD=build/fuzz CFLAGS="-O2 -fsanitize=fuzzer-no-link"
+HAS_FUZZER = echo 'int LLVMFuzzerTestOneInput(const char *b, long n) { (void)b; (void)n; return 0; }' | \
+	clang -fsanitize=fuzzer,address,undefined -x c - -o /dev/null 2>/dev/null
 fuzz: ## fuzz every target for T seconds (clang)
 	@$(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-live
 
-fuzz-ci: ## fuzz the targets of FUZZ_CI for T_CI seconds (120) each, as many at once as there are processors
-	@if echo 'int LLVMFuzzerTestOneInput(const char *b, long n) { (void)b; (void)n; return 0; }' | \
-		clang -fsanitize=fuzzer -x c - -o /dev/null 2>/dev/null; then \
-		$(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-ci-live; \
-	else for t in $(FUZZ_CI); do echo "skipped $$t: clang has no libFuzzer here"; done; fi
+# A turn of CI: as many targets of FUZZ_CI as there are processors. The commit's hash says which; with
+# FUZZ_TURN=0, 1, 2 ... they come one after the other. FUZZ_NOW=all: every one.
+FUZZ_TURN ?= $(shell printf '%d' 0x$$(git rev-parse --short=7 HEAD 2>/dev/null || echo 0))
+ifndef FUZZ_NOW
+FUZZ_NOW := $(shell echo $(FUZZ_CI) | awk -v turn=$(FUZZ_TURN) -v each=$(CORES) \
+	'{ turns = int((NF + each - 1) / each); for (i = (turn % turns) * each; i < NF && i < (turn % turns + 1) * each; i++) print $$(i + 1) }')
+endif
+FUZZ_TAKEN = $(if $(filter all,$(FUZZ_NOW)),$(FUZZ_CI),$(FUZZ_NOW))
+fuzz-ci-live: $(FUZZ_TAKEN:%=$(BUILD)/tests/fuzz/live_%)
+	@echo "fuzzes $(FUZZ_TAKEN), $(words $(FUZZ_TAKEN)) of $(words $(FUZZ_CI))"
+	@$(MAKE) --no-print-directory $(FUZZ_TAKEN:%=fuzz-one-%)
 
-fuzz-replay: $(FUZZ_REPLAYS)
-	@for t in $(FUZZ_TARGETS); do $(BUILD)/tests/fuzz/replay_$$t $$(for d in seeds regress; do [ -d tests/fuzz/$$d/$$t ] && echo tests/fuzz/$$d/$$t; done) || exit 1; done
+fuzz-ci: ## fuzz a turn of the targets of FUZZ_CI (FUZZ_NOW=all: all) for T_CI seconds (120) each
+	@if $(HAS_FUZZER); then $(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-ci-live; \
+	else for t in $(FUZZ_TAKEN); do echo "skipped $$t: clang has no libFuzzer here"; done; fi
 
-.PHONY: fuzz fuzz-live fuzz-ci fuzz-ci-live fuzz-replay
+# The same build, so that one compilation serves both.
+sanitize-clang: ## unit tests, past crashers and a serving daemon by clang under ASan and UBSan
+	@if $(HAS_FUZZER); then $(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) sanitize-one; \
+	elif command -v clang >/dev/null; then $(MAKE) --no-print-directory -j$(CORES) CC=clang BUILD=build/clang check; \
+	else echo "skipped: clang is not installed (make deps-full installs it)"; fi
+
+fuzz-replay: $(FUZZ_REPLAYS) ## seeds and past crashers of every target, and changes of them
+	@BUILD=$(BUILD) $(RUN) $(FUZZ_REPLAYS)
+
+.PHONY: fuzz fuzz-live fuzz-ci fuzz-ci-live fuzz-replay sanitize-clang

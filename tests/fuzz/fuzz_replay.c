@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Runs a fuzz target over files without a fuzzer: seeds, and every input that ever broke it.
+ * Runs a fuzz target over the files of folders, without a fuzzer. Without arguments the folders are
+ * the target's seeds (tests/fuzz/seeds) and the inputs that broke it once (tests/fuzz/regress).
  * Then each file once more with single bytes changed, so that even without libFuzzer the target
  * sees damaged inputs; the changes come from a fixed generator.
  */
 #include <dirent.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "fuzz.h"
 
@@ -69,15 +71,38 @@ static int replay_folder(const char *name, const unsigned *mutations, unsigned *
     return failed;
 }
 
+/* Folders of this target, those that are there: build/.../replay_fuzz_wire has fuzz_wire's. */
+static int own_folders(const char *program, char folders[2][256], char *names[3])
+{
+    static const char *const kinds[] = {"seeds", "regress"};
+    const char *target = strstr(program, "replay_");
+    int count = 0;
+    for (size_t i = 0; target && i < 2; i++) {
+        const int length = snprintf(folders[i], sizeof folders[i], "tests/fuzz/%s/%s", kinds[i],
+                                    target + strlen("replay_"));
+        if (length < (int)sizeof folders[i] && access(folders[i], R_OK) == 0) {
+            names[++count] = folders[i];
+        }
+    }
+    return count + 1;
+}
+
 int main(int argc, char **argv)
 {
     unsigned files = 0;
     int failed = 0;
+    char folders[2][256];
+    char *names[3] = {argv[0]};
+    if (argc == 1) {
+        argc = own_folders(argv[0], folders, names);
+        argv = names;
+    }
     for (int i = 1; i < argc; i++) {
         failed |= replay_folder(argv[i], NULL, &files);
     }
     /* Many seeds share what a few have each: the whole takes seconds. */
-    const unsigned most = MUTATIONS / (files + 1), mutations = most < EACH ? most : EACH;
+    const unsigned all = getenv("UMBRAGE_SHORT") ? MUTATIONS / 4 : MUTATIONS;
+    const unsigned most = all / (files + 1), mutations = most < EACH ? most : EACH;
     for (int i = 1; i < argc && !failed; i++) {
         failed |= replay_folder(argv[i], &mutations, &files);
     }

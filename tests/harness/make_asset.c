@@ -85,6 +85,11 @@ int case_count(int n)
     return asked > 0 && asked <= 100000000 ? (int)asked : n;
 }
 
+int short_count(int n, int few)
+{
+    return getenv("UMBRAGE_SHORT") != NULL ? few : n;
+}
+
 uint64_t round_seed(uint64_t seed)
 {
     const char *text = getenv("UMBRAGE_ROUND");

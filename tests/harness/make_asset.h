@@ -41,6 +41,10 @@ int random_voxel(const void *log2_size, uint32_t frustum, uint32_t x, uint32_t y
 /* How many random cases to try: UMBRAGE_CASES if it is set (long runs: make numerics), else n. */
 int case_count(int n);
 
+/* How many cases of a slow test: `few` if UMBRAGE_SHORT is set (sanitizers in `make test`, whose
+ * release build runs all), else n. */
+int short_count(int n, int few);
+
 /* A seed that differs from round to round of a long run, UMBRAGE_ROUND; printed. */
 uint64_t round_seed(uint64_t seed);
 

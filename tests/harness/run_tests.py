@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 run_tests.py TEST...: runs each test in a process group of its own under a timeout, as many side by
-side as there are processors, and prints one line a test, the output of those that fail, and at the
-end one line "N passed, N failed, N skipped".
+side as keep the processors busy (run_order.py), and prints one line a test, the output of those
+that fail, the ten slowest, and at the end one line "N passed, N failed, N skipped".
 
 A test is skipped by exit code 77. A part that a passing test leaves out counts as skipped too: the
 test prints a line "SKIPPED: name: reason" (cmocka's "[  SKIPPED ] name" counts as well), and that
@@ -12,13 +12,14 @@ line is shown below the test.
 A test whose source holds a line "# run: alone (reason)" (in C "/* run: alone (reason) */") measures
 time or fills the machine: it runs by itself, after the others.
 
-  TEST_JOBS=N       tests side by side (default: processors)
+  TEST_JOBS=N       processors to keep busy (default: all); 1: one test after the other
   TEST_TIMEOUT=S    seconds that a test may take (default 600)
   TEST_ATTEMPTS=2   a failed test runs once more, by itself, at the end, unless a sanitizer spoke.
                     A pass then is UNSTEADY: a bug in the test or in what it tests.
   TEST_UNSTEADY=fail, or CI=true   an UNSTEADY test counts as failed
+  TEST_TIMES=FILE   the table of times (default tests/harness/times.txt)
+  TEST_RECORD=1     writes the times of this run into the table (measure with TEST_JOBS=1)
 """
-import concurrent.futures
 import os
 import re
 import signal
@@ -27,6 +28,8 @@ import sys
 import tempfile
 import threading
 import time
+
+import run_order
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 ALONE = re.compile(r"^(# |/\* )run: alone \(.+\)", re.MULTILINE)
@@ -37,6 +40,7 @@ TIMEOUT_S = float(os.environ.get("TEST_TIMEOUT") or 600)
 ATTEMPTS = int(os.environ.get("TEST_ATTEMPTS") or 1)
 STRICT = os.environ.get("TEST_UNSTEADY") == "fail" or os.environ.get("CI") == "true"
 SHOWN_LINES = 60
+SHOWN_SLOWEST = 10
 SKIP = 77
 TIMED_OUT = 124
 
@@ -46,12 +50,12 @@ ended = threading.Event()  # set by an interrupt: no further test begins
 
 
 class Run:
-    """One run of one test: exit code, output, seconds."""
+    """One run of one test: exit code, output, seconds, seconds of processors."""
 
     def __init__(self, test):
         begin = time.monotonic()
         with tempfile.TemporaryFile() as log:
-            self.code = run_in_group(test, log)
+            self.code, self.busy = run_in_group(test, log)
             log.seek(0)
             self.output = log.read().decode(errors="replace")
         self.seconds = time.monotonic() - begin
@@ -76,30 +80,35 @@ def kill_group(group, how):
 
 
 def run_in_group(test, log):
-    """Exit code of the test, or TIMED_OUT; what is left of its process group is killed."""
+    """
+    Exit code of the test, or TIMED_OUT, and the processor seconds of its processes; what is left of
+    its process group is killed.
+    """
     try:
         process = subprocess.Popen([test], stdin=subprocess.DEVNULL, stdout=log,
                                    stderr=subprocess.STDOUT, start_new_session=True)
     except OSError as error:
         log.write(f"{error}\n".encode())
-        return 126
+        return 126, 0.0
+    late = []
+    alarms = [threading.Timer(TIMEOUT_S, lambda: late.append(kill_group(process.pid, signal.SIGTERM))),
+              threading.Timer(TIMEOUT_S + 10, kill_group, (process.pid, signal.SIGKILL))]
     with lock:
         groups.add(process.pid)
-    try:
-        code = process.wait(TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        log.write(f"\nrun_tests.py: ended after {TIMEOUT_S:g} s\n".encode())
-        kill_group(process.pid, signal.SIGTERM)  # the test may still stop its daemons
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            pass
-        code = TIMED_OUT
+    for alarm in alarms:  # between the two the test may still stop its daemons
+        alarm.start()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    for alarm in alarms:
+        alarm.cancel()
     with lock:
         groups.discard(process.pid)
     kill_group(process.pid, signal.SIGKILL)
-    process.wait()
-    return code if code >= 0 else 128 - code
+    if late:
+        log.write(f"\nrun_tests.py: ended after {TIMEOUT_S:g} s\n".encode())
+        return TIMED_OUT, 0.0
+    code = process.returncode
+    return code if code >= 0 else 128 - code, usage.ru_utime + usage.ru_stime
 
 
 def source_of(test):
@@ -123,8 +132,10 @@ class Tally:
 
     def __init__(self):
         self.passed, self.failed, self.skipped, self.unsteady = 0, 0, 0, 0
+        self.runs = {}  # of each test, the last
 
     def note(self, test, run, first=None):
+        self.runs[test] = run
         if run.failed():
             verdict, self.failed = f"FAILED (exit {run.code})", self.failed + 1
         elif run.code == SKIP:
@@ -153,7 +164,16 @@ class Tally:
         self.passed += 1
         return f"ok, UNSTEADY: first exit {first.code}"
 
+    def slowest(self):
+        runs = sorted(self.runs.items(), key=lambda pair: -pair[1].seconds)
+        text = (f"{os.path.splitext(os.path.basename(test))[0]} {run.seconds:.0f}/{run.busy:.0f}"
+                for test, run in runs[:SHOWN_SLOWEST])
+        total = sum(run.busy for run in self.runs.values())
+        print(f"slowest (seconds/of processors; all together {total:.0f}): " + ", ".join(text))
+
     def finish(self):
+        if len(self.runs) > SHOWN_SLOWEST:
+            self.slowest()
         if self.unsteady:
             print(f"{self.unsteady} of the {'failed' if STRICT else 'passed'} were UNSTEADY")
         print(f"{self.passed} passed, {self.failed} failed, {self.skipped} skipped")
@@ -174,9 +194,9 @@ def run_all(tests, tally):
                 tally.note(test, run)
 
     alone = [test for test in tests if is_alone(test)]
-    with concurrent.futures.ThreadPoolExecutor(max(JOBS, 1)) as pool:
-        for done in [pool.submit(one, test) for test in tests if test not in alone]:
-            done.result()
+    times = run_order.read()
+    room = run_order.Room(JOBS, lambda test: times.get(run_order.name_of(test), run_order.NEW))
+    room.run([test for test in tests if test not in alone], one)
     for test in alone:
         one(test)
     for test, first in again:
@@ -200,6 +220,9 @@ def main():
         signal.signal(number, stop)
     tally = Tally()
     run_all(sys.argv[1:], tally)
+    if os.environ.get("TEST_RECORD"):
+        run_order.write({run_order.name_of(test): (run.seconds, run.busy)
+                             for test, run in tally.runs.items() if run.code == 0})
     return tally.finish()
 
 

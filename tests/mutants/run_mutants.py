@@ -44,7 +44,7 @@ PROGRAMS = [f"{BUILD}/{name}" for name in ("umbrage", "umbraged", "umbrage-bake"
 # What a mutant leaves unused is no error.
 MAKE = ["make", "--no-print-directory", "config=release", f"BUILD={BUILD}", "werror=", "CFLAGS=-w"]
 SKIP, TIMED_OUT = 77, 124
-SHORTEST_LIMIT_S, SLOWER = 60, 10  # of a test: so many times what it takes without a mutant
+SHORTEST_LIMIT_S, SLOWER = 20, 10  # of a test: so many times what it takes without a mutant
 FIELDS = {"name": str, "file": str, "old": str, "new": str, "tests": list}
 
 printing = threading.Lock()

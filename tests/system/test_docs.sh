@@ -124,6 +124,8 @@ sed -n 's/^# TYPE \([a-z0-9_]*\) .*/\1/p' "$folder/metrics" | sort -u >"$folder/
 names '`(umbrage|grpc|process)_[a-z0-9_]+' "$operations" "$protocol" | tr -d '`' | sort -u >"$folder/written"
 all_in "every metric served is in docs/reference/operations.md" "$folder/served" "$folder/written"
 all_in "every metric in the pages is served" "$folder/written" "$folder/served"
+sed -n 's|^grpc_server_started_total{grpc_service="\([^"]*\)",grpc_method="\([^"]*\)".*|/\1/\2|p' "$folder/metrics" | sort -u >"$folder/labels"
+all_in "every RPC has its labels in the metrics" "$folder/rpcs" "$folder/labels"
 sed -n 's/.*h2_abuse_total{kind="\([a-z_]*\)".*/\1/p' "$folder/metrics" | sort -u >"$folder/kinds"
 grep -F 'umbrage_h2_abuse_total{kind}' "$operations" | grep -oE '`[a-z_]+`' | tr -d '`' | sort -u >"$folder/kinds.told"
 all_in "every kind of abuse is explained" "$folder/kinds" "$folder/kinds.told"

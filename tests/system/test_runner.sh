@@ -58,6 +58,37 @@ SCRIPT
 done
 TEST_JOBS=2 closing 0 "2 passed, 0 failed, 0 skipped" ./one.sh ./other.sh
 
+# The table of times: tests that mostly wait (here five) share two processors, tests that keep two
+# processors busy take turns, and the longest begins first.
+waiters=
+for name in a b c d e; do
+    echo "2.0 0.2 waiter_$name.sh" >>times
+    waiters="$waiters ./waiter_$name.sh"
+    make_test waiter_$name <<SCRIPT
+touch here_$name
+for i in \$(seq 600); do [ "\$(ls here_? | wc -l)" -eq 5 ] && exit 0; sleep 0.05; done
+exit 1
+SCRIPT
+done
+# shellcheck disable=SC2086
+TEST_TIMES=$folder/times TEST_JOBS=2 closing 0 "5 passed, 0 failed, 0 skipped" $waiters
+for pair in short:1 longest:9 long:5; do
+    echo "${pair#*:}.0 $((2 * ${pair#*:})).0 ${pair%:*}.sh" >>times
+    make_test "${pair%:*}" <<SCRIPT
+mkdir both || exit 1
+echo ${pair%:*} >>order
+for i in \$(seq 4); do sleep 0.05; done
+rmdir both
+SCRIPT
+done
+TEST_TIMES=$folder/times TEST_JOBS=2 closing 0 "3 passed, 0 failed, 0 skipped" ./short.sh ./longest.sh ./long.sh
+same "the longest begins first" "longest long short" "$(tr '\n' ' ' <order | sed 's/ $//')"
+echo 'sleep 1' | make_test sleeps
+echo "3.0 1.0 sleeps.sh" >new
+TEST_TIMES=$folder/new TEST_RECORD=1 closing 0 "2 passed, 0 failed, 0 skipped" ./good.sh ./sleeps.sh
+check "times of a second and more are written" grep -qE '^[12]\.[0-9] 0\.[0-9] sleeps\.sh$' new
+same "and no others" 1 "$(wc -l <new)"
+
 # A marked test begins when all others have ended, and marked ones take turns.
 for name in first second third; do
     mark=$([ $name = first ] || echo '# run: alone (it counts who is there)')

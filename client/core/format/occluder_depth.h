@@ -10,26 +10,29 @@
  * for those who ask for the first occluder. Most of it are roofs and walls, so that squares of
  * texels are planes:
  *
- *   An entry FRNT of the canonical block is an array of u32 words: a reference for each frustum,
- * then records in the order in which references lead to them, depth first, without gaps.
+ * An entry FRNT of the canonical block is an array of u32 words: a reference for each frustum, then
+ * records in the order in which references lead to them, depth first, without gaps.
  *
- * - reference: bits 0..25: word where its record begins; bits 26..31: kind. 0: no record, the DAG
- *   answers for all texels of the square. The frustum is a square of the level 3 * k that is at
- *   least n; a square of level l is 2^l texels a side.
- * - kind 63, level 9 and up: divided into 8x8 squares: u64 mask of those that have a record (square
- *   x + 8 * y), then a reference for each bit.
- * - kind 0, level 6: a plane: i64 c, i32 a, b: lit = floor((c + a * x + b * y) / 2^20), x and y
- * from the square's corner.
- * - kind 62, level 6: divided into 8x8 blocks: u32 number of planes, at most 15; for each a plane
- * as above and a u64 mask of the blocks that it answers; u64 mask of the blocks that have a record,
- *   and a reference for each bit. The DAG answers for the other blocks.
- * - kind w = 0..20, level 3: i32 c, a, b, then 64 residuals of w bits each, texel x + 8 * y at bit
- *   (x + 8 * y) * w, low bits first: lit = floor((c + a * x + b * y) / 2^12) - residual, x and y
- *   from the block's corner.
- * - kind 24 + k, k = 1..4, level 3: 64 numbers of k bits each, as residuals lie: 0: the DAG
- * answers; p: plane p - 1 of the square does.
- * - kind 32 + w, level 3: i32 c, a, b, u64 mask of texels, then as w: the DAG answers for texels
- *   outside the mask.
+ * A reference: bits 0..25: word where its record begins; bits 26..31: kind. 0: no record, the DAG
+ * answers for all texels of the square. A square of level l is 2^l texels a side; the frustum is a
+ * square of the lowest level 3 * k that is at least n. The record of a square, by kind and level:
+ *
+ *   63, level 9 and up   divided into 8 x 8 squares: u64 mask of the squares that have a record
+ *                        (square x + 8 * y), then a reference for each bit
+ *   0, level 6           a plane: i64 c, i32 a, b: lit = floor((c + a * x + b * y) / 2^20), x and y
+ *                        from the square's corner
+ *   62, level 6          divided into 8 x 8 blocks: u32 number of planes, at most 15; for each a
+ *                        plane as above and a u64 mask of the blocks that it answers; u64 mask of
+ *                        the blocks that have a record, and a reference for each bit. The DAG
+ *                        answers for the other blocks
+ *   w = 0..20, level 3   i32 c, a, b, then 64 residuals of w bits each, texel x + 8 * y at bit
+ *                        (x + 8 * y) * w, low bits first:
+ *                        lit = floor((c + a * x + b * y) / 2^12) - residual, x and y from the
+ *                        block's corner
+ *   24 + k, k = 1..4,    64 numbers of k bits each, packed as residuals are. 0: the DAG answers;
+ *   level 3              p: plane p - 1 of the square does
+ *   32 + w, level 3      i32 c, a, b, u64 mask of texels, then as w. The DAG answers for texels
+ *                        outside the mask
  *
  * An i64 or u64 has its low word first.
  */

@@ -262,22 +262,22 @@ bool umb__pack_walk_begin(struct umb__pack_walk *t, uint32_t low, uint32_t high)
     return complete;
 }
 
-void umb__pack_walk_finish(struct umb__pack_walk *t)
+void umb__pack_walk_finish(struct umb__pack_walk *walk)
 {
-    if (t->order) {
-        umb__free(t->order->alloc, t->waiting.nodes);
+    if (walk->order) {
+        umb__free(walk->order->alloc, walk->waiting.nodes);
         for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-            umb__free(t->order->alloc, t->states[level]);
+            umb__free(walk->order->alloc, walk->states[level]);
         }
     }
-    memset(t, 0, sizeof *t);
+    memset(walk, 0, sizeof *walk);
 }
 
-void umb__pack_rewind(struct umb__pack_walk *t, uint32_t page_count, uint32_t end)
+void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end)
 {
-    t->order->page_count = page_count;
+    walk->order->page_count = page_count;
     for (uint32_t level = UMB_LEVEL_BRICK; level < end; level++) {
-        t->next[level] = t->order->begins[level][page_count];
-        memset(t->states[level], 0, state_words(t, level) * sizeof *t->states[level]);
+        walk->next[level] = walk->order->begins[level][page_count];
+        memset(walk->states[level], 0, state_words(walk, level) * sizeof *walk->states[level]);
     }
 }

@@ -150,9 +150,9 @@ static enum umb_status check_footprint(const struct umb_query_settings *settings
                         "footprint_m: %g beside pixels of %g rad; give one of both", side, pixel);
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        if (!isfinite(settings->eye[axis])) {
-            return umb_fail(error, UMB_E_ARGUMENT, "eye.%c: %g, must be finite", "xyz"[axis],
-                            settings -> eye[axis]);
+        const double eye = settings->eye[axis];
+        if (!isfinite(eye)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "eye.%c: %g, must be finite", "xyz"[axis], eye);
         }
     }
     return UMB_OK;

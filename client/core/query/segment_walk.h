@@ -53,12 +53,12 @@ void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3]
 
 /* Walks a segment before a spot or point light. In: p: its ends, minus the asset's origin. */
 void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
-                     struct umb__intervals *intervals);
+                     struct umb__intervals *out);
 
 /* The segment has this state from t on. */
-void umb__intervals_put(struct umb__intervals *intervals, bool lit, double t);
+void umb__intervals_put(struct umb__intervals *out, bool lit, double t);
 
 /* Closes what is open, at 1. */
-void umb__intervals_end(struct umb__intervals *intervals);
+void umb__intervals_end(struct umb__intervals *out);
 
 #endif

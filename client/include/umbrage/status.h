@@ -65,7 +65,7 @@ extern "C" {
     X(E_INTERNAL, -80, "internal error")
 
 enum umb_status {
-#define UMB_STATUS_ENUM(name, value, text) UMB_##name = value,
+#define UMB_STATUS_ENUM(name, value, text) UMB_##name = (value),
     UMB_STATUS_LIST(UMB_STATUS_ENUM)
 #undef UMB_STATUS_ENUM
 };

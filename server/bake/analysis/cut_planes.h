@@ -9,11 +9,12 @@
 uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis);
 
 /*
- * Prepares the cut-out casters of an analysis for a frustum. The corners must be in world space.
+ * Prepares the cut-out casters of an analysis for frustum `number`. The corners must be in world
+ * space.
  *
  * Out:   cuts: borrows from the analysis, valid until the next call for it.
  */
-void umbb_cut_planes_make(struct umbb_analysis *analysis, uint32_t frustum, struct umbb_cuts *cuts);
+void umbb_cut_planes_make(struct umbb_analysis *analysis, uint32_t number, struct umbb_cuts *cuts);
 
 /* Prepares the translucent triangles, for any frustum; the corners may be in any space. */
 void umbb_cut_planes_translucent(struct umbb_analysis *analysis,

@@ -62,9 +62,10 @@ void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);
  * Moves `end` of a band's texels to the end of the undefined region, and updates level 3 of the
  * pyramid. Before: the end under the closed rule, or lit.
  *
- * In: tile: with an array `end` of its own. band: rows from UMBB_STATIC_BAND * band on.
+ * In: tile: with an array `end` of its own. number: of the band, which begins at row
+ *     UMBB_STATIC_BAND * number.
  * Returns 0 if out of memory. Threads: different bands at once.
  */
-int umbb_static_band(const struct umbb_static *rule, struct umbb_tile *tile, uint32_t band);
+int umbb_static_band(const struct umbb_static *rule, struct umbb_tile *tile, uint32_t number);
 
 #endif

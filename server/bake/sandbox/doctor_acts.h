@@ -31,7 +31,7 @@ extern const struct umbb_act umbb_bake_needs[];
 extern const size_t umbb_bake_need_count;
 
 /* Sets the ground, and the file of the act "read FILE"; borrowed. */
-void umbb_bake_acts_on(const struct umbb_ground *ground);
+void umbb_bake_acts_on(const struct umbb_ground *on);
 void umbb_bake_acts_forbid(const char *file);
 extern const struct umbb_act umbb_bake_act_forbidden;
 

@@ -11,6 +11,7 @@
 #include <cmocka.h>
 
 #include "job_table_fixture.h"
+#include "make_asset.h"
 #include "jobs/bundle.h"
 #include "jobs/command_words.h"
 
@@ -224,8 +225,9 @@ static void no_value_in_a_job_row_is_believed(void **state)
     struct fixture *f = *state;
     char text[400];
     int64_t lost = 0, retired = 0;
+    const size_t step = (size_t)short_count(1, 4); /* the short form: each column and each value */
     for (size_t c = 0; c < sizeof job_columns / sizeof job_columns[0]; c++) {
-        for (size_t v = 0; v < sizeof values / sizeof values[0]; v++) {
+        for (size_t v = c % step; v < sizeof values / sizeof values[0]; v += step) {
             for (int at_start = 0; at_start < 2; at_start++) { /* or while it runs */
                 begin_anew(f);
                 snprintf(text, sizeof text, "UPDATE job SET %s = %s WHERE seq = %zu",
@@ -240,7 +242,7 @@ static void no_value_in_a_job_row_is_believed(void **state)
             }
         }
     }
-    assert_true(retired > 300);
+    assert_true(retired > (int64_t)(300 / step));
 }
 
 static void no_value_beside_the_jobs_is_believed(void **state)
@@ -253,8 +255,9 @@ static void no_value_beside_the_jobs_is_believed(void **state)
     struct fixture *f = *state;
     char text[400];
     int64_t lost = 0, counts[UMBJ_STATE_COUNT];
+    const size_t step = (size_t)short_count(1, 4);
     for (size_t p = 0; p < sizeof places / sizeof places[0]; p++) {
-        for (size_t v = 0; v < sizeof values / sizeof values[0]; v++) {
+        for (size_t v = p % step; v < sizeof values / sizeof values[0]; v += step) {
             begin_anew(f);
             snprintf(text, sizeof text, "UPDATE %s = %s", places[p], values[v]);
             (void)tamper(f, text);
