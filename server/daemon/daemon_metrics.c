@@ -52,7 +52,7 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
                                                           "library", "timeout", "queue"};
 
-/* Upper bounds in nanoseconds, and as Prometheus writes them (docs/reference/operations.md, metrics). */
+/* Upper bounds in nanoseconds, and as Prometheus writes them (docs/reference/operations.md). */
 static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
     50000,    100000,   250000,    500000,    1000000,   2500000,    5000000,    10000000,
     25000000, 50000000, 100000000, 250000000, 500000000, 1000000000, 5000000000,

@@ -16,13 +16,13 @@
 #include "base/memory.h"
 
 enum {
-    GROUP = 48,          /* corners hashed and prefetched before they are looked up */
-    FIRST_SLOTS = 1024,  /* smallest table, a power of two */
+    GROUP = 48,         /* corners hashed and prefetched before they are looked up */
+    FIRST_SLOTS = 1024, /* smallest table, a power of two */
 };
 
 struct table {
     uint64_t *slots;
-    size_t mask;  /* slots - 1 */
+    size_t mask; /* slots - 1 */
     size_t used;
     size_t limit; /* grow beyond this many: two thirds */
 };
