@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc) and the umbrage command.
+# libumbrage-core (pure), libumbrage-maps on top of it, libumbrage (rpc), the toolbox of the programs and
+# the umbrage command.
 INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
 MAPS_SRC := $(wildcard client/core/maps/*.c)
@@ -24,6 +25,10 @@ CORE_LIBS := -lxxhash -lzstd -lm
 RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
+
+# What the four programs share; sees the public headers and base only.
+TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
+TOOL_LIB := $(BUILD)/libumbrage-tool.a
 
 # Shared libraries for other programs; ours link the archives. A library exports what its list in
 # client/exports names, and nothing else of it can be seen. Calls within a library are direct.
@@ -63,9 +68,10 @@ $(CORE_LIB): $(CORE_OBJ)
 $(MAPS_LIB): $(MAPS_OBJ)
 $(RPC_LIB): $(RPC_OBJ) $(RPC_SHARED)
 $(LOAD_LIB): $(LOAD_OBJ)
+$(TOOL_LIB): $(TOOL_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
-$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+$(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS) -o $@
 

@@ -19,6 +19,9 @@ libdir ?= $(PREFIX)/lib
 pkgconfigdir ?= $(libdir)/pkgconfig
 includedir ?= $(PREFIX)/include
 mandir ?= $(PREFIX)/share/man
+bashcompdir ?= $(PREFIX)/share/bash-completion/completions
+zshcompdir ?= $(PREFIX)/share/zsh/site-functions
+fishcompdir ?= $(PREFIX)/share/fish/vendor_completions.d
 docdir ?= $(PREFIX)/share/doc/umbrage
 datadir ?= $(PREFIX)/share/umbrage
 unitdir ?= $(PREFIX)/lib/systemd/system
@@ -36,6 +39,17 @@ $(MAN_PAGES): $(BUILD)/man/%: deploy/man/%.in deploy/man/man.sh $(addprefix $(BU
 	$(Q)BUILD=$(BUILD) sh deploy/man/man.sh <$< >$@
 
 man: $(MAN_PAGES) ## the manual pages
+
+# Shell completions of the four programs, from their tables of options.
+COMPLETIONS := $(addprefix $(BUILD)/completion/umbrage.,bash zsh fish)
+$(BUILD)/completion/options: $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study)
+	@mkdir -p $(@D)
+	$(Q)for program in $^; do $$program --print-options || exit 1; done >$@
+$(COMPLETIONS): $(BUILD)/completion/umbrage.%: $(BUILD)/completion/options deploy/completion/completion.awk
+	$(call say,GEN,$@)
+	$(Q)awk -v shell=$* -f deploy/completion/completion.awk <$< >$@
+
+completions: $(COMPLETIONS) ## the completions of bash, zsh and fish
 
 # The unit names where things are installed, so it is made anew each time.
 $(UNIT): deploy/systemd/umbraged.service.in FORCE
@@ -59,10 +73,15 @@ install-libraries: libraries ## install headers, libraries and .pc files under D
 		-e 's|@includedir@|$(call below,$(PREFIX),$(includedir))|; s|@version@|$(VERSION)|' client/pkgconfig/$$name.pc.in \
 		>$(DESTDIR)$(pkgconfigdir)/$$name.pc || exit 1; done
 
-install: all man $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
+install: all man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
+	install -D -m 0644 $(BUILD)/completion/umbrage.bash $(DESTDIR)$(bashcompdir)/umbrage
+	install -D -m 0644 $(BUILD)/completion/umbrage.zsh $(DESTDIR)$(zshcompdir)/_umbrage
+	install -D -m 0644 $(BUILD)/completion/umbrage.fish $(DESTDIR)$(fishcompdir)/umbrage.fish
+	for name in umbraged umbrage-bake umbrage-study; do ln -sf umbrage $(DESTDIR)$(bashcompdir)/$$name && \
+		ln -sf umbrage.fish $(DESTDIR)$(fishcompdir)/$$name.fish || exit 1; done
 	install -D -m 0644 $(UNIT) $(DESTDIR)$(unitdir)/umbraged.service
 	install -D -m 0644 deploy/systemd/umbraged.socket $(DESTDIR)$(unitdir)/umbraged.socket
 	install -D -m 0644 deploy/systemd/umbrage.sysusers $(DESTDIR)$(sysusersdir)/umbrage.conf
@@ -77,4 +96,4 @@ install: all man $(UNIT) install-docs install-libraries ## install everything un
 
 FORCE:
 
-.PHONY: container deps deps-full demo man install install-docs install-libraries FORCE
+.PHONY: completions container deps deps-full demo man install install-docs install-libraries FORCE

@@ -8,20 +8,22 @@ TEST_LIBS_core   = $(CORE_LIB)
 TEST_LIBS_maps   = $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(CORE_LIB)
-TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
-TEST_LIBS_cli    = $(CLI_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_load   = $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_cli    = $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_LIBS_common = $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_scene  = $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_store  = $(STORE_LIB) $(COMMON_LIB) $(CORE_LIB)
 TEST_LIBS_rays   = $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
-TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(CORE_LIB)
-TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_study  = $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_bake   = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
+TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
+TEST_SYS_tool   = $(CORE_LIBS)
 TEST_SYS_load   = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_cli    = $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_common = $(COMMON_LIBS) $(CORE_LIBS)
@@ -33,7 +35,7 @@ TEST_SYS_bake   = -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc cli load common scene store rays study bake jobs daemon
+UNIT_PARTS := core maps wire rpc tool cli load common scene store rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part

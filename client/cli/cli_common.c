@@ -3,61 +3,26 @@
 #include "cli_common.h"
 
 #include <errno.h>
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include "tool/base.h"
-#include "cli_session.h"
 #include "tool/exit_code.h"
 
 #define NAME_BYTES ((size_t)200) /* of a path, in messages of the libraries */
 
-static void print_option(const struct umbc_option *option)
-{
-    char left[48];
-    char letter[4] = "";
-    if (option->letter != '\0') {
-        (void)snprintf(letter, sizeof letter, "-%c,", option->letter);
-    }
-    (void)snprintf(left, sizeof left, "%3s --%s%s%s", letter, option->name,
-                   option->value != NULL ? " " : "", option->value != NULL ? option->value : "");
-    (void)printf("  %-28s %s\n", left, option->help);
-}
-
-static void print_help(const struct umbc_command *command)
-{
-    (void)printf("usage: %s\n\n%s\n\noptions:\n", command->usage, command->summary);
-    for (size_t i = 0; i < command->option_count; i++) {
-        print_option(&command->options[i]);
-    }
-    (void)printf("  %-28s %s\n", "    --help", "this text");
-    if (command->connects) {
-        (void)printf("\nthe daemon:\n");
-        for (size_t i = 0; i < UMBC_SESSION_COUNT; i++) {
-            print_option(&UMBC_SESSION_OPTIONS[i]);
-        }
-    }
-}
-
-int umbc_usage_error(const char *format, ...)
+int umbc_usage_error(const char *command, const char *format, ...)
 {
     va_list arguments;
-    (void)fputs("umbrage: ", stderr);
+    (void)fprintf(stderr, "umbrage%s%s: ", command != NULL ? " " : "",
+                  command != NULL ? command : "");
     va_start(arguments, format);
     (void)vfprintf(stderr, format, arguments);
     va_end(arguments);
-    (void)fputs(" (try --help)\n", stderr);
+    (void)fputc('\n', stderr);
     return UMBC_EXIT_USAGE;
-}
-
-int umbc_check_stdout(const char *command, const char *output, bool json)
-{
-    return json && output != NULL && strcmp(output, "-") == 0
-               ? umbc_usage_error("%s: -o - and --json both want stdout", command)
-               : -1;
 }
 
 static const char *said(const struct umb_error *error)
@@ -110,107 +75,6 @@ int umbc_complain_as(enum umb_status status, const char *format, ...)
     return umbu_exit_code(status);
 }
 
-/* All options of a command: its own, then those that lead to the daemon. */
-static size_t count_options(const struct umbc_command *command)
-{
-    return command->option_count + (command->connects ? UMBC_SESSION_COUNT : 0);
-}
-
-static const struct umbc_option *option_at(const struct umbc_command *command, size_t index)
-{
-    return index < command->option_count ? &command->options[index]
-                                         : &UMBC_SESSION_OPTIONS[index - command->option_count];
-}
-
-/* Finds "--name" or "--name=value"; *value is what follows '=', or NULL. -1 if unknown. */
-static int find_long(const struct umbc_command *command, const char *text, const char **value)
-{
-    const char *equals = strchr(text, '=');
-    size_t length = equals == NULL ? strlen(text) : (size_t)(equals - text);
-    *value = equals == NULL ? NULL : equals + 1;
-    for (size_t i = 0; i < count_options(command); i++) {
-        const char *name = option_at(command, i)->name;
-        if (strlen(name) == length && strncmp(name, text, length) == 0) {
-            return (int)i;
-        }
-    }
-    return -1;
-}
-
-/* Finds "-o" or "-oVALUE". */
-static int find_short(const struct umbc_command *command, const char *text, const char **value)
-{
-    *value = text[1] == '\0' ? NULL : text + 1;
-    for (size_t i = 0; i < command->option_count; i++) {
-        if (command->options[i].letter == text[0]) {
-            return (int)i;
-        }
-    }
-    return -1;
-}
-
-/* Takes the option at argv[*at]; moves *at over a value in the next argument. */
-static int take_option(const struct umbc_command *command, int argc, char **argv, int *at,
-                       struct umbc_parsed *parsed)
-{
-    const char *text = argv[*at];
-    const char *value;
-    int found = text[1] == '-' ? find_long(command, text + 2, &value)
-                               : find_short(command, text + 1, &value);
-    if (found < 0) {
-        return umbc_usage_error("%s: unknown option '%s'", argv[0], text);
-    }
-    const struct umbc_option *option = option_at(command, (size_t)found);
-    const char **place = (size_t)found < command->option_count
-                             ? &parsed->values[found]
-                             : &parsed->session[(size_t)found - command->option_count];
-    if (option->value == NULL) {
-        if (value != NULL) {
-            return umbc_usage_error("%s: --%s takes no value", argv[0], option->name);
-        }
-        *place = "";
-        return -1;
-    }
-    if (value == NULL) {
-        if (*at + 1 >= argc) {
-            return umbc_usage_error("%s: --%s needs a value: %s", argv[0], option->name,
-                                    option->value);
-        }
-        value = argv[++*at];
-    }
-    *place = value;
-    return -1;
-}
-
-int umbc_parse(const struct umbc_command *command, int argc, char **argv,
-               struct umbc_parsed *parsed)
-{
-    bool options_over = false;
-    memset(parsed, 0, sizeof *parsed);
-    for (int at = 1; at < argc; at++) {
-        const char *text = argv[at];
-        if (!options_over && strcmp(text, "--") == 0) {
-            options_over = true;
-        } else if (!options_over && (strcmp(text, "--help") == 0 || strcmp(text, "-h") == 0)) {
-            print_help(command);
-            return umbc_finish_stdout(0);
-        } else if (!options_over && text[0] == '-' && text[1] != '\0') {
-            int code = take_option(command, argc, argv, &at, parsed);
-            if (code >= 0) {
-                return code;
-            }
-        } else if (parsed->word_count == command->max_words) {
-            return umbc_usage_error("%s: unexpected argument '%s'", argv[0], text);
-        } else {
-            parsed->words[parsed->word_count++] = text;
-        }
-    }
-    if (parsed->word_count < command->min_words) {
-        return umbc_usage_error("%s: an argument is missing; usage: %s", argv[0], command->usage);
-    }
-    return -1;
-}
-
 /* 1 for what the store would take as a name, and for ids. */
 static bool may_be_asset(const char *word)
 {
@@ -222,14 +86,10 @@ static bool may_be_asset(const char *word)
            name[strspn(name, allowed)] == '\0';
 }
 
-int umbc_find_word(const char *text, const char *const *words, size_t count)
+enum umb_status umbc_read_id(const struct umbu_option *option, const char *text, void *field,
+                             struct umb_error *error)
 {
-    for (size_t i = 0; i < count; i++) {
-        if (strcmp(text, words[i]) == 0) {
-            return (int)i;
-        }
-    }
-    return -1;
+    return umb_id_from_text(text, field) == UMB_OK ? UMB_OK : umbu_refuse(option, text, error);
 }
 
 bool umbc_is_file(const char *word)
@@ -257,50 +117,6 @@ enum umb_status umbc_open_input(const char *path, FILE **file, struct umb_error 
         return umb_fail(error, UMB_E_NO_INPUT, "cannot read '%.200s': it is a folder", path);
     }
     return UMB_OK;
-}
-
-bool umbc_parse_count(const char *text, unsigned long long max, unsigned long long *value)
-{
-    char *end;
-    if (text[0] < '0' || text[0] > '9') {
-        return false;
-    }
-    errno = 0;
-    *value = strtoull(text, &end, 10);
-    return errno == 0 && *end == '\0' && *value <= max;
-}
-
-bool umbc_parse_bytes(const char *text, uint64_t *bytes)
-{
-    char digits[24];
-    unsigned long long value;
-    const size_t length = strlen(text);
-    if (length == 0 || length >= sizeof digits) {
-        return false;
-    }
-    const char *units = "KMG", *unit = strchr(units, text[length - 1]);
-    memcpy(digits, text, length + 1);
-    if (unit) {
-        digits[length - 1] = '\0';
-    }
-    const unsigned shift = unit ? 10 * (unsigned)(unit - units + 1) : 0;
-    if (!umbc_parse_count(digits, UINT64_MAX >> 34, &value) || value == 0) {
-        return false;
-    }
-    *bytes = (uint64_t)value << shift;
-    return true;
-}
-
-bool umbc_parse_number(const char *text, double *value)
-{
-    char *end;
-    /* strtod also knows hexadecimal, inf and nan; none of them is a coordinate anybody means. The
-     * program never calls setlocale, so that the decimal point is a point. */
-    if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0') {
-        return false;
-    }
-    *value = strtod(text, &end);
-    return *end == '\0' && isfinite(*value);
 }
 
 int umbc_finish_stdout(int code)

@@ -7,7 +7,6 @@
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_progress.h"
-#include "cli_session.h"
 
 /* The file that was made, wherever. */
 struct made {
@@ -43,7 +42,7 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
                                     struct umb_error *error)
 {
     struct umb_client *client;
-    enum umb_status status = umbc_connect(options->session, &client, error);
+    enum umb_status status = umbu_connect(&options->session, &client, error);
     if (status == UMB_OK) {
         status = umb_client_derive(client, options->target, settings, &made->received, &made->size,
                                    made->asset, NULL, error);

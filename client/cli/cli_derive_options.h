@@ -8,12 +8,15 @@
 
 struct umbc_derive_options {
     const char *target; /* a file, or a daemon's asset */
-    const char *session[UMBC_SESSION_COUNT];
+    struct umbu_session session;
     const char *output;
     char named[4096]; /* where `output` is if none was given; a longer path is cut and fails to open
                        */
     struct umb_derive_settings settings; /* camera: NULL; cascades.count > 0: `camera` */
     struct umb_camera camera;
+    const char *view; /* --camera, or NULL */
+    double aspect;    /* Width by height of its picture */
+    unsigned up;      /* 0 y, 1 z */
     bool json, quiet;
 };
 

@@ -17,40 +17,51 @@
 #include "cli_json.h"
 #include "cli_output.h"
 #include "cli_progress.h"
-#include "cli_session.h"
 #include "umbrage/jobs.h"
 #include "umbrage/region.h"
 
-#define TRIES 5 /* without one byte more between two */
+#define OUTPUT_SIZE 4096
+#define TRIES       5 /* without one byte more between two */
 
-#define MAX_BYTES_DEFAULT ((uint64_t)64 << 30)
+struct fetch_settings {
+    uint8_t asset[UMB_ID_BYTES];
+    const char *output; /* NULL: ASSET.umb */
+    uint64_t max_bytes; /* Largest file in bytes that is fetched */
+    struct umbu_session session;
+    bool json, quiet;
+};
+#define AT(field) UMBU_AT(struct fetch_settings, field)
 
-enum fetch_option {
-    OPTION_OUTPUT,
-    OPTION_MAX_BYTES,
-    OPTION_STALL,
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+static enum umb_status read_output(const struct umbu_option *option, const char *text, void *field,
+                                   struct umb_error *error)
+{
+    if (text[0] == '\0' || strcmp(text, "-") == 0 || strlen(text) >= OUTPUT_SIZE) {
+        return umbu_refuse(option, text, error);
+    }
+    memcpy(field, &text, sizeof text);
+    return UMB_OK;
+}
+
+static const struct umbu_option OPTIONS[] = {
+    {"ASSET", NULL, "the asset's id", UMBC_ID, AT(asset), .needed = true},
+    {"output", "FILE", "where to",
+     UMBU_READ(read_output,
+               "a file name of 1 to 4095 bytes (a file is proven before it gets its name: it "
+               "cannot go to stdout; name a file, ./- for one of that name)"),
+     AT(output), .otherwise = "ASSET.umb", .letter = 'o'},
+    {"max-bytes", "BYTES", "refuse a larger file", UMBU_BYTES(1, (uint64_t)1 << 62), AT(max_bytes),
+     .standard = "64G"},
+    UMBU_STALL_ROW(struct fetch_settings),
+    {UMBU_JSON_ROW(struct fetch_settings)},
+    {UMBU_QUIET_ROW(struct fetch_settings, "no progress")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_OUTPUT] = {"output", "FILE", "where to (ASSET.umb)", 'o'},
-    [OPTION_MAX_BYTES] = {"max-bytes", "BYTES", "refuse a larger file (64G)", 0},
-    [OPTION_STALL] = UMBC_STALL_OPTION,
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "no progress", 'q'},
-};
-
-static const struct umbc_command COMMAND = {
+static const struct umbu_command COMMAND = {
+    .name = "umbrage fetch",
     .usage = "umbrage fetch ASSET [-o FILE] [options]",
     .summary = "Downloads the packed file of an asset that a job of yours made. ASSET is its id.\n"
                "What an earlier fetch left in FILE.part is not fetched again.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct fetch_settings, session)},
 };
 
 struct fetch {
@@ -227,17 +238,19 @@ static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch
     return status == UMB_OK ? give_name(fetch, output, error) : status;
 }
 
-static int report(const struct umbc_parsed *parsed, const char *output, uint64_t bytes)
+static int report(const struct fetch_settings *settings, const char *output, uint64_t bytes)
 {
-    if (parsed->values[OPTION_JSON] != NULL) {
+    char id[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(settings->asset, id);
+    if (settings->json) {
         struct umbc_json json = {.file = stdout};
         umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", parsed->words[0]);
+        umbc_json_text(&json, "asset", id);
         umbc_json_text(&json, "output", output);
         umbc_json_integer(&json, "bytes", bytes);
         umbc_json_end(&json, '}');
         (void)putchar('\n');
-    } else if (parsed->values[OPTION_QUIET] == NULL) {
+    } else if (!settings->quiet) {
         char text[32];
         umbc_format_bytes(bytes, text);
         (void)printf("file        %s: %s\n", output, text);
@@ -247,43 +260,25 @@ static int report(const struct umbc_parsed *parsed, const char *output, uint64_t
 
 int umbc_fetch(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct umbu_parsed parsed;
+    struct fetch_settings settings = {.output = NULL};
     struct umb_client *client;
     struct umb_error error = {.status = UMB_OK};
-    uint8_t asset[UMB_ID_BYTES];
-    char output[4096], part[4112];
-    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    char output[OUTPUT_SIZE], part[OUTPUT_SIZE + 16], id[UMB_ID_TEXT_SIZE];
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
-        return umbc_usage_error("fetch: '%s' is not an id of 64 hexadecimal digits",
-                                parsed.words[0]);
-    }
-    const char *wanted = parsed.values[OPTION_OUTPUT];
-    if (wanted != NULL && strcmp(wanted, "-") == 0) {
-        return umbc_usage_error(
-            "fetch: -o: '-' is not a file name (a file is proven before it gets its name: it "
-            "cannot go to stdout; name a file, ./- for one of that name)");
-    }
-    int length = wanted != NULL ? snprintf(output, sizeof output, "%s", wanted)
-                                : snprintf(output, sizeof output, "%s.umb", parsed.words[0]);
-    if (length <= 0 || (size_t)length >= sizeof output) {
-        return umbc_usage_error("fetch: --output: must have 1 to %zu bytes", sizeof output - 1);
-    }
+    umb_id_to_text(settings.asset, id);
+    (void)snprintf(output, sizeof output, "%s%s", settings.output != NULL ? settings.output : id,
+                   settings.output != NULL ? "" : ".umb");
     (void)snprintf(part, sizeof part, "%s.part", output);
-    struct fetch fetch = {.fd = -1, .part = part, .asset = asset, .max_bytes = MAX_BYTES_DEFAULT};
-    const char *most = parsed.values[OPTION_MAX_BYTES];
-    if (most != NULL && !umbc_parse_bytes(most, &fetch.max_bytes)) {
-        return umbc_usage_error("fetch: --max-bytes: '%s' is not a number of bytes (64K, 2M, 1G)",
-                                most);
+    struct fetch fetch = {
+        .fd = -1, .part = part, .asset = settings.asset, .max_bytes = settings.max_bytes};
+    if (umbu_connect(&settings.session, &client, &error) != UMB_OK) {
+        return umbc_complain(&error);
     }
-    code = umbc_connect_patiently(parsed.session, "fetch", parsed.values[OPTION_STALL], &client);
-    if (code >= 0) {
-        return code;
-    }
-    umbc_progress_begin(&fetch.progress,
-                        parsed.values[OPTION_QUIET] != NULL || parsed.values[OPTION_JSON] != NULL);
+    umbc_progress_begin(&fetch.progress, settings.quiet || settings.json);
     enum umb_status status = fetch_file(client, &fetch, output, &error);
     umbc_progress_end(&fetch.progress);
     if (fetch.fd >= 0) {
@@ -293,5 +288,5 @@ int umbc_fetch(int argc, char **argv)
         }
     }
     umb_client_close(client);
-    return status == UMB_OK ? report(&parsed, output, fetch.at) : umbc_complain(&error);
+    return status == UMB_OK ? report(&settings, output, fetch.at) : umbc_complain(&error);
 }

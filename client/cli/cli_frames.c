@@ -12,58 +12,53 @@
 #include <time.h>
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_session.h"
-#include "cli_paging_options.h"
 #include "cli_paging_view.h"
 
-enum frames_option {
-    OPTION_PATH,
-    OPTION_DEPTH,
-    OPTION_SIZE,
-    OPTION_UP,
-    OPTION_LIGHT,
-    OPTION_TAPS,
-    OPTION_FORMAT,
-    OPTION_PLAIN,
-    OPTION_OUTPUT,
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+struct frames_settings {
+    const char *target, *path, *depth, *output;
+    struct umbu_session session;
+    uint32_t size[2]; /* Pixels of a frame */
+    unsigned up;      /* 0 y, 1 z */
+    struct umb_query_settings query;
+    bool plain, json, quiet;
+};
+#define AT(field) UMBU_AT(struct frames_settings, field)
+
+static const struct umbu_option OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct frames_settings, "ASSET", "asset of the daemon")},
+    {"path", "FILE", "a camera a line: eye=X,Y,Z,target=X,Y,Z[,fov=DEG]", UMBU_TEXT, AT(path),
+     .needed = true},
+    {"depth", "FILE", "a float a pixel and frame, metres along the view", UMBU_TEXT, AT(depth),
+     .needed = true},
+    {"size", "WxH", "pixels of a frame", UMBU_SIDES(16384), AT(size), .standard = "1280x720"},
+    {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
+    {"light", "N", "the asset's light", UMBU_COUNT(0, UINT32_MAX), AT(query.light),
+     .standard = "0"},
+    {"taps", "N", "width of the filter", UMBU_ODD(1, UMB_TAPS_MAX), AT(query.taps),
+     .standard = "1"},
+    {"format", "FORMAT", "of answers: f32, u8 or bit", UMBU_CHOICE("f32|u8|bit"), AT(query.format),
+     .standard = "bit"},
+    {"plain", NULL, "answers unpacked and whole, for comparison", UMBU_FLAG, AT(plain)},
+    {"output", "FILE", "the answers of all frames, one behind the other; - is stdout", UMBU_TEXT,
+     AT(output), .letter = 'o'},
+    {"json", NULL, "print one JSON object, with every frame", UMBU_FLAG, AT(json),
+     .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct frames_settings, "print nothing but errors")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_PATH] = {"path", "FILE", "a camera a line: eye=X,Y,Z,target=X,Y,Z[,fov=DEG]", 0},
-    [OPTION_DEPTH] = {"depth", "FILE", "a float a pixel and frame, metres along the view", 0},
-    [OPTION_SIZE] = {"size", "WxH", "pixels of a frame (default 1280x720)", 0},
-    [OPTION_UP] = {"up", "y|z", "the scene's up axis (default y)", 0},
-    [OPTION_LIGHT] = {"light", "N", "the asset's light (default 0)", 0},
-    [OPTION_TAPS] = {"taps", "N", "width of the filter, odd (default 1)", 0},
-    [OPTION_FORMAT] = {"format", "FORMAT", "of answers: bit, u8 or f32 (default bit)", 0},
-    [OPTION_PLAIN] = {"plain", NULL, "answers unpacked and whole, for comparison", 0},
-    [OPTION_OUTPUT] = {"output", "FILE",
-                       "the answers of all frames, one behind the other; - is stdout", 'o'},
-    [OPTION_JSON] = {"json", NULL, "print one JSON object, with every frame", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
-};
-
-static const struct umbc_command COMMAND = {
+static const struct umbu_command COMMAND = {
+    .name = "umbrage frames",
     .usage = "umbrage frames ASSET --path FILE --depth FILE [options]",
     .summary = "Asks a daemon for the shadows of one frame after the other, as a game would: a\n"
-               "camera and its depth picture go there, answers come back packed, and where little\n"
-               "changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+               "camera and its depth picture go there, answers come back packed, and where\n"
+               "little changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct frames_settings, session)},
 };
 
 /* A loop under way. */
 struct frames {
-    const struct umbc_parsed *parsed;
+    struct frames_settings o;
     struct umbc_views views;
-    size_t size[2];
-    char up;
     struct umb_client *client;
     struct umb_client_query_request request;
     struct umb_picture picture;
@@ -83,75 +78,17 @@ static double seconds(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-static bool parse_format(const char *text, enum umb_answer_format *format)
-{
-    static const struct {
-        const char *name;
-        enum umb_answer_format format;
-    } FORMATS[] = {{"bit", UMB_ANSWER_BIT}, {"u8", UMB_ANSWER_U8}, {"f32", UMB_ANSWER_F32}};
-    for (size_t i = 0; i < sizeof FORMATS / sizeof FORMATS[0]; i++) {
-        if (strcmp(text, FORMATS[i].name) == 0) {
-            *format = FORMATS[i].format;
-            return true;
-        }
-    }
-    return false;
-}
-
-/* Returns -1 to go on, else the exit code. */
-static int read_options(struct frames *f)
-{
-    const char *const *v = f->parsed->values;
-    unsigned long long light = 0, taps = 1;
-    f->size[0] = 1280;
-    f->size[1] = 720;
-    f->up = 'y';
-    f->request.settings.format = UMB_ANSWER_BIT;
-    if (!v[OPTION_PATH] || !v[OPTION_DEPTH]) {
-        return umbc_usage_error("frames: --path and --depth are needed");
-    }
-    const int code = umbc_check_stdout("frames", v[OPTION_OUTPUT], v[OPTION_JSON] != NULL);
-    if (code >= 0) {
-        return code;
-    }
-    if (v[OPTION_SIZE] && !umbc_parse_size(v[OPTION_SIZE], f->size)) {
-        return umbc_usage_error("--size: '%s' is not WIDTHxHEIGHT", v[OPTION_SIZE]);
-    }
-    if (v[OPTION_UP]) {
-        f->up = v[OPTION_UP][0];
-        if ((f->up != 'y' && f->up != 'z') || v[OPTION_UP][1] != '\0') {
-            return umbc_usage_error("--up: '%s' is not y or z", v[OPTION_UP]);
-        }
-    }
-    if (v[OPTION_LIGHT] && !umbc_parse_count(v[OPTION_LIGHT], UINT32_MAX, &light)) {
-        return umbc_usage_error("--light: '%s' is not a number", v[OPTION_LIGHT]);
-    }
-    if (v[OPTION_TAPS] && (!umbc_parse_count(v[OPTION_TAPS], UMB_TAPS_MAX, &taps) || !(taps & 1))) {
-        return umbc_usage_error("--taps: '%s' is not odd and within 1..%d", v[OPTION_TAPS],
-                                UMB_TAPS_MAX);
-    }
-    if (v[OPTION_FORMAT] && !parse_format(v[OPTION_FORMAT], &f->request.settings.format)) {
-        return umbc_usage_error("--format: '%s' is not bit, u8 or f32", v[OPTION_FORMAT]);
-    }
-    f->request.asset = f->parsed->words[0];
-    f->request.settings.light = (uint32_t)light;
-    f->request.settings.taps = (uint32_t)taps;
-    f->request.pack = v[OPTION_PLAIN] == NULL;
-    f->request.want_stats = 1;
-    return -1;
-}
-
 static enum umb_status prepare(struct frames *f, struct umb_error *error)
 {
-    const char *const *v = f->parsed->values;
     const struct umb_partial_view none = {0};
-    const size_t pixels = f->size[0] * f->size[1];
-    enum umb_status status = umbc_read_path(v[OPTION_PATH], (double)f->size[0] / (double)f->size[1],
-                                            f->up, &none, &f->views, error);
+    const uint32_t *size = f->o.size;
+    const size_t pixels = (size_t)size[0] * size[1];
+    enum umb_status status = umbc_read_path(f->o.path, (double)size[0] / (double)size[1],
+                                            "yz"[f->o.up], &none, &f -> views, error);
     if (status != UMB_OK) {
         return status;
     }
-    status = umbc_open_input(v[OPTION_DEPTH], &f->depth_file, error);
+    status = umbc_open_input(f->o.depth, &f->depth_file, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -162,16 +99,14 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     if (!f->depth || !f->values[0] || !f->values[1]) {
         return umb_fail(error, UMB_E_NO_MEMORY, "frames: no memory for %zu pixels", pixels);
     }
-    f->picture = (struct umb_picture){
-        .width = (uint32_t)f->size[0], .height = (uint32_t)f->size[1], .depth = f->depth};
+    f->picture = (struct umb_picture){.width = size[0], .height = size[1], .depth = f->depth};
     f->request.picture = &f->picture;
-    status = umbc_connect(f->parsed->session, &f->client, error);
+    status = umbu_connect(&f->o.session, &f->client, error);
     if (status == UMB_OK) {
         status = umb_client_stream_open(f->client, &f->request.stream, error);
     }
-    return status == UMB_OK && v[OPTION_OUTPUT]
-               ? umbc_output_begin(v[OPTION_OUTPUT], &f->output, error)
-               : status;
+    return status == UMB_OK && f->o.output ? umbc_output_begin(f->o.output, &f->output, error)
+                                           : status;
 }
 
 /* One frame's figures. */
@@ -181,14 +116,14 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
     const uint64_t bytes = reply->packed_bytes ? reply->packed_bytes : reply->value_bytes;
     f->received += bytes;
     f->plain += reply->value_bytes;
-    if (f->parsed->values[OPTION_JSON]) {
+    if (f->o.json) {
         umbc_json_begin(&f->json, NULL, '{');
         umbc_json_integer(&f->json, "bytes", bytes);
         umbc_json_bool(&f->json, "changes_only", reply->changes_only != 0);
         umbc_json_number(&f->json, "ms", took * 1e3);
         umbc_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
         umbc_json_end(&f->json, '}');
-    } else if (!f->parsed->values[OPTION_QUIET]) {
+    } else if (!f->o.quiet) {
         (void)fprintf(f->output.file == stdout ? stderr : stdout,
                       "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
                       bytes, reply->changes_only ? " of changes" : "           ", took * 1e3,
@@ -199,17 +134,15 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
 static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_error *error)
 {
     const struct umb_partial_view *view = &f->views.list[frame];
-    const size_t pixels = f->size[0] * f->size[1];
+    const size_t pixels = (size_t)f->o.size[0] * f->o.size[1];
     struct umb_client_query_reply reply;
     if (fread(f->depth, sizeof *f->depth, pixels, f->depth_file) != pixels) {
         return ferror(f->depth_file)
-                   ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'",
-                                    f->parsed->values[OPTION_DEPTH])
+                   ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", f->o.depth)
                    : umb_fail(error, UMB_E_TRUNCATED,
-                              "'%.160s' ends within frame %zu; %zu frames of %zu x %zu floats are "
+                              "'%.160s' ends within frame %zu; %zu frames of %u x %u floats are "
                               "needed, as many as --path has cameras",
-                              f->parsed->values[OPTION_DEPTH], frame, f->views.count, f->size[0],
-                              f->size[1]);
+                              f->o.depth, frame, f->views.count, f->o.size[0], f->o.size[1]);
     }
     f->picture.camera = view->camera;
     f->request.base = f->request.pack && frame > 0 ? f->values[(frame + 1) % 2] : NULL;
@@ -228,7 +161,7 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
 
 static enum umb_status run_frames(struct frames *f, struct umb_error *error)
 {
-    const bool json = f->parsed->values[OPTION_JSON] != NULL;
+    const bool json = f->o.json;
     enum umb_status status = UMB_OK;
     if (json) {
         umbc_json_begin(&f->json, NULL, '{');
@@ -239,7 +172,8 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
     }
     if (json) {
         umbc_json_end(&f->json, ']');
-        umbc_json_integer(&f->json, "request_bytes_a_frame", f->size[0] * f->size[1] * 4);
+        umbc_json_integer(&f->json, "request_bytes_a_frame",
+                          (uint64_t)f->o.size[0] * f->o.size[1] * 4);
         umbc_json_integer(&f->json, "bytes", f->received);
         umbc_json_integer(&f->json, "unpacked_bytes", f->plain);
         umbc_json_end(&f->json, '}');
@@ -250,14 +184,17 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
 
 int umbc_frames(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct umbu_parsed parsed;
     struct umb_error error = {.status = UMB_OK};
-    struct frames f = {.parsed = &parsed, .json = {.file = stdout}};
-    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
-    code = code < 0 ? read_options(&f) : code;
+    struct frames f = {.json = {.file = stdout}};
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &f.o);
     if (code >= 0) {
         return code;
     }
+    f.request.asset = f.o.target;
+    f.request.settings = f.o.query;
+    f.request.pack = !f.o.plain;
+    f.request.want_stats = 1;
     enum umb_status status = prepare(&f, &error);
     if (status == UMB_OK) {
         status = run_frames(&f, &error);

@@ -7,28 +7,19 @@
 #include <stdio.h>
 #include <string.h>
 #include "cli_json.h"
-#include "cli_session.h"
 
-enum info_option {
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+static const struct umbu_option OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print the id alone")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "print the id alone", 'q'},
-};
-
-static const struct umbc_command COMMAND = {
+static const struct umbu_command COMMAND = {
+    .name = "umbrage info",
     .usage = "umbrage info FILE|ASSET [options]",
     .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
                ".umb or .umbm is a file; anything else is an asset of the daemon.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .connects = true,
-    .min_words = 1,
-    .max_words = 1,
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static const char *light_kind(enum umb_light_kind kind)
@@ -267,7 +258,7 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
     (void)putchar('\n');
 }
 
-static int info_file(const char *path, const struct umbc_parsed *parsed)
+static int info_file(const char *path, const struct umbc_settings *settings)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umb_asset *asset;
@@ -276,9 +267,9 @@ static int info_file(const char *path, const struct umbc_parsed *parsed)
         return umbc_complain_file(path, &error);
     }
     umb_asset_get_info(asset, &info);
-    if (parsed->values[OPTION_JSON] != NULL) {
+    if (settings->json) {
         print_file_json(asset, &info);
-    } else if (parsed->values[OPTION_QUIET] != NULL) {
+    } else if (settings->quiet) {
         char id[UMB_ID_TEXT_SIZE];
         umb_id_to_text(info.id, id);
         (void)puts(id);
@@ -357,12 +348,12 @@ static void print_description_json(const struct umb_client_description *about)
     (void)putchar('\n');
 }
 
-static int info_asset(const char *name, const struct umbc_parsed *parsed)
+static int info_asset(const char *name, struct umbc_settings *settings)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umb_client *client;
     struct umb_client_description *about;
-    if (umbc_connect(parsed->session, &client, &error) != UMB_OK) {
+    if (umbu_connect(&settings->session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
     enum umb_status status = umb_client_describe(client, name, &about, NULL, &error);
@@ -370,9 +361,9 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
     if (status != UMB_OK) {
         return umbc_complain(&error);
     }
-    if (parsed->values[OPTION_JSON] != NULL) {
+    if (settings->json) {
         print_description_json(about);
-    } else if (parsed->values[OPTION_QUIET] != NULL) {
+    } else if (settings->quiet) {
         char id[UMB_ID_TEXT_SIZE];
         umb_id_to_text(about->asset.id, id);
         (void)puts(id);
@@ -385,11 +376,12 @@ static int info_asset(const char *name, const struct umbc_parsed *parsed)
 
 int umbc_info(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
-    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    struct umbu_parsed parsed;
+    struct umbc_settings settings = {0};
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    return umbc_is_file(parsed.words[0]) ? info_file(parsed.words[0], &parsed)
-                                         : info_asset(parsed.words[0], &parsed);
+    return umbc_is_file(settings.target) ? info_file(settings.target, &settings)
+                                         : info_asset(settings.target, &settings);
 }

@@ -6,26 +6,30 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_job_view.h"
-#include "cli_session.h"
 
-enum plain_option {
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+struct job_settings {
+    const char *target; /* A job, or an asset's id */
+    struct umbu_session session;
+    bool json, quiet;
+    uint32_t limit; /* Jobs to list, 0 = 100 */
+    uint8_t asset[UMB_ID_BYTES];
 };
 
-static const struct umbc_option PLAIN_OPTIONS[OPTION_COUNT] = {
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "no talk, ids only", 'q'},
+static const struct umbu_option JOB_OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it")},
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk, ids only")},
 };
 
 /* Parses and connects. Returns -1 to go on, else the exit code. */
-static int begin(const struct umbc_command *command, int argc, char **argv,
-                 struct umbc_parsed *parsed, struct umb_client **client)
+static int begin(const struct umbu_command *command, int argc, char **argv,
+                 struct job_settings *settings, struct umb_client **client)
 {
     struct umb_error error = {.status = UMB_OK};
-    int code = umbc_parse(command, argc, argv, parsed);
-    if (code < 0 && umbc_connect(parsed->session, client, &error) != UMB_OK) {
+    struct umbu_parsed parsed;
+    *settings = (struct job_settings){0};
+    int code = umbu_start(&parsed, command, argc, argv, settings);
+    if (code < 0 && umbu_connect(&settings->session, client, &error) != UMB_OK) {
         code = umbc_complain(&error);
     }
     return code;
@@ -33,32 +37,29 @@ static int begin(const struct umbc_command *command, int argc, char **argv,
 
 /* --- watch --- */
 
-static const struct umbc_command WATCH = {
+static const struct umbu_command WATCH = {
+    .name = "umbrage watch",
     .usage = "umbrage watch JOB [options]",
     .summary = "Shows a job's progress until it is over; then its asset, or why there is none.\n"
                "A lost connection is made anew. Exit codes: 0 done, 65 the scene cannot be used,\n"
                "70 the bake went wrong, 75 cancelled or not to be had now.",
-    .options = PLAIN_OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_watch(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct job_settings settings;
     struct umb_client *client;
     struct umb_job_status status;
     struct umb_error error = {.status = UMB_OK};
     char *plan;
-    int code = begin(&WATCH, argc, argv, &parsed, &client);
+    int code = begin(&WATCH, argc, argv, &settings, &client);
     if (code >= 0) {
         return code;
     }
-    const bool quiet = parsed.values[OPTION_QUIET] != NULL;
-    if (umbc_job_watch(client, parsed.words[0], quiet, &status, &plan, &error) == UMB_OK) {
-        code = umbc_job_report(&status, plan, parsed.values[OPTION_JSON] != NULL, quiet);
+    const bool quiet = settings.quiet;
+    if (umbc_job_watch(client, settings.target, quiet, &status, &plan, &error) == UMB_OK) {
+        code = umbc_job_report(&status, plan, settings.json, quiet);
     } else {
         code = umbc_complain(&error);
     }
@@ -69,23 +70,18 @@ int umbc_watch(int argc, char **argv)
 
 /* --- jobs --- */
 
-enum jobs_option {
-    JOBS_LIMIT = OPTION_COUNT,
-    JOBS_OPTION_COUNT,
+static const struct umbu_option JOBS_OPTIONS[] = {
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "ids only")},
+    {"limit", "N", "so many, 1 to 1000", UMBU_COUNT(1, 1000), UMBU_AT(struct job_settings, limit),
+     .standard = "100"},
 };
 
-static const struct umbc_option JOBS_OPTIONS[JOBS_OPTION_COUNT] = {
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "ids only", 'q'},
-    [JOBS_LIMIT] = {"limit", "N", "so many, 1 to 1000 (100)", 0},
-};
-
-static const struct umbc_command JOBS = {
+static const struct umbu_command JOBS = {
+    .name = "umbrage jobs",
     .usage = "umbrage jobs [options]",
     .summary = "Lists your jobs, newest first.",
-    .options = JOBS_OPTIONS,
-    .option_count = JOBS_OPTION_COUNT,
-    .connects = true,
+    .sections = {{"options", UMBU_ROWS(JOBS_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 static void print_job(const struct umb_job_status *job)
@@ -130,26 +126,17 @@ static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_
 
 int umbc_jobs(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct job_settings settings;
     struct umb_client *client;
     struct umb_job_status *jobs;
     struct umb_error error = {.status = UMB_OK};
-    unsigned long long limit = 0;
     size_t count;
-    int code = umbc_parse(&JOBS, argc, argv, &parsed);
+    int code = begin(&JOBS, argc, argv, &settings, &client);
     if (code >= 0) {
         return code;
     }
-    const char *text = parsed.values[JOBS_LIMIT];
-    if (text != NULL && (!umbc_parse_count(text, 1000, &limit) || limit == 0)) {
-        return umbc_usage_error("jobs: --limit: '%s' is not a number from 1 to 1000", text);
-    }
-    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
-        return umbc_complain(&error);
-    }
-    if (umb_client_list_jobs(client, (uint32_t)limit, &jobs, &count, NULL, &error) == UMB_OK) {
-        print_jobs(jobs, count, parsed.values[OPTION_JSON] != NULL,
-                   parsed.values[OPTION_QUIET] != NULL);
+    if (umb_client_list_jobs(client, settings.limit, &jobs, &count, NULL, &error) == UMB_OK) {
+        print_jobs(jobs, count, settings.json, settings.quiet);
         umb_free(jobs);
         code = umbc_finish_stdout(0);
     } else {
@@ -161,36 +148,33 @@ int umbc_jobs(int argc, char **argv)
 
 /* --- cancel --- */
 
-static const struct umbc_command CANCEL = {
+static const struct umbu_command CANCEL = {
+    .name = "umbrage cancel",
     .usage = "umbrage cancel JOB [options]",
     .summary = "Ends a job that is not over; harmless if it is.",
-    .options = PLAIN_OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+    .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_cancel(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct job_settings settings;
     struct umb_client *client;
     struct umb_job_status status;
     struct umb_error error = {.status = UMB_OK};
-    int code = begin(&CANCEL, argc, argv, &parsed, &client);
+    int code = begin(&CANCEL, argc, argv, &settings, &client);
     if (code >= 0) {
         return code;
     }
-    if (umb_client_cancel_job(client, parsed.words[0], &status, NULL, &error) != UMB_OK) {
+    if (umb_client_cancel_job(client, settings.target, &status, NULL, &error) != UMB_OK) {
         code = umbc_complain(&error);
     } else {
-        if (parsed.values[OPTION_JSON] != NULL) {
+        if (settings.json) {
             struct umbc_json json = {.file = stdout};
             umbc_json_begin(&json, NULL, '{');
             umbc_job_json(&json, &status);
             umbc_json_end(&json, '}');
             (void)putchar('\n');
-        } else if (parsed.values[OPTION_QUIET] == NULL) {
+        } else if (!settings.quiet) {
             (void)printf("job         %s: %s\n", status.job, umbc_job_state(status.state));
         }
         code = umbc_finish_stdout(0);
@@ -201,41 +185,40 @@ int umbc_cancel(int argc, char **argv)
 
 /* --- rm --- */
 
-static const struct umbc_command REMOVE = {
+static const struct umbu_option REMOVE_OPTIONS[] = {
+    {"ASSET", NULL, "the asset's id", UMBC_ID, UMBU_AT(struct job_settings, asset), .needed = true},
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "no talk")},
+};
+
+static const struct umbu_command REMOVE = {
+    .name = "umbrage rm",
     .usage = "umbrage rm ASSET [options]",
-    .summary =
-        "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes the\n"
-        "file when nobody has it any more.",
-    .options = PLAIN_OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+    .summary = "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes\n"
+               "the file when nobody has it any more.",
+    .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
+                 UMBU_SESSION(struct job_settings, session)},
 };
 
 int umbc_rm(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct job_settings settings;
     struct umb_client *client;
-    uint8_t asset[UMB_ID_BYTES];
     struct umb_error error = {.status = UMB_OK};
-    int code = umbc_parse(&REMOVE, argc, argv, &parsed);
+    int code = begin(&REMOVE, argc, argv, &settings, &client);
     if (code >= 0) {
         return code;
     }
-    if (umb_id_from_text(parsed.words[0], asset) != UMB_OK) {
-        return umbc_usage_error("rm: '%s' is not an id of 64 hexadecimal digits", parsed.words[0]);
-    }
-    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
-        return umbc_complain(&error);
-    }
-    code =
-        umb_client_delete_asset(client, asset, NULL, &error) == UMB_OK ? 0 : umbc_complain(&error);
+    code = umb_client_delete_asset(client, settings.asset, NULL, &error) == UMB_OK
+               ? 0
+               : umbc_complain(&error);
     umb_client_close(client);
-    if (code == 0 && parsed.values[OPTION_JSON] != NULL) {
+    if (code == 0 && settings.json) {
         struct umbc_json json = {.file = stdout};
         umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", parsed.words[0]);
+        char id[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(settings.asset, id);
+        umbc_json_text(&json, "asset", id);
         umbc_json_end(&json, '}');
         (void)putchar('\n');
     }

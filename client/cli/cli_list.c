@@ -6,27 +6,19 @@
 #include <stdio.h>
 #include <string.h>
 #include "cli_json.h"
-#include "cli_session.h"
 
 #define NAME_WIDTH 32U /* columns */
 
-enum list_option {
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+static const struct umbu_option OPTIONS[] = {
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "names only")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "names only", 'q'},
-};
-
-static const struct umbc_command COMMAND = {
+static const struct umbu_command COMMAND = {
+    .name = "umbrage list",
     .usage = "umbrage list [options]",
     .summary = "Lists the assets of a daemon, by name.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .connects = true,
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
 static void print_json(const struct umb_client_asset *assets, size_t count)
@@ -73,24 +65,25 @@ static void print_table(const struct umb_client_asset *assets, size_t count, boo
 
 int umbc_list(int argc, char **argv)
 {
-    struct umbc_parsed parsed;
+    struct umbu_parsed parsed;
+    struct umbc_settings settings = {0};
     struct umb_error error = {.status = UMB_OK};
     struct umb_client *client;
     struct umb_client_asset *assets;
     size_t count;
-    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    if (umbc_connect(parsed.session, &client, &error) != UMB_OK) {
+    if (umbu_connect(&settings.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
     enum umb_status status = umb_client_list_assets(client, &assets, &count, &error);
     if (status == UMB_OK) {
-        if (parsed.values[OPTION_JSON] != NULL) {
+        if (settings.json) {
             print_json(assets, count);
         } else {
-            print_table(assets, count, parsed.values[OPTION_QUIET] != NULL);
+            print_table(assets, count, settings.quiet);
         }
         umb_free(assets);
     }

@@ -10,36 +10,31 @@
 #include "cli_output.h"
 #include "umbrage/region.h"
 
-enum pack_option {
-    OPTION_OUTPUT,
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+struct pack_settings {
+    const char *target, *output;
+    bool json, quiet;
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_OUTPUT] = {"output", "FILE", "where to write; replaced atomically; - is stdout; needed",
-                       'o'},
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
+static const struct umbu_option OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file")},
+    {"output", "FILE", "where to write; replaced atomically; - is stdout", UMBU_TEXT,
+     UMBU_AT(struct pack_settings, output), .needed = true, .letter = 'o'},
+    {UMBU_JSON_ROW(struct pack_settings), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct pack_settings, "print nothing but errors")},
 };
 
-static const struct umbc_command PACK = {
+static const struct umbu_command PACK = {
+    .name = "umbrage pack",
     .usage = "umbrage pack FILE -o OUT.umb [options]",
     .summary = "Writes the packed form of an asset, whatever form FILE has.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-static const struct umbc_command UNPACK = {
+static const struct umbu_command UNPACK = {
+    .name = "umbrage unpack",
     .usage = "umbrage unpack FILE -o OUT.umbm [options]",
     .summary = "Writes the mapped form of an asset, which opens at once, whatever form FILE has.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static enum umb_status write_file(const struct umb_asset *asset, enum umb_encoding encoding,
@@ -67,49 +62,41 @@ static enum umb_status write_file(const struct umb_asset *asset, enum umb_encodi
     return umbc_output_commit(&output, error);
 }
 
-static void report(const struct umbc_parsed *parsed, const struct umb_asset *asset,
-                   const char *path)
+static void report(const struct pack_settings *settings, const struct umb_asset *asset)
 {
     struct umb_asset_info info;
     char id[UMB_ID_TEXT_SIZE];
     umb_asset_get_info(asset, &info);
     umb_id_to_text(info.id, id);
-    if (parsed->values[OPTION_JSON] != NULL) {
+    if (settings->json) {
         struct umbc_json json = {.file = stdout};
         umbc_json_begin(&json, NULL, '{');
         umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "output", path);
+        umbc_json_text(&json, "output", settings->output);
         umbc_json_end(&json, '}');
         (void)putchar('\n');
-    } else if (parsed->values[OPTION_QUIET] == NULL) {
-        (void)fprintf(stderr, "%s: asset %s\n", path, id);
+    } else if (!settings->quiet) {
+        (void)fprintf(stderr, "%s: asset %s\n", settings->output, id);
     }
 }
 
-static int convert(const struct umbc_command *command, enum umb_encoding encoding, int argc,
+static int convert(const struct umbu_command *command, enum umb_encoding encoding, int argc,
                    char **argv)
 {
-    struct umbc_parsed parsed;
+    struct umbu_parsed parsed;
+    struct pack_settings settings = {0};
     struct umb_error error = {.status = UMB_OK};
     struct umb_asset *asset;
-    int code = umbc_parse(command, argc, argv, &parsed);
+    int code = umbu_start(&parsed, command, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    const char *path = parsed.values[OPTION_OUTPUT];
-    if (path == NULL) {
-        return umbc_usage_error("%s: -o FILE is needed", argv[0]);
+    if (umb_asset_open_file(settings.target, NULL, &asset, &error) != UMB_OK) {
+        return umbc_complain_file(settings.target, &error);
     }
-    code = umbc_check_stdout(argv[0], path, parsed.values[OPTION_JSON] != NULL);
-    if (code >= 0) {
-        return code;
-    }
-    if (umb_asset_open_file(parsed.words[0], NULL, &asset, &error) != UMB_OK) {
-        return umbc_complain_file(parsed.words[0], &error);
-    }
-    enum umb_status status = write_file(asset, encoding, path, &error);
+    enum umb_status status = write_file(asset, encoding, settings.output, &error);
     if (status == UMB_OK) {
-        report(&parsed, asset, path);
+        report(&settings, asset);
     }
     umb_asset_close(asset);
     return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);

@@ -15,7 +15,6 @@
 #include "cli_http.h"
 #include "cli_json.h"
 #include "cli_output.h"
-#include "cli_session.h"
 #include "cli_progress.h"
 #include "cli_paging_options.h"
 
@@ -54,12 +53,11 @@ static int open_source(struct stream *s)
     } else if (s->o.file) {
         status = umb_region_file_open(s->o.file, &s->source, &error);
     } else {
-        struct umbc_session session;
-        umbc_session_read(s->o.session, &session);
+        struct umbu_session session = s->o.session;
         if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
             session.options.call_timeout_ms = s->o.timeout_s * 1000;
         }
-        status = umb_client_open(session.address, &session.options, &s->client, &error);
+        status = umbu_connect(&session, &s->client, &error);
         if (status == UMB_OK) {
             status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
         }

@@ -8,24 +8,25 @@
 #include "cli_paging_view.h"
 
 struct umbc_paging_options {
+    const char *target;             /* As given, or NULL */
     const char *file, *url, *asset; /* one of them; an asset is a daemon's */
-    const char *session[UMBC_SESSION_COUNT];
+    struct umbu_session session;
+    const char *camera, *path, *points_file; /* As given, or NULL */
     const char *resume, *output, *frames;
+    enum umbc_points_format format; /* Of points_file */
+    bool with_normals;
     bool only_points, json, quiet;
     struct umb_region_options region;
     uint8_t id[UMB_ID_BYTES];
     struct umb_partial_view base; /* what all views share */
     struct umbc_views views;      /* at least one */
     struct umb_query_settings settings;
-    size_t size[2];        /* of pictures, pixels */
-    char up;               /* 'y' or 'z' */
+    uint32_t size[2];      /* of pictures, pixels */
+    unsigned up;           /* 0 y, 1 z */
     uint64_t limit, round; /* bytes, 0 = none */
     uint32_t timeout_s;    /* Limit of the whole command in seconds; 0 = none */
     struct umbc_paging_points points;
 };
-
-/* "WIDTHxHEIGHT", 1 to 16384 pixels each. Returns false if it is anything else. */
-bool umbc_parse_size(const char *text, size_t size[2]);
 
 /* Returns -1 to go on, else the exit code; complaints are on stderr. Finish it either way. */
 int umbc_paging_options_parse(struct umbc_paging_options *options, int argc, char **argv);

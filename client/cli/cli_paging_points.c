@@ -125,11 +125,11 @@ static double shade(const struct umbc_paging_points *points, size_t i, const dou
 
 enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
                                         const struct umb_partial_view *view, const double light[3],
-                                        const size_t size[2], const char *path,
+                                        const uint32_t size[2], const char *path,
                                         struct umb_error *error)
 {
     static const double orange[3] = {1.0, 0.72, 0.35};
-    const size_t bytes = 3 * size[0] * size[1];
+    const size_t bytes = (size_t)3 * size[0] * size[1];
     struct umbc_output output;
     uint8_t *picture = malloc(bytes);
     if (!picture) {
@@ -150,7 +150,7 @@ enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
     }
     enum umb_status status = umbc_output_begin(path, &output, error);
     if (status == UMB_OK) {
-        if (fprintf(output.file, "P6\n%zu %zu\n255\n", size[0], size[1]) < 0 ||
+        if (fprintf(output.file, "P6\n%u %u\n255\n", size[0], size[1]) < 0 ||
             fwrite(picture, 1, bytes, output.file) != bytes) {
             status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", path);
             umbc_output_abandon(&output);

@@ -43,7 +43,7 @@ UMB_CHECKED enum umb_status umbc_paging_points_ask(struct umbc_paging_points *po
  */
 UMB_CHECKED enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
                                                     const struct umb_partial_view *view,
-                                                    const double light[3], const size_t size[2],
+                                                    const double light[3], const uint32_t size[2],
                                                     const char *path, struct umb_error *error);
 
 #endif

@@ -124,9 +124,9 @@ static enum umb_status bad_line(const struct umbc_points *points, const char *li
 /* One token; the bytes behind it are put back after strtod has looked. */
 static bool parse_token(char *token, size_t length, double *value)
 {
-    char after = token[length];
+    const char after = token[length], *at = token;
     token[length] = '\0';
-    bool good = strlen(token) == length && umbc_parse_number(token, value); /* no NUL inside */
+    const bool good = umbu_read_number(&at, value) && at == token + length; /* no NUL inside */
     token[length] = after;
     return good;
 }

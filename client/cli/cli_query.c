@@ -8,7 +8,6 @@
  * client waits for that thread, so that slots may be freed after it.
  */
 #include "cli_query_options.h"
-#include "cli_option_names.h"
 
 #include <inttypes.h>
 #include <pthread.h>
@@ -289,7 +288,7 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     job->settings = options->settings;
     job->dial = options->dial;
     struct umb_client_limits limits;
-    enum umb_status status = umbc_connect(options->session, &job->client, error);
+    enum umb_status status = umbu_connect(&options->session, &job->client, error);
     if (status == UMB_OK) {
         status = umb_client_get_limits(job->client, &limits, error);
     }

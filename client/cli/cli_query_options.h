@@ -4,7 +4,6 @@
 /* The options of `umbrage query`, read and checked. */
 #include "cli_common.h"
 #include "cli_points.h"
-#include "cli_session.h"
 #include "umbrage/curve.h"
 
 enum umbc_encoding {
@@ -20,15 +19,17 @@ enum umbc_ask_kind {
     UMBC_ASK_SEGMENTS, /* two ends */
     UMBC_ASK_COLUMNS,  /* a point of the column */
     UMBC_ASK_BOXES,    /* two corners */
+    UMBC_ASK_COUNT,
 };
 
 #define UMBC_QUERY_LIGHTS_MAX 256
 
 struct umbc_query_options {
-    const char *target;                      /* FILE or ASSET */
-    const char *session[UMBC_SESSION_COUNT]; /* where the daemon is, see cli_session.h */
+    const char *target; /* FILE or ASSET */
+    struct umbu_session session;
+    const char *records[UMBC_ASK_COUNT]; /* File or "-" of the one kind that is asked */
     enum umbc_ask_kind volume_query;
-    const char *points; /* file or "-": the records */
+    const char *points; /* That of `question` */
     enum umbc_points_format format;
     bool with_normals;
     const char *footprints;             /* file, one f32 a point, or NULL */
@@ -47,5 +48,10 @@ struct umbc_query_options {
 
 /* Reads arguments. Returns -1 to go on, else the exit code. */
 int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *options);
+
+extern const struct umbu_command umbc_query_command;
+
+/* umbc_complain, with the names of options in place of the library's fields. */
+int umbc_complain_query(const struct umb_error *error);
 
 #endif

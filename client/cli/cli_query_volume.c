@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Segments, columns and boxes from a file or a daemon; see cli_query_volume.h. */
 #include "cli_query_volume.h"
-#include "cli_option_names.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

@@ -29,39 +29,26 @@ static bool own_folder(char folder[PATH_SIZE])
     return true;
 }
 
-static size_t count_words(const char *const *words)
+/* program, word if there is one, arguments, NULL; the strings are borrowed. */
+static char **make_arguments(const char *program, const char *word, char **arguments)
 {
-    size_t count = 0;
-    while (words != NULL && words[count] != NULL) {
+    size_t count = 0, at = 0;
+    while (arguments[count] != NULL) {
         count++;
     }
-    return count;
-}
-
-/* program, prefix words, arguments, NULL; the strings are borrowed. */
-static char **make_arguments(const char *program, const char *const *prefix, char **arguments)
-{
-    size_t prefix_count = count_words(prefix);
-    size_t argument_count = 0;
-    while (arguments[argument_count] != NULL) {
-        argument_count++;
-    }
-    const char **all = calloc(prefix_count + argument_count + 2, sizeof *all);
+    const char **all = calloc(count + 3, sizeof *all);
     if (all == NULL) {
         return NULL;
     }
-    all[0] = program;
-    for (size_t i = 0; i < prefix_count; i++) {
-        all[1 + i] = prefix[i];
+    all[at++] = program;
+    if (word != NULL) {
+        all[at++] = word;
     }
-    for (size_t i = 0; i < argument_count; i++) {
-        all[1 + prefix_count + i] = arguments[i];
-    }
+    memcpy(all + at, arguments, count * sizeof *all);
     return (char **)all;
 }
 
-int umbc_start_program(const char *command, const char *program, const char *const *prefix,
-                       char **arguments)
+int umbc_start_program(const char *command, const char *program, const char *word, char **arguments)
 {
     char folder[PATH_SIZE];
     char path[PATH_SIZE + 64];
@@ -76,7 +63,7 @@ int umbc_start_program(const char *command, const char *program, const char *con
             command, program, folder);
         return UMBC_EXIT_MISSING;
     }
-    char **all = make_arguments(path, prefix, arguments);
+    char **all = make_arguments(path, word, arguments);
     if (all == NULL) {
         return umbc_complain_as(UMB_E_NO_MEMORY, "%s: out of memory", command);
     }

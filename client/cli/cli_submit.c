@@ -7,110 +7,39 @@
 #include "cli_bundle.h"
 #include "cli_job_view.h"
 #include "cli_progress.h"
-#include "cli_session.h"
+#include "tool/bake_settings.h"
 
-#define SETTINGS_MAX 512
+struct submit_settings {
+    const char *target; /* The scene */
+    struct umbu_session session;
+    struct umbu_bake_settings bake;
+    bool wait, json, quiet;
+    int priority;
+};
+#define AT(field) UMBU_AT(struct submit_settings, field)
 
-enum submit_option {
-    OPTION_WAIT,
-    OPTION_PRIORITY,
-    OPTION_STALL,
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+static const struct umbu_option OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file")},
+    {"wait", NULL, "watch the job to its end, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
+    {"priority", "N", "-10 to 10: among your own jobs, higher first", UMBU_NUMBER(-10, 10),
+     AT(priority), .standard = "0"},
+    UMBU_STALL_ROW(struct submit_settings),
+    {UMBU_JSON_ROW(struct submit_settings)},
+    {UMBU_QUIET_ROW(struct submit_settings,
+                    "the job's id only (with --wait the asset's), no notices")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_WAIT] = {"wait", NULL, "watch the job to its end, as `umbrage watch` does", 0},
-    [OPTION_PRIORITY] = {"priority", "N", "-10 to 10: among your own jobs, higher first (0)", 0},
-    [OPTION_STALL] = UMBC_STALL_OPTION,
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "the job's id only (with --wait the asset's), no notices",
-                      'q'},
-};
-
-static const struct umbc_command COMMAND = {
+static const struct umbu_command COMMAND = {
+    .name = "umbrage submit",
     .usage = "umbrage submit SCENE [bake options] [options]",
-    .summary = "Sends a scene with its buffers and textures to a daemon, which bakes it.\n\n"
-               "Bake options are those of umbrage-bake that decide what the asset holds:\n"
-               "--resolution, --sun, --sun-path, --point, --spot, --light, --light-size, --up,\n"
-               "--closed, --static, --effect, --max-error, --depth, --verify. The same scene\n"
-               "with the same options is the same job, however often it is submitted.",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-    .connects = true,
+    .summary = "Sends a scene with its buffers and textures to a daemon, which bakes it. Bake\n"
+               "options are those of umbrage-bake that decide what the asset holds. The same\n"
+               "scene with the same options is the same job, however often it is submitted.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)},
+                 {"bake options", UMBU_BAKE_SETTINGS, UMBU_BAKE_SETTING_COUNT,
+                  offsetof(struct submit_settings, bake)},
+                 UMBU_SESSION(struct submit_settings, session)},
 };
-
-/* Bake options; they may be repeated, and their order matters. */
-static const struct {
-    const char *name;
-    bool has_value;
-} BAKE_OPTIONS[] = {
-    {"resolution", true}, {"sun", true},       {"sun-path", true}, {"point", true},
-    {"spot", true},       {"light", true},     {"up", true},       {"light-size", true},
-    {"closed", true},     {"depth", true},     {"verify", true},   {"static", false},
-    {"effect", true},     {"max-error", true},
-};
-
-struct settings {
-    struct umb_job_setting list[SETTINGS_MAX];
-    size_t count;
-};
-
-/* Index of a bake option, or -1; *value is what follows '=', or NULL. */
-static int find_bake_option(const char *word, const char **value)
-{
-    const char *equals = strchr(word, '=');
-    const size_t length = equals == NULL ? strlen(word) : (size_t)(equals - word);
-    *value = equals == NULL ? NULL : equals + 1;
-    for (size_t i = 0; i < sizeof BAKE_OPTIONS / sizeof BAKE_OPTIONS[0]; i++) {
-        if (length == strlen(BAKE_OPTIONS[i].name) + 2 && strncmp(word, "--", 2) == 0 &&
-            strncmp(word + 2, BAKE_OPTIONS[i].name, length - 2) == 0) {
-            return (int)i;
-        }
-    }
-    return -1;
-}
-
-/* Moves the bake options out of argv. Returns the rest's count, or -1 after a usage error. */
-static int take_settings(int argc, char **argv, struct settings *settings)
-{
-    int kept = 1;
-    for (int at = 1; at < argc; at++) {
-        const char *value;
-        if (strcmp(argv[at], "--") == 0) {
-            while (at < argc) {
-                argv[kept++] = argv[at++];
-            }
-            break;
-        }
-        const int found = find_bake_option(argv[at], &value);
-        if (found < 0) {
-            argv[kept++] = argv[at];
-            continue;
-        }
-        const char *name = BAKE_OPTIONS[found].name;
-        if (BAKE_OPTIONS[found].has_value && value == NULL) {
-            if (at + 1 >= argc) {
-                (void)umbc_usage_error("submit: --%s needs a value", name);
-                return -1;
-            }
-            value = argv[++at];
-        }
-        if (settings->count == SETTINGS_MAX || (value != NULL && !BAKE_OPTIONS[found].has_value)) {
-            (void)umbc_usage_error("submit: --%s: %s", name,
-                                   value != NULL ? "takes no value, or too many options"
-                                                 : "too many options");
-            return -1;
-        }
-        settings->list[settings->count++] =
-            (struct umb_job_setting){name, value != NULL ? value : ""};
-    }
-    argv[kept] = NULL;
-    return kept;
-}
 
 static void on_sent(void *user, uint64_t done, uint64_t total)
 {
@@ -160,39 +89,37 @@ static enum umb_status submit(struct umb_client *client,
                : status;
 }
 
-static int run(const struct umbc_parsed *parsed, const struct settings *settings, int priority)
+static int run(struct submit_settings *settings)
 {
-    const bool quiet = parsed->values[OPTION_QUIET] != NULL;
-    const bool as_json = parsed->values[OPTION_JSON] != NULL;
+    const bool quiet = settings->quiet, as_json = settings->json;
     struct umb_error error = {.status = UMB_OK};
     struct umb_job_submitted submitted;
     struct umbc_bundle bundle;
     struct umbc_progress progress;
     struct umb_client *client;
-    if (umbc_bundle_gather(parsed->words[0], quiet, &bundle, &error) != UMB_OK) {
+    if (umbc_bundle_gather(settings->target, quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    int code =
-        umbc_connect_patiently(parsed->session, "submit", parsed->values[OPTION_STALL], &client);
-    if (code >= 0) {
+    if (umbu_connect(&settings->session, &client, &error) != UMB_OK) {
         umbc_bundle_finish(&bundle);
-        return code;
+        return umbc_complain(&error);
     }
     const struct umb_job_submission submission = {.scene = bundle.files[0].path,
                                                   .files = bundle.files,
                                                   .file_count = bundle.count,
-                                                  .settings = settings->list,
-                                                  .setting_count = settings->count,
-                                                  .priority = priority,
+                                                  .settings = settings->bake.list,
+                                                  .setting_count = settings->bake.count,
+                                                  .priority = settings->priority,
                                                   .sent = on_sent,
                                                   .user = &progress};
     umbc_progress_begin(&progress, quiet || as_json);
     enum umb_status status = submit(client, &submission, &submitted, &error);
     umbc_progress_end(&progress);
     umbc_bundle_finish(&bundle);
+    int code;
     if (status != UMB_OK) {
         code = umbc_complain(&error);
-    } else if (parsed->values[OPTION_WAIT] != NULL) {
+    } else if (settings->wait) {
         code = wait_for(client, submitted.job, as_json, quiet);
     } else {
         code = report_submitted(&submitted, as_json, quiet);
@@ -203,22 +130,8 @@ static int run(const struct umbc_parsed *parsed, const struct settings *settings
 
 int umbc_submit(int argc, char **argv)
 {
-    static struct settings settings; /* too large for a stack, and there is one */
-    struct umbc_parsed parsed;
-    double priority = 0;
-    int kept = take_settings(argc, argv, &settings);
-    if (kept < 0) {
-        return UMBC_EXIT_USAGE;
-    }
-    int code = umbc_parse(&COMMAND, kept, argv, &parsed);
-    if (code >= 0) {
-        return code;
-    }
-    const char *text = parsed.values[OPTION_PRIORITY];
-    if (text != NULL && (!umbc_parse_number(text, &priority) || priority != (int)priority ||
-                         priority < -10 || priority > 10)) {
-        return umbc_usage_error("submit: --priority: '%s' is not a whole number from -10 to 10",
-                                text);
-    }
-    return run(&parsed, &settings, (int)priority);
+    static struct submit_settings settings; /* too large for a stack, and there is one */
+    struct umbu_parsed parsed;
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
+    return code >= 0 ? code : run(&settings);
 }

@@ -12,35 +12,29 @@
 #include "cli_json.h"
 #include "umbrage/region.h"
 
-enum verify_option {
-    OPTION_JSON,
-    OPTION_QUIET,
-    OPTION_COUNT,
+static const struct umbu_option OPTIONS[] = {
+    {UMBC_TARGET_ROW(struct umbc_settings, "FILE", "the asset file")},
+    {UMBU_JSON_ROW(struct umbc_settings)},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print nothing but errors")},
 };
 
-static const struct umbc_option OPTIONS[OPTION_COUNT] = {
-    [OPTION_JSON] = {"json", NULL, "print one JSON object", 0},
-    [OPTION_QUIET] = {"quiet", NULL, "print nothing but errors", 'q'},
+static const struct umbu_command COMMAND = {
+    .name = "umbrage verify",
+    .usage = "umbrage verify FILE [options]\n"
+             "       umbrage verify FILE --scene SCENE [...]",
+    .summary = "Checks every byte of an asset file and proves that its content has the id it\n"
+               "claims. With --scene SCENE the shadows are compared with rays traced in the\n"
+               "scene (starts umbrage-study, whose options are shown by `umbrage-study verify\n"
+               "--help`).",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-static const struct umbc_command COMMAND = {
-    .usage = "umbrage verify FILE [options]   or   umbrage verify FILE --scene SCENE [...]",
-    .summary =
-        "Checks every byte of an asset file and proves that its content has the id it claims.\n"
-        "With --scene SCENE the shadows are compared with rays traced in the scene\n"
-        "(starts umbrage-study, whose options are shown by `umbrage-study verify --help`).",
-    .options = OPTIONS,
-    .option_count = OPTION_COUNT,
-    .min_words = 1,
-    .max_words = 1,
-};
-
-static void report(const struct umbc_parsed *parsed, const struct umb_asset_info *info,
+static void report(const struct umbc_settings *settings, const struct umb_asset_info *info,
                    const struct umb_error *error)
 {
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(info->id, id);
-    if (parsed->values[OPTION_JSON] != NULL) {
+    if (settings->json) {
         struct umbc_json json = {.file = stdout};
         umbc_json_begin(&json, NULL, '{');
         umbc_json_text(&json, "asset", id);
@@ -52,15 +46,15 @@ static void report(const struct umbc_parsed *parsed, const struct umb_asset_info
         }
         umbc_json_end(&json, '}');
         (void)putchar('\n');
-    } else if (parsed->values[OPTION_QUIET] == NULL && error->status == UMB_OK) {
-        (void)printf("%s: good, asset %s\n", parsed->words[0], id);
+    } else if (!settings->quiet && error->status == UMB_OK) {
+        (void)printf("%s: good, asset %s\n", settings->target, id);
     }
 }
 
 /* Prints an object also for a file that cannot be opened: --json always gives one. */
-static int fail_open(const struct umbc_parsed *parsed, const struct umb_error *error)
+static int fail_open(const struct umbc_settings *settings, const struct umb_error *error)
 {
-    if (parsed->values[OPTION_JSON] != NULL) {
+    if (settings->json) {
         struct umbc_json json = {.file = stdout};
         umbc_json_begin(&json, NULL, '{');
         umbc_json_bool(&json, "good", false);
@@ -68,7 +62,7 @@ static int fail_open(const struct umbc_parsed *parsed, const struct umb_error *e
         umbc_json_end(&json, '}');
         (void)putchar('\n');
     }
-    return umbc_complain_file(parsed->words[0], error);
+    return umbc_complain_file(settings->target, error);
 }
 
 /* Opens and proves one and the same map, so that the file cannot be another one in between. */
@@ -89,23 +83,23 @@ static enum umb_status prove(const struct umb_file *file, struct umb_asset_info 
     return status;
 }
 
-static int verify_file(const struct umbc_parsed *parsed)
+static int verify_file(const struct umbc_settings *settings)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umb_asset_info info;
     struct umb_file file;
     bool opened = false;
-    enum umb_status status = umb_file_open(parsed->words[0], &file, &error);
+    enum umb_status status = umb_file_open(settings->target, &file, &error);
     if (status == UMB_OK) {
         status = prove(&file, &info, &opened, &error);
         umb_file_close(&file);
     }
     error.status = status;
     if (!opened) {
-        return fail_open(parsed, &error);
+        return fail_open(settings, &error);
     }
-    report(parsed, &info, &error);
-    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain_file(parsed->words[0], &error);
+    report(settings, &info, &error);
+    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain_file(settings->target, &error);
 }
 
 static bool wants_scene(int argc, char **argv)
@@ -120,11 +114,11 @@ static bool wants_scene(int argc, char **argv)
 
 int umbc_verify(int argc, char **argv)
 {
-    static const char *const prefix[] = {"verify", NULL};
-    struct umbc_parsed parsed;
+    struct umbu_parsed parsed;
+    struct umbc_settings settings = {0};
     if (wants_scene(argc, argv)) {
-        return umbc_start_program("verify --scene", "umbrage-study", prefix, argv + 1);
+        return umbc_start_program("verify --scene", "umbrage-study", "verify", argv + 1);
     }
-    int code = umbc_parse(&COMMAND, argc, argv, &parsed);
-    return code >= 0 ? code : verify_file(&parsed);
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
+    return code >= 0 ? code : verify_file(&settings);
 }

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
-#include "cli_session.h"
 #include "umbrage/volume_queries.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */
@@ -60,7 +59,7 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
 static enum umb_status connect_to(const struct umbc_query_options *options,
                                   struct umbc_volume_asset *asset, struct umb_error *error)
 {
-    enum umb_status status = umbc_connect(options->session, &asset->client, error);
+    enum umb_status status = umbu_connect(&options->session, &asset->client, error);
     if (status == UMB_OK) {
         status = umb_client_get_limits(asset->client, &asset->limits, error);
     }

@@ -10,7 +10,6 @@
 /* Everything of one load test; large, so that it lives on the heap. */
 struct test {
     struct umbc_load_options options;
-    struct umbc_session session;
     struct umb_client_description *about;
     struct umbc_load_pool pool;
     struct umbc_load_result result;
@@ -56,14 +55,14 @@ static void show_step(void *user, const struct umbc_load_step *step)
 static enum umb_status prepare(struct test *test, struct umb_error *error)
 {
     struct umb_client *client;
-    umbc_session_read(test->options.session, &test->session);
-    enum umb_status status =
-        umb_client_open(test->session.address, &test->session.options, &client, error);
+    struct umbu_session *session = &test->options.session;
+    umbu_session_complete(session);
+    enum umb_status status = umb_client_open(session->address, &session->options, &client, error);
     if (status != UMB_OK) {
         return status;
     }
-    test->options.settings.address = test->session.address;
-    test->options.settings.client = test->session.options;
+    test->options.settings.address = session->address;
+    test->options.settings.client = session->options;
     status = umb_client_describe(client, test->options.settings.asset, &test->about, NULL, error);
     if (status == UMB_OK && test->options.source.light >= test->about->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u of %u lights",

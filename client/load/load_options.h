@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_LOAD_LOAD_OPTIONS_H
 #define UMBRAGE_LOAD_LOAD_OPTIONS_H
 /* The options of `umbrage load`, read and checked. */
-#include "cli/cli_session.h"
+#include "cli/cli_common.h"
 #include "load/load_run.h"
 
 struct umbc_load_options {
-    const char *session[UMBC_SESSION_COUNT];
+    struct umbu_session session;
     struct umbc_load_settings settings; /* address and client: not yet */
     struct umbc_load_source source;
-    bool sweep;
+    bool sweep, closed;
     double bound_ms;    /* of the 99th percentile, for --sweep */
     const char *report; /* file, or NULL */
     bool json, quiet;

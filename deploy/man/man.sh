@@ -1,14 +1,42 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Makes a man page of its template: a line `@help COMMAND...@` becomes what that command prints, so
-# that a page never says anything else than --help. BUILD: where the programs are. stdin, stdout.
+# Makes a man page of its template: a line `@help COMMAND...@` becomes what that command prints, its
+# options as tagged paragraphs, so that a page never says anything else than --help. BUILD: where
+# the programs are. stdin, stdout.
 set -eu
 
-# Text as roff shows it unchanged.
-verbatim() {
-    echo '.nf'
-    sed -e 's/\\/\\e/g; s/-/\\-/g; s/^\([.'"'"']\)/\\\&\1/'
-    echo '.fi'
+# Text as roff shows it unchanged; options (two blanks, a name, the help from column 27 on) as .TP.
+roff() {
+    awk '
+        function escaped(text) {
+            gsub(/\\/, "\\e", text)
+            gsub(/-/, "\\-", text)
+            sub(/^[.\047]/, "\\\\\\&&", text)
+            return text
+        }
+        function mode(wanted) { # verbatim lines stand between .nf and .fi
+            if (wanted != verbatim) print (wanted ? ".nf" : ".fi")
+            verbatim = wanted
+        }
+        /^[a-z][a-z ]*:$/ && blank && $0 != "commands:" { mode(0); print ".SS " escaped(substr($0, 1, length($0) - 1)); in_options = 1; next }
+        in_options && /^  (-[a-z], )?-?-?[A-Za-z]/ {
+            left = $0
+            rest = ""
+            if (length($0) > 26 && substr($0, 25, 2) == "  ") {
+                left = substr($0, 1, 26)
+                rest = substr($0, 27)
+            }
+            sub(/^ +/, "", left)
+            sub(/ +$/, "", left)
+            print ".TP\n.B " escaped(left)
+            if (rest != "") print escaped(rest)
+            next
+        }
+        in_options && /^                          / { print escaped(substr($0, 27)); next }
+        { blank = $0 == "" }
+        in_options && blank { next }
+        { if (in_options) { print ".PP"; in_options = 0 } mode(1); print escaped($0) }
+        END { mode(0) }'
 }
 
 while IFS= read -r line; do
@@ -18,7 +46,7 @@ while IFS= read -r line; do
         words=${words%@}
         # Split on purpose: a program and its arguments.
         # shellcheck disable=SC2086
-        "$BUILD"/$words | verbatim
+        "$BUILD"/$words | roff
         ;;
     *) printf '%s\n' "$line" ;;
     esac

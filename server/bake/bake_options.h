@@ -12,6 +12,7 @@
 #include "bake/effect_options.h"
 #include "bake/light_options.h"
 #include "bake/sandbox/bake_sandbox.h"
+#include "tool/options.h"
 
 enum umbb_closed_mode {
     UMBB_CLOSED_AUTO = 0, /* parts that are closed */
@@ -60,7 +61,6 @@ struct umbb_options {
     uint64_t only_first, only_last;
     uint32_t resolution_log2;
     double max_error_m; /* above 0: chooses the resolution */
-    int resolution_given;
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
@@ -73,7 +73,6 @@ struct umbb_options {
     unsigned threads; /* 1.. */
     uint64_t memory_bytes;
     uint32_t tile_log2;
-    int tile_given; /* --tile was typed */
     enum umbb_depth_path depth;
     uint64_t verify_points; /* 0 = off */
     int progress_fd;        /* see progress.h; -1 = no reports */
@@ -87,11 +86,10 @@ struct umbb_options {
  * Out:   options: complete; with help or version no other option is required.
  * Fails: E_ARGUMENT.
  */
-UMB_CHECKED enum umb_status umbb_options_parse(int argc, char *const argv[],
-                                               struct umbb_options *options,
+UMB_CHECKED enum umb_status umbb_options_parse(int argc, char **argv, struct umbb_options *options,
                                                struct umb_error *error);
 
-/* The text of --help. */
-extern const char umbb_options_help[];
+/* The table of options. */
+extern const struct umbu_command umbb_command;
 
 #endif

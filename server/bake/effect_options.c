@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "bake/bake_options.h"
-#include "bake/option_text.h"
 
 /* Decider of an effect: which --effect settings are allowed. */
 enum decider {
@@ -51,13 +50,13 @@ static void decide(struct umbb_options *options, const char *name, int on)
     }
 }
 
-enum umb_status umbb_effect_set(struct umbb_options *options, const char *option, const char *value,
+enum umb_status umbb_effect_set(const struct umbu_option *option, const char *value, void *options,
                                 struct umb_error *error)
 {
     const size_t length = strcspn(value, "=");
     const int on = strcmp(value + length, "=on") == 0;
     if (!on && strcmp(value + length, "=off") != 0) {
-        return umbb_option_refuse(error, option, value, "NAME=on or NAME=off");
+        return umbu_refuse(option, value, error);
     }
     size_t i = 0;
     const size_t count = sizeof effects / sizeof effects[0];
@@ -66,36 +65,21 @@ enum umb_status umbb_effect_set(struct umbb_options *options, const char *option
         i++;
     }
     if (i == count) {
-        return umbb_option_refuse(error, option, value,
-                                  "an effect: closed, front, static, penumbra, cut-out, "
-                                  "transmittance; off also for mraa, voaa");
+        return umbu_refuse(option, value, error);
     }
     if (effects[i].decider == BY_SCENE) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': the effect follows from %s", option,
-                        value, effects[i].where);
+        return umb_fail(error, UMB_E_ARGUMENT, "--%s: '%.64s': the effect follows from %s",
+                        option->name, value, effects[i].where);
     }
     if (effects[i].decider == BY_VERSION && on) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.64s': this version does not have the effect",
-                        option, value);
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--%s: '%.64s': this version does not have the effect", option->name,
+                        value);
     }
     if (effects[i].decider == BY_CALLER) {
         decide(options, effects[i].name, on);
     }
     return UMB_OK;
-}
-
-enum umb_status umbb_closed_set(struct umbb_options *options, const char *option, const char *value,
-                                struct umb_error *error)
-{
-    static const char *const names[] = {
-        [UMBB_CLOSED_AUTO] = "auto", [UMBB_CLOSED_ON] = "on", [UMBB_CLOSED_OFF] = "off"};
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        if (strcmp(value, names[i]) == 0) {
-            options->closed = (enum umbb_closed_mode)i;
-            return UMB_OK;
-        }
-    }
-    return umbb_option_refuse(error, option, value, "auto, on or off");
 }
 
 enum umb_status umbb_effects_settle(struct umbb_options *options, struct umb_error *error)

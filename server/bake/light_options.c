@@ -1,43 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading the options about lights. */
+/* Reading the options about lights, see light_options.h. */
 #include "bake/light_options.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "bake/option_text.h"
-
 /* The next free request, or NULL after a refusal. */
-static struct umbb_light_request *add_request(struct umbb_light_requests *requests,
-                                              const char *option, const char *value,
-                                              struct umb_error *error)
+static struct umbb_light_request *add_request(void *lights, const struct umbu_option *option,
+                                              const char *value, struct umb_error *error)
 {
+    struct umbb_light_requests *requests = lights;
     if (requests->count == UMBB_LIGHT_REQUESTS_MAX) {
         (void)umb_fail(error, UMB_E_ARGUMENT,
-                       "%s: '%.64s' is one too many, at most %u lights can be asked for", option,
-                       value, UMBB_LIGHT_REQUESTS_MAX);
+                       "--%s: '%.64s' is one too many; give at most %u lights", option->name, value,
+                       UMBB_LIGHT_REQUESTS_MAX);
         return NULL;
     }
     return &requests->items[requests->count++];
 }
 
-enum umb_status umbb_light_option_sun(struct umbb_light_requests *requests, const char *option,
-                                      const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_sun(const struct umbu_option *option, const char *value,
+                                      void *lights, struct umb_error *error)
 {
-    const char *rest;
-    double azimuth, elevation;
-    if (!umbb_option_number(value, &rest, &azimuth) || *rest != ',' ||
-        !umbb_option_number(rest + 1, &rest, &elevation) || *rest != '\0' ||
-        fabs(azimuth) > 360.0 || elevation < 0.0 || elevation > 90.0) {
-        return umbb_option_refuse(error, option, value,
-                                  "AZIMUTH,ELEVATION in degrees, -360 to 360 and 0 to 90");
+    double n[2];
+    if (!umbu_read_numbers(value, 2, n) || fabs(n[0]) > 360.0 || n[1] < 0.0 || n[1] > 90.0) {
+        return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(requests, option, value, error);
+    struct umbb_light_request *request = add_request(lights, option, value, error);
     if (request == NULL) {
         return UMB_E_ARGUMENT;
     }
     *request = (struct umbb_light_request){
-        .kind = UMBB_REQUEST_SUN, .azimuth_deg = azimuth, .elevation_deg = elevation};
+        .kind = UMBB_REQUEST_SUN, .azimuth_deg = n[0], .elevation_deg = n[1]};
     return UMB_OK;
 }
 
@@ -71,21 +65,19 @@ static int read_date(const char **at, struct umbb_sun_path *path)
     return path->day <= days[path->month - 1] + leap;
 }
 
-enum umb_status umbb_light_option_path(struct umbb_light_requests *requests, const char *option,
-                                       const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_path(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error)
 {
     struct umbb_sun_path path;
-    const char *at;
-    if (!umbb_option_number(value, &at, &path.latitude_deg) || *at != ',' ||
-        !umbb_option_number(at + 1, &at, &path.longitude_deg) || *at++ != ',' ||
-        !read_date(&at, &path) || !umbb_option_number(at, &at, &path.step_minutes) || *at != '\0' ||
+    const char *at = value;
+    if (!umbu_read_number(&at, &path.latitude_deg) || *at++ != ',' ||
+        !umbu_read_number(&at, &path.longitude_deg) || *at++ != ',' || !read_date(&at, &path) ||
+        !umbu_read_number(&at, &path.step_minutes) || *at != '\0' ||
         fabs(path.latitude_deg) > 90.0 || fabs(path.longitude_deg) > 180.0 ||
         path.step_minutes < 1.0 || path.step_minutes > UMBB_PATH_STEP_MAX) {
-        return umbb_option_refuse(error, option, value,
-                                  "LATITUDE,LONGITUDE,YYYY-MM-DD,MINUTES: degrees north and east, "
-                                  "years 1900 to 2100, a step of 1 to 720 minutes");
+        return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(requests, option, value, error);
+    struct umbb_light_request *request = add_request(lights, option, value, error);
     if (request == NULL) {
         return UMB_E_ARGUMENT;
     }
@@ -93,13 +85,13 @@ enum umb_status umbb_light_option_path(struct umbb_light_requests *requests, con
     return UMB_OK;
 }
 
-enum umb_status umbb_light_option_name(struct umbb_light_requests *requests, const char *option,
-                                       const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_name(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error)
 {
     if (value[0] == '\0') {
-        return umbb_option_refuse(error, option, value, "the name of a light");
+        return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(requests, option, value, error);
+    struct umbb_light_request *request = add_request(lights, option, value, error);
     if (request == NULL) {
         return UMB_E_ARGUMENT;
     }
@@ -107,30 +99,25 @@ enum umb_status umbb_light_option_name(struct umbb_light_requests *requests, con
     return UMB_OK;
 }
 
-/* Reads exactly `count` numbers with commas between them, each at most `limit` in magnitude. */
-static int read_numbers(const char *text, size_t count, double limit, double *numbers)
+/* Numbers with commas between them, each at most UMBB_LIGHT_AT_MAX in magnitude. */
+static bool read_places(const char *text, size_t count, double *numbers)
 {
-    for (size_t i = 0; i < count; i++) {
-        if (!umbb_option_number(text, &text, &numbers[i]) || fabs(numbers[i]) > limit ||
-            *text != (i + 1 < count ? ',' : '\0')) {
-            return 0;
-        }
-        text++;
+    bool good = umbu_read_numbers(text, count, numbers);
+    for (size_t i = 0; good && i < count; i++) {
+        good = fabs(numbers[i]) <= UMBB_LIGHT_AT_MAX;
     }
-    return 1;
+    return good;
 }
 
-enum umb_status umbb_light_option_spot(struct umbb_light_requests *requests, const char *option,
-                                       const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_spot(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error)
 {
     double n[7];
-    if (!read_numbers(value, 7, UMBB_LIGHT_AT_MAX, n) ||
-        !(fabs(n[3]) + fabs(n[4]) + fabs(n[5]) > 0.0) || n[6] <= 0.0 || n[6] > 90.0) {
-        return umbb_option_refuse(error, option, value,
-                                  "X,Y,Z,DX,DY,DZ,DEGREES: a place, a direction that is not zero, "
-                                  "and half of the cone's angle, above 0 and at most 90");
+    if (!read_places(value, 7, n) || !(fabs(n[3]) + fabs(n[4]) + fabs(n[5]) > 0.0) || n[6] <= 0.0 ||
+        n[6] > 90.0) {
+        return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(requests, option, value, error);
+    struct umbb_light_request *request = add_request(lights, option, value, error);
     if (request == NULL) {
         return UMB_E_ARGUMENT;
     }
@@ -141,15 +128,14 @@ enum umb_status umbb_light_option_spot(struct umbb_light_requests *requests, con
     return UMB_OK;
 }
 
-enum umb_status umbb_light_option_point(struct umbb_light_requests *requests, const char *option,
-                                        const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_point(const struct umbu_option *option, const char *value,
+                                        void *lights, struct umb_error *error)
 {
     double n[3];
-    if (!read_numbers(value, 3, UMBB_LIGHT_AT_MAX, n)) {
-        return umbb_option_refuse(error, option, value,
-                                  "X,Y,Z in metres, at most 1e12 in magnitude");
+    if (!read_places(value, 3, n)) {
+        return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(requests, option, value, error);
+    struct umbb_light_request *request = add_request(lights, option, value, error);
     if (request == NULL) {
         return UMB_E_ARGUMENT;
     }
@@ -158,12 +144,13 @@ enum umb_status umbb_light_option_point(struct umbb_light_requests *requests, co
     return UMB_OK;
 }
 
-enum umb_status umbb_light_option_size(struct umbb_light_requests *requests, const char *option,
-                                       const char *value, struct umb_error *error)
+enum umb_status umbb_light_option_size(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error)
 {
-    const char *rest;
+    struct umbb_light_requests *requests = lights;
+    const char *rest = value;
     double size;
-    if (umbb_option_number(value, &rest, &size) && size >= 0.0) {
+    if (umbu_read_number(&rest, &size) && size >= 0.0) {
         if (strcmp(rest, "m") == 0 && size <= UMBB_LIGHT_SIZE_M_MAX) {
             requests->has_size_m = 1;
             requests->size_m = size;
@@ -175,7 +162,5 @@ enum umb_status umbb_light_option_size(struct umbb_light_requests *requests, con
             return UMB_OK;
         }
     }
-    return umbb_option_refuse(error, option, value,
-                              "a size with its unit, as 0.25m (spot and point lights, at most "
-                              "1000000m) or 0.53deg (directional ones, at most 90deg)");
+    return umbu_refuse(option, value, error);
 }

@@ -4,7 +4,7 @@
 /* Lights of the command line: --sun, --sun-path, --spot, --point, --light, and their size:
  * --light-size. */
 #include <stddef.h>
-#include "umbrage/status.h"
+#include "tool/options.h"
 
 #define UMBB_LIGHT_REQUESTS_MAX 512U
 #define UMBB_PATH_YEAR_MIN      1900 /* first year for which the sun's position is computed */
@@ -49,24 +49,18 @@ struct umbb_light_requests {
     double size_deg; /* angular diameter of directional lights */
 };
 
-/* Each reads one option's value. Fails: E_ARGUMENT, naming option, value and limit. */
-UMB_CHECKED enum umb_status umbb_light_option_sun(struct umbb_light_requests *requests,
-                                                  const char *option, const char *value,
-                                                  struct umb_error *error);
-UMB_CHECKED enum umb_status umbb_light_option_path(struct umbb_light_requests *requests,
-                                                   const char *option, const char *value,
-                                                   struct umb_error *error);
-UMB_CHECKED enum umb_status umbb_light_option_name(struct umbb_light_requests *requests,
-                                                   const char *option, const char *value,
-                                                   struct umb_error *error);
-UMB_CHECKED enum umb_status umbb_light_option_spot(struct umbb_light_requests *requests,
-                                                   const char *option, const char *value,
-                                                   struct umb_error *error);
-UMB_CHECKED enum umb_status umbb_light_option_point(struct umbb_light_requests *requests,
-                                                    const char *option, const char *value,
-                                                    struct umb_error *error);
-UMB_CHECKED enum umb_status umbb_light_option_size(struct umbb_light_requests *requests,
-                                                   const char *option, const char *value,
-                                                   struct umb_error *error);
+/* Readers of the options, into a struct umbb_light_requests. */
+enum umb_status umbb_light_option_sun(const struct umbu_option *option, const char *value,
+                                      void *lights, struct umb_error *error);
+enum umb_status umbb_light_option_path(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error);
+enum umb_status umbb_light_option_name(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error);
+enum umb_status umbb_light_option_spot(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error);
+enum umb_status umbb_light_option_point(const struct umbu_option *option, const char *value,
+                                        void *lights, struct umb_error *error);
+enum umb_status umbb_light_option_size(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error);
 
 #endif

@@ -26,11 +26,6 @@ void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level)
     atomic_store(&log->level, (int)level);
 }
 
-const char *umbs_log_level_name(enum umb_log_level level)
-{
-    return level_names[level];
-}
-
 /* Adds the length that vsnprintf returned, capped at the room. */
 static size_t clamp(int written, size_t room)
 {
@@ -99,15 +94,4 @@ const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE])
     out[at++] = '"';
     out[at] = '\0';
     return out;
-}
-
-enum umb_status umbs_log_level_parse(const char *text, enum umb_log_level *level)
-{
-    for (size_t i = 0; i < sizeof level_names / sizeof level_names[0]; i++) {
-        if (strcmp(text, level_names[i]) == 0) {
-            *level = (enum umb_log_level)i;
-            return UMB_OK;
-        }
-    }
-    return UMB_E_ARGUMENT;
 }

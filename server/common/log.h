@@ -49,10 +49,4 @@ const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE]);
 /* Changes the level; any thread, at once. */
 void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level);
 
-/* "error", "warn", "info" or "debug". */
-const char *umbs_log_level_name(enum umb_log_level level);
-
-/* Reads "error", "warn", "info" or "debug". Fails: E_ARGUMENT. */
-UMB_CHECKED enum umb_status umbs_log_level_parse(const char *text, enum umb_log_level *level);
-
 #endif

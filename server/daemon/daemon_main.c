@@ -195,13 +195,17 @@ int main(int argc, char **argv)
     struct umbd_options options;
     struct umb_error error = {0};
     umbs_standard_streams_open();
+    if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
+        umbu_print_rows(&umbd_command, stdout);
+        return 0;
+    }
     enum umb_status status = umbd_options_parse(argc, argv, &options, &error);
     int code = 0;
     if (status != UMB_OK) {
         code = complain(status, &error);
         code = options.config_bad ? EX_CONFIG : code;
     } else if (options.help) {
-        umbd_options_usage(stdout);
+        umbu_print_help(&umbd_command, stdout);
     } else if (options.version) {
         printf("umbraged %s\n", UMB_VERSION_TEXT);
     } else if (options.print_config) {

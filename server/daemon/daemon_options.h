@@ -13,6 +13,7 @@
 #include "common/log.h"
 #include "store/store.h"
 #include "daemon/net_address.h"
+#include "tool/options.h"
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
@@ -22,7 +23,7 @@ struct umbd_option_text; /* opaque */
 
 struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL after the last; there is room for it */
-    const char *listen[UMBD_LISTEN_MAX];
+    const char *listen[UMBD_LISTEN_MAX + 1];    /* NULL behind the last */
     size_t listen_count;
     const char *admin;                /* HOST:PORT or NULL */
     const char *address_file;         /* or NULL */
@@ -99,7 +100,7 @@ int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_tran
 /* Prints every setting as a config file has it, in the order of the usage. */
 void umbd_options_print(const struct umbd_options *options, FILE *out);
 
-/* Prints the usage. */
-void umbd_options_usage(FILE *out);
+/* The table of options. */
+extern const struct umbu_command umbd_command;
 
 #endif

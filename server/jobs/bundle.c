@@ -10,20 +10,10 @@
 
 #include "scene/scene_file.h"
 #include "common/sha256.h"
+#include "tool/bake_settings.h"
 #include "umbrage/version.h"
 
 _Static_assert(UMBJ_HEAD_BYTES == UMBS_SCENE_FILE_MAGIC_BYTES, "the head is the magic");
-
-/* The options of umbrage-bake that decide what the asset holds. Options of the machine (--threads,
- * --memory, --tile) are the server's, and options that name files are not allowed. */
-static const struct {
-    const char *name;
-    int has_value;
-} allowed[] = {
-    {"resolution", 1}, {"sun", 1},    {"sun-path", 1},   {"point", 1},     {"spot", 1},
-    {"light", 1},      {"up", 1},     {"light-size", 1}, {"closed", 1},    {"depth", 1},
-    {"verify", 1},     {"static", 0}, {"effect", 1},     {"max-error", 1},
-};
 
 /* Endings of files that the importer reads; it also checks the content. */
 static const char *const scene_endings[] = {".gltf", ".glb", ".obj", ".ply", ".stl"};
@@ -211,19 +201,16 @@ static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_
 
 static enum umb_status check_setting(const struct umbj_setting *setting, struct umb_error *error)
 {
-    size_t i = 0;
-    while (i < sizeof allowed / sizeof allowed[0] && strcmp(allowed[i].name, setting->name) != 0) {
-        i++;
-    }
-    if (i == sizeof allowed / sizeof allowed[0]) {
+    const struct umbu_option *row = umbu_bake_setting(setting->name);
+    if (row == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings: '%.40s' is not a setting of a bake",
                         setting->name);
     }
     const size_t length = strlen(setting->value);
-    if ((length > 0) != (allowed[i].has_value != 0) || length > UMBJ_VALUE_MAX) {
+    if ((length > 0) != (row->value != NULL) || length > UMBJ_VALUE_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings: %s: '%.60s' must have %s", setting->name,
                         setting->value,
-                        allowed[i].has_value ? "a value of 1 to 128 bytes" : "no value");
+                        row->value != NULL ? "a value of 1 to 128 bytes" : "no value");
     }
     for (size_t at = 0; at < length; at++) {
         if (!isprint((unsigned char)setting->value[at])) {

@@ -73,11 +73,11 @@ unsigned long umbj_tile_edge(const char *settings, uint32_t tile)
 
 void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile)
 {
-    if (tile > 0) {
-        umbj_words_add(words, "--tile=%lu", umbj_tile_edge(settings, tile));
-    }
     for (const char *line = settings; *line != '\0'; line = next_line(line)) {
         umbj_words_add(words, "%.*s", (int)strcspn(line, "\n"), line);
+    }
+    if (tile > 0) { /* behind the settings: umbrage-bake refuses those by their own names */
+        umbj_words_add(words, "--tile=%lu", umbj_tile_edge(settings, tile));
     }
 }
 

@@ -17,7 +17,6 @@
 #include "study/parallel_for.h"
 #include "study/picture.h"
 #include "study/shading.h"
-#include "study/study_args.h"
 #include "study/study_vec.h"
 #include "study/view_options.h"
 #include "umbrage/aliasing.h"
@@ -27,32 +26,6 @@
 #define BIN_LOW  (-5)
 #define WAYS     4
 #define NEAR_MIN 1e-3 /* near plane of cascades, as a share of the farthest visible point */
-
-static const char help[] =
-    "usage: umbrage aliasing SCENE [options]\n"
-    "\n"
-    "Says for every visible point how many pixels a texel of the sun's shadow map covers there,\n"
-    "in its longest direction: above 1 the map is undersampled, and edges show steps. Four ways\n"
-    "to spend texels are compared: one map of the scene (uniform); and cascades around each slice\n"
-    "(slice), around what slice and scene share (scene), and the same warped (lispsm).\n"
-    "\n"
-    "  -o, --output FILE   a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16;\n"
-    "                      - is stdout\n"
-    "  --way WAY           of the heat map: uniform, slice, scene, lispsm (default uniform)\n"
-    "  --resolution N      texels a side of each map, 16 to 16384 (default 1024)\n"
-    "  --cascades N        slices, 1 to 8 (default 4)\n"
-    "  --weight W          of logarithmic against uniform splits, 0 to 1 (default 0.7)\n"
-    "  --sun AZ,EL         degrees (default: the scene's first sun, else 135,45)\n"
-    "  --camera WHERE      as `umbrage render` takes it (default: fitted)\n"
-    "  --size WxH          pixels (default 1280x720)\n"
-    "  --up y|z            the scene's up axis (default: by its format)\n"
-    "  --threads N         default: all processors\n"
-    "  --json              print one JSON object\n"
-    "  -q, --quiet         no table\n"
-    "  --help\n"
-    "\n"
-    "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65 bad data,\n"
-    "66 no input, 73 cannot create, 74 I/O, 75 temporary.\n";
 
 static const char *const way_names[WAYS] = {"uniform", "slice", "scene", "lispsm"};
 
@@ -66,10 +39,11 @@ struct summary {
 };
 
 struct aliasing {
-    const char *scene_path, *output, *way, *weight_text;
+    const char *scene_path, *output;
     struct umbt_view_options options;
     uint64_t resolution, cascades, threads;
-    int json, quiet, help, way_index;
+    int json, quiet;
+    unsigned way_index;
     double weight;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
@@ -81,52 +55,42 @@ struct aliasing {
     struct summary slices[WAYS][UMB_CASCADES_MAX];
 };
 
-static enum umb_status options_parse(int argc, char **argv, struct aliasing *a,
-                                     struct umb_error *error)
-{
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &a->scene_path, 0, 0},
-        {"-o", UMBT_TEXT, &a->output, 0, 0},
-        {"--output", UMBT_TEXT, &a->output, 0, 0},
-        {"--way", UMBT_TEXT, &a->way, 0, 0},
-        {"--resolution", UMBT_COUNT, &a->resolution, 16, UMB_MAP_SIDE_MAX},
-        {"--cascades", UMBT_COUNT, &a->cascades, 1, UMB_CASCADES_MAX},
-        {"--weight", UMBT_TEXT, &a->weight_text, 0, 0},
-        {"--sun", UMBT_TEXT, &a->options.sun, 0, 0},
-        {"--camera", UMBT_TEXT, &a->options.camera, 0, 0},
-        {"--size", UMBT_TEXT, &a->options.size, 0, 0},
-        {"--up", UMBT_TEXT, &a->options.up, 0, 0},
-        {"--threads", UMBT_COUNT, &a->threads, 1, 256},
-        {"--json", UMBT_FLAG, &a->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &a->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &a->help, 0, 0},
-    };
-    a->resolution = 1024;
-    a->cascades = 4;
-    a->weight = 0.7;
-    a->threads = umbt_processor_count();
-    a->options = (struct umbt_view_options){.width = 1280, .height = 720, .size_max = 4096};
-    const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || a->help) {
-        return status;
-    }
-    if (a->weight_text != NULL) {
-        const char *at = a->weight_text;
-        if (!umbt_number_read(&at, &a->weight) || *at != '\0' ||
-            !(a->weight >= 0.0 && a->weight <= 1.0)) {
-            return umb_fail(error, UMB_E_ARGUMENT, "--weight: '%.60s' is not a number of 0 to 1",
-                            a->weight_text);
-        }
-    }
-    while (a->way != NULL && strcmp(a->way, way_names[a->way_index]) != 0) {
-        if (++a->way_index == WAYS) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--way: '%.60s' is none of uniform, slice, scene, lispsm", a->way);
-        }
-    }
-    return umbt_output_check_json(a->output, a->json, error);
-}
+#define AT(field) UMBU_AT(struct aliasing, field)
+
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"output", "FILE",
+     "a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16; - is stdout", UMBU_TEXT,
+     AT(output), .letter = 'o'},
+    {"way", "WAY", "of the heat map: uniform, slice, scene or lispsm",
+     UMBU_CHOICE("uniform|slice|scene|lispsm"), AT(way_index), .standard = "uniform"},
+    {"resolution", "N", "texels a side of each map, 16 to 16384", UMBU_COUNT(16, UMB_MAP_SIDE_MAX),
+     AT(resolution), .standard = "1024"},
+    {"cascades", "N", "slices, 1 to 8", UMBU_COUNT(1, UMB_CASCADES_MAX), AT(cascades),
+     .standard = "4"},
+    {"weight", "W", "of logarithmic against uniform splits, 0 to 1", UMBU_NUMBER(0, 1), AT(weight),
+     .standard = "0.7"},
+    {UMBT_SUN_ROW(struct aliasing, options.sun)},
+    {UMBT_CAMERA_ROW(struct aliasing, options.camera)},
+    {UMBT_SIZE_ROW(struct aliasing, options.size, 4096, "1280x720")},
+    {UMBT_UP_ROW(struct aliasing, options.up)},
+    {UMBT_THREADS_ROW(struct aliasing)},
+    {UMBU_JSON_ROW(struct aliasing), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct aliasing, "no table")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage aliasing",
+    .usage = "umbrage aliasing SCENE [options]",
+    .summary = "Says for every visible point how many pixels a texel of the sun's shadow map\n"
+               "covers there, in its longest direction: above 1 the map is undersampled, and\n"
+               "edges show steps. Four ways to spend texels are compared: one map of the scene\n"
+               "(uniform); and cascades around each slice (slice), around what slice and scene\n"
+               "share (scene), and the same warped (lispsm).",
+    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
+             "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])
 {
@@ -222,9 +186,9 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
         while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
             slice++;
         }
-        const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->options.width,
-                                          a->options.height, position, normal, &result) == UMB_OK;
-        if (only < 0 && way == a->way_index) {
+        const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->options.size[0],
+                                          a->options.size[1], position, normal, &result) == UMB_OK;
+        if (only < 0 && way == (int)a->way_index) {
             a->most[i] = known ? (float)fmin(result.most, 1e30) : NAN;
         }
         if (known && (only < 0 || slice == only)) {
@@ -240,11 +204,11 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
 {
     enum umb_status status = umbt_view_open(&a->options, a->scene_path, &a->view, error);
     if (status == UMB_OK) {
-        status = umbt_gbuffer_init(&a->buffer, a->options.width, 1, a->options.height, error);
+        status = umbt_gbuffer_init(&a->buffer, a->options.size[0], 1, a->options.size[1], error);
     }
     if (status == UMB_OK) {
-        status = umbt_gbuffer_fill(&a->buffer, &a->view.scene, &a->view.camera, a->options.height,
-                                   0, a->options.height, (unsigned)a->threads, error);
+        status = umbt_gbuffer_fill(&a->buffer, &a->view.scene, &a->view.camera, a->options.size[1],
+                                   0, a->options.size[1], (unsigned)a->threads, error);
     }
     if (status == UMB_OK) {
         status = plans_make(a, error);
@@ -285,7 +249,7 @@ static enum umb_status heat_write(const struct aliasing *a, struct umb_error *er
 {
     struct umbt_picture picture;
     enum umb_status status =
-        umbt_picture_init(&picture, a->options.width, a->options.height, error);
+        umbt_picture_init(&picture, a->options.size[0], a->options.size[1], error);
     if (status != UMB_OK) {
         return status;
     }
@@ -311,7 +275,7 @@ static void line_text(FILE *to, const char *name, const struct summary *s, uint6
 static void report_text(FILE *to, const struct aliasing *a)
 {
     fprintf(to, "%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n",
-            a->scene_path, a->options.width, a->options.height, a->buffer.receiver_count,
+            a->scene_path, a->options.size[0], a->options.size[1], a->buffer.receiver_count,
             a->resolution);
     fprintf(to, "%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median",
             "95%", "99%", "persp.", "proj.", "texels*");
@@ -364,8 +328,8 @@ static void report_json(const struct aliasing *a)
 {
     printf("{\"scene\":");
     umbs_json_text(stdout, a->scene_path);
-    printf(",\"width\":%u,\"height\":%u,\"resolution\":%" PRIu64 ",\"ways\":[", a->options.width,
-           a->options.height, a->resolution);
+    printf(",\"width\":%u,\"height\":%u,\"resolution\":%" PRIu64 ",\"ways\":[", a->options.size[0],
+           a->options.size[1], a->resolution);
     for (int way = 0; way < WAYS; way++) {
         printf("%s{\"way\":\"%s\",", way > 0 ? "," : "", way_names[way]);
         summary_json(&a->summaries[way], a->resolution);
@@ -392,17 +356,18 @@ int umbt_aliasing_command(int argc, char **argv)
         fputs("umbrage aliasing: out of memory\n", stderr);
         return umbu_exit_code(UMB_E_NO_MEMORY);
     }
-    enum umb_status status = options_parse(argc, argv, a, &error);
-    const int help_wanted = status == UMB_OK && a->help;
-    if (status == UMB_OK && !help_wanted) {
-        status = view_analyse(a, &error);
+    struct umbu_parsed parsed;
+    a->threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, a);
+    if (code >= 0) {
+        free(a);
+        return code;
     }
-    if (status == UMB_OK && !help_wanted && a->output != NULL) {
+    enum umb_status status = view_analyse(a, &error);
+    if (status == UMB_OK && a->output != NULL) {
         status = heat_write(a, &error);
     }
-    if (help_wanted) {
-        fputs(help, stdout);
-    } else if (status == UMB_OK && a->json) {
+    if (status == UMB_OK && a->json) {
         report_json(a);
     } else if (status == UMB_OK && !a->quiet) {
         report_text(umbt_output_talk(a->output), a);

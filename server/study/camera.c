@@ -11,8 +11,8 @@
 
 #include <math.h>
 #include <string.h>
-#include "study/study_args.h"
 #include "study/study_vec.h"
+#include "tool/options.h"
 
 #define PI              3.14159265358979323846
 #define DEFAULT_FOV     35.0
@@ -46,7 +46,7 @@ static enum umb_status key_read(const struct key *key, const char **at, struct u
                             key->name, key->count, i);
         }
         const char *from = *at;
-        if (!umbt_number_read(at, &key->values[i]) || fabs(key->values[i]) > key->limit) {
+        if (!umbu_read_number(at, &key->values[i]) || fabs(key->values[i]) > key->limit) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "--camera: %s: '%.40s' is not a number from -%g to %g", key->name, from,
                             key->limit, key->limit);

@@ -16,7 +16,6 @@
 #include "study/moment_rows.h"
 #include "study/output_guard.h"
 #include "study/parallel_for.h"
-#include "study/study_args.h"
 #include "study/study_vec.h"
 #include "study/technique_view.h"
 #include "study/view_options.h"
@@ -26,35 +25,12 @@
 #define COLUMNS 5U /* columns of the picture */
 #define GAP     4U /* pixels between tiles */
 
-static const char help[] =
-    "usage: umbrage-study deep SCENE [options]\n"
-    "\n"
-    "Builds deep shadow maps of a scene, and maps of moments, and compares them with products "
-    "over\n"
-    "traced hits.\n"
-    "A surface whose material is BLEND takes --alpha of the light, or its own constant alpha "
-    "where\n"
-    "that is less than 1; every other surface takes all.\n"
-    "\n"
-    "  -o, --output FILE   one view by each, side by side, PNG: the products over the window of a\n"
-    "                      deep map, the deep map, the products over that of the others, then\n"
-    "                      these in the order of the table, five a row; - is stdout\n"
-    "  --alpha A           of BLEND surfaces, 0 to 1 (default 0.5)\n"
-    "  --resolution N      texels a side, 16 to 2048 (default 512)\n"
-    "  --taps N            width of the filter, odd, 1 to 17 (default 7)\n"
-    "  --epsilon E         a list ends when less is left, 0 to 1 (default 0.001)\n"
-    "  --sun AZ,EL  --camera WHERE  --size WxH  --up y|z  --threads N\n"
-    "                      as `umbrage-study techniques` takes them\n"
-    "  --json              print one JSON object\n"
-    "  -q, --quiet         print nothing but errors\n"
-    "  --help\n";
-
 struct deep {
-    const char *scene_path, *alpha_text, *epsilon_text, *output;
+    const char *scene_path, *output;
     struct umbt_view_options options;
     uint64_t resolution, taps, threads;
     double alpha, epsilon;
-    int json, quiet, help;
+    int json, quiet;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
     struct umb_map_frustum frustum;
@@ -66,57 +42,39 @@ struct deep {
     struct umbt_picture sheet;
 };
 
-static enum umb_status share_parse(const char *name, const char *text, double *value,
-                                   struct umb_error *error)
-{
-    const char *at = text;
-    if (text != NULL &&
-        (!umbt_number_read(&at, value) || *at != '\0' || !(*value >= 0.0 && *value <= 1.0))) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.60s' is not a number of 0 to 1", name, text);
-    }
-    return UMB_OK;
-}
+#define AT(field) UMBU_AT(struct deep, field)
 
-static enum umb_status options_parse(int argc, char **argv, struct deep *d, struct umb_error *error)
-{
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &d->scene_path, 0, 0},
-        {"-o", UMBT_TEXT, &d->output, 0, 0},
-        {"--output", UMBT_TEXT, &d->output, 0, 0},
-        {"--alpha", UMBT_TEXT, &d->alpha_text, 0, 0},
-        {"--epsilon", UMBT_TEXT, &d->epsilon_text, 0, 0},
-        {"--resolution", UMBT_COUNT, &d->resolution, 16, 2048},
-        {"--taps", UMBT_COUNT, &d->taps, 1, 17},
-        {"--sun", UMBT_TEXT, &d->options.sun, 0, 0},
-        {"--camera", UMBT_TEXT, &d->options.camera, 0, 0},
-        {"--size", UMBT_TEXT, &d->options.size, 0, 0},
-        {"--up", UMBT_TEXT, &d->options.up, 0, 0},
-        {"--threads", UMBT_COUNT, &d->threads, 1, 256},
-        {"--json", UMBT_FLAG, &d->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &d->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &d->help, 0, 0},
-    };
-    d->resolution = 512;
-    d->taps = 7;
-    d->alpha = 0.5;
-    d->epsilon = 0.001;
-    d->threads = umbt_processor_count();
-    d->options = (struct umbt_view_options){.width = 320, .height = 200, .size_max = 2048};
-    enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || d->help) {
-        return status;
-    }
-    if (d->taps % 2 == 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", d->taps);
-    }
-    status = umbt_output_check_json(d->output, d->json, error);
-    if (status == UMB_OK) {
-        status = share_parse("--alpha", d->alpha_text, &d->alpha, error);
-    }
-    return status == UMB_OK ? share_parse("--epsilon", d->epsilon_text, &d->epsilon, error)
-                            : status;
-}
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"output", "FILE",
+     "one view by each, side by side, PNG: the products over the window of a deep map, the deep "
+     "map, the products over that of the others, then these in the order of the table, five a "
+     "row; - is stdout",
+     UMBU_TEXT, AT(output), .letter = 'o'},
+    {"alpha", "A", "of BLEND surfaces, 0 to 1", UMBU_NUMBER(0, 1), AT(alpha), .standard = "0.5"},
+    {"resolution", "N", "texels a side, 16 to 2048", UMBU_COUNT(16, 2048), AT(resolution),
+     .standard = "512"},
+    {"taps", "N", "width of the filter", UMBU_ODD(1, 17), AT(taps), .standard = "7"},
+    {"epsilon", "E", "a list ends when less is left, 0 to 1", UMBU_NUMBER(0, 1), AT(epsilon),
+     .standard = "0.001"},
+    {UMBT_SUN_ROW(struct deep, options.sun)},
+    {UMBT_CAMERA_ROW(struct deep, options.camera)},
+    {UMBT_SIZE_ROW(struct deep, options.size, 2048, "320x200")},
+    {UMBT_UP_ROW(struct deep, options.up)},
+    {UMBT_THREADS_ROW(struct deep)},
+    {UMBU_JSON_ROW(struct deep), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct deep, "print nothing but errors")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-study deep",
+    .usage = "umbrage-study deep SCENE [options]",
+    .summary = "Builds deep shadow maps of a scene, and maps of moments, and compares them with\n"
+               "products over traced hits. A surface whose material is BLEND takes --alpha of\n"
+               "the light, or its own constant alpha where that is less than 1; every other\n"
+               "surface takes all.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
 
 /* Lifts points off their surfaces, towards the light, by half of the wider window: a plane then
  * does not shadow itself, as with bias_normal 1. Maps and products use the same points. */
@@ -145,11 +103,11 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
                                      (uint32_t)d->resolution, &d->frustum, error);
     }
     if (status == UMB_OK) {
-        status = umbt_gbuffer_init(&d->buffer, d->options.width, 1, d->options.height, error);
+        status = umbt_gbuffer_init(&d->buffer, d->options.size[0], 1, d->options.size[1], error);
     }
     if (status == UMB_OK) {
-        status = umbt_gbuffer_fill(&d->buffer, &d->view.scene, &d->view.camera, d->options.height,
-                                   0, d->options.height, (unsigned)d->threads, error);
+        status = umbt_gbuffer_fill(&d->buffer, &d->view.scene, &d->view.camera, d->options.size[1],
+                                   0, d->options.size[1], (unsigned)d->threads, error);
     }
     if (status == UMB_OK && d->buffer.receiver_count == 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "--camera: sees nothing of the scene");
@@ -291,13 +249,13 @@ static void tile_draw(struct deep *d, size_t tile, const float *values)
         .camera = d->view.camera,
         .to_light = {d->view.to_light[0], d->view.to_light[1], d->view.to_light[2]},
         .z_up = d->view.z_up,
-        .width = d->options.width,
-        .height = d->options.height,
+        .width = d->options.size[0],
+        .height = d->options.size[1],
         .buffer = d->buffer};
     if (d->output != NULL) {
         umbt_technique_draw(&view, values, &d->sheet,
-                            (uint32_t)(tile % COLUMNS) * (d->options.width + GAP),
-                            (uint32_t)(tile / COLUMNS) * (d->options.height + GAP));
+                            (uint32_t)(tile % COLUMNS) * (d->options.size[0] + GAP),
+                            (uint32_t)(tile / COLUMNS) * (d->options.size[1] + GAP));
     }
 }
 
@@ -318,8 +276,8 @@ static enum umb_status sheet_begin(struct deep *d, struct umb_error *error)
     const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
     return d->output == NULL
                ? UMB_OK
-               : umbt_picture_init(&d->sheet, COLUMNS * (d->options.width + GAP) - GAP,
-                                   rows * (d->options.height + GAP) - GAP, error);
+               : umbt_picture_init(&d->sheet, COLUMNS * (d->options.size[0] + GAP) - GAP,
+                                   rows * (d->options.size[1] + GAP) - GAP, error);
 }
 
 /* Runs all maps of moments. results: [umbt_moment_row_count]. */
@@ -465,17 +423,17 @@ int umbt_deep_command(int argc, char **argv)
     struct findings findings = {0};
     struct umb_error error = {0};
     memset(&d, 0, sizeof d);
-    enum umb_status status = options_parse(argc, argv, &d, &error);
-    if (status == UMB_OK && d.help) {
-        fputs(help, stdout);
-        return 0;
+    struct umbu_parsed parsed;
+    d.threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &d);
+    if (code >= 0) {
+        return code;
     }
-    if (status == UMB_OK) {
-        findings.moments = calloc(umbt_moment_row_count, sizeof *findings.moments);
-        status = findings.moments != NULL
-                     ? deep_run(&d, &findings, &error)
-                     : umb_fail(&error, UMB_E_NO_MEMORY, "results do not fit in memory");
-    }
+    findings.moments = calloc(umbt_moment_row_count, sizeof *findings.moments);
+    const enum umb_status status =
+        findings.moments != NULL
+            ? deep_run(&d, &findings, &error)
+            : umb_fail(&error, UMB_E_NO_MEMORY, "results do not fit in memory");
     if (status == UMB_OK && d.json) {
         print_json(&d, &findings);
     } else if (status == UMB_OK && !d.quiet) {

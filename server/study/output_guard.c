@@ -67,13 +67,6 @@ FILE *umbt_output_talk(const char *path)
     return umbt_output_is_stdout(path) ? stderr : stdout;
 }
 
-enum umb_status umbt_output_check_json(const char *path, int json, struct umb_error *error)
-{
-    return json && umbt_output_is_stdout(path)
-               ? umb_fail(error, UMB_E_ARGUMENT, "-o - and --json both want stdout")
-               : UMB_OK;
-}
-
 enum umb_status umbt_output_check(const char *path, struct umb_error *error)
 {
     return umbt_output_is_stdout(path) ? UMB_OK : umbs_file_check(path, error);

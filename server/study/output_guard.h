@@ -16,10 +16,6 @@ int umbt_output_is_stdout(const char *path);
 /* Stream for a command's messages: stderr if the output is stdout, else stdout. */
 FILE *umbt_output_talk(const char *path);
 
-/* Refuses --json together with -o -. Fails: E_ARGUMENT. */
-UMB_CHECKED enum umb_status umbt_output_check_json(const char *path, int json,
-                                                   struct umb_error *error);
-
 /* As umbs_file_check. */
 UMB_CHECKED enum umb_status umbt_output_check(const char *path, struct umb_error *error);
 

@@ -15,10 +15,10 @@
 #include "study/output_guard.h"
 #include "study/parallel_for.h"
 #include "study/point_file.h"
-#include "study/study_args.h"
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_vec.h"
+#include "study/view_options.h"
 #include "tool/exit_code.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */
@@ -28,38 +28,6 @@
 #define COARSE_M      0.01       /* float spacing that causes a warning */
 #define SUN_AZIMUTH   135.0      /* the bake's default sun */
 #define SUN_ELEVATION 45.0
-
-static const char help[] =
-    "usage: umbrage points SCENE -o FILE [options]\n"
-    "\n"
-    "Writes sample points of a scene, to query with `umbrage query --points FILE --format f32`.\n"
-    "No point lies inside a closed solid. The same seed gives the same points.\n"
-    "\n"
-    "  -o, --output FILE  replaced as a whole; - is stdout\n"
-    "  --kind KIND        surface: uniform over the visible area (default)\n"
-    "                     near: off the surfaces, by up to --reach\n"
-    "                     free: uniform in the scene's bounds\n"
-    "                     gbuffer: what a camera's pixels see, in scan order\n"
-    "  --count N          points, 1 to 100000000 (default 1000000; gbuffer: every pixel that\n"
-    "                     sees the scene; with a count, pixels are made smaller until there are\n"
-    "                     as many)\n"
-    "  --seed N           of the random points (default 1)\n"
-    "  --reach M          near: metres (default: 5, or 5 % of the scene's diagonal if less)\n"
-    "  --camera WHERE     gbuffer: as `umbrage render` takes it (default: fitted)\n"
-    "  --size WxH         gbuffer: pixels (default 1280x720)\n"
-    "  --up y|z           gbuffer: the scene's up axis (default: by its format)\n"
-    "  --normals          six numbers a point: the unit normal of its surface, outwards on closed\n"
-    "                     parts, by winding on open ones, towards the camera for gbuffer\n"
-    "  --format FORMAT    f32, f64 (raw, little-endian) or text (default f32)\n"
-    "  --origin X,Y,Z     metres, subtracted from every point (as query's --origin adds it)\n"
-    "  --threads N        default: all processors\n"
-    "  --json             print one JSON object\n"
-    "  -q, --quiet        no progress, no summary\n"
-    "  --help\n"
-    "\n"
-    "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot create, 74 "
-    "I/O,\n"
-    "75 temporary.\n";
 
 enum kind {
     KIND_SURFACE = UMBT_POINT_SURFACE,
@@ -73,144 +41,61 @@ static const char *const format_names[] = {"f32", "f64", "text"};
 
 struct points_run {
     const char *scene_path;
-    int kind; /* enum kind */
+    enum kind kind;
     uint64_t count, seed, threads;
     double reach_m;
     struct umbt_camera_request camera;
-    uint32_t width, height;
-    int up_given, z_up;
+    uint32_t size[2]; /* Pixels */
+    unsigned up;      /* 0 by the scene's format, 1 y, 2 z */
     struct umbt_point_file file;
-    int json, quiet, help;
+    int json, quiet;
     struct umbt_scene scene;
     struct umbt_point_set set;
     uint64_t bytes;
     double load_s, sample_s;
 };
 
-/* Values that the option table cannot hold directly. */
-struct raw {
-    const char *kind, *reach, *camera, *size, *up, *format, *origin;
+#define AT(field) UMBU_AT(struct points_run, field)
+
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"output", "FILE", "replaced as a whole; - is stdout", UMBU_TEXT, AT(file.path), .needed = true,
+     .letter = 'o'},
+    {"kind", "KIND",
+     "surface: uniform over the visible area; near: off the surfaces, by up to --reach; free: "
+     "uniform in the scene's bounds; gbuffer: what a camera's pixels see, in scan order",
+     UMBU_CHOICE("surface|near|free|gbuffer"), AT(kind), .standard = "surface"},
+    {"count", "N", "points; for gbuffer, pixels are made smaller until there are as many",
+     UMBU_COUNT(1, COUNT_MAX), AT(count), .otherwise = "1000000; gbuffer: the pixels that see"},
+    {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
+    {"reach", "M", "near: metres", UMBU_ABOVE(0, REACH_MAX), AT(reach_m),
+     .otherwise = "5, or 5 % of the scene's diagonal if less", .needs = "kind=near"},
+    {UMBT_CAMERA_ROW(struct points_run, camera), .needs = "kind=gbuffer"},
+    {UMBT_SIZE_ROW(struct points_run, size, 16384, "1280x720"), .needs = "kind=gbuffer"},
+    {UMBT_UP_ROW(struct points_run, up), .needs = "kind=gbuffer"},
+    {"normals", NULL,
+     "six numbers a point: the unit normal of its surface, outwards on closed parts, by winding "
+     "on open ones, towards the camera for gbuffer",
+     UMBU_FLAG, AT(file.normals), .needs = "kind=surface|gbuffer"},
+    {"format", NULL, "raw little-endian numbers, or text", UMBU_CHOICE("f32|f64|text"),
+     AT(file.format), .standard = "f32"},
+    {"origin", "X,Y,Z", "metres, subtracted from every point (as query's --origin adds it)",
+     UMBU_NUMBERS(3), AT(file.origin)},
+    {UMBT_THREADS_ROW(struct points_run)},
+    {UMBU_JSON_ROW(struct points_run), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct points_run, "no progress, no summary")},
 };
 
-static int name_index(const char *text, const char *const *names, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (strcmp(text, names[i]) == 0) {
-            return (int)i;
-        }
-    }
-    return -1;
-}
-
-static enum umb_status names_convert(const struct raw *raw, struct points_run *run,
-                                     struct umb_error *error)
-{
-    run->kind = raw->kind != NULL ? name_index(raw->kind, kind_names, 4) : KIND_SURFACE;
-    if (run->kind < 0) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--kind: '%.60s' is none of surface, near, free, gbuffer", raw->kind);
-    }
-    const int format = raw->format != NULL ? name_index(raw->format, format_names, 3) : 0;
-    if (format < 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--format: '%.60s' is none of f32, f64, text",
-                        raw->format);
-    }
-    run->file.format = (enum umbt_point_file_format)format;
-    if (raw->reach != NULL && run->kind != KIND_NEAR) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--reach: only --kind near takes it");
-    }
-    if ((raw->camera != NULL || raw->size != NULL || raw->up != NULL) &&
-        run->kind != KIND_GBUFFER) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--camera, --size and --up: only --kind gbuffer takes them");
-    }
-    if (run->file.normals && (run->kind == KIND_NEAR || run->kind == KIND_FREE)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--normals: points of kind %s are on no surface",
-                        kind_names[run->kind]);
-    }
-    return UMB_OK;
-}
-
-static enum umb_status origin_parse(const char *text, double origin[3], struct umb_error *error)
-{
-    const char *at = text;
-    for (int k = 0; k < 3; k++) {
-        if ((k > 0 && *at++ != ',') || !umbt_number_read(&at, &origin[k])) {
-            return umb_fail(error, UMB_E_ARGUMENT, "--origin: '%.80s' is not three numbers X,Y,Z",
-                            text);
-        }
-    }
-    return *at == '\0' ? UMB_OK
-                       : umb_fail(error, UMB_E_ARGUMENT,
-                                  "--origin: '%.80s' is not three numbers X,Y,Z", text);
-}
-
-static enum umb_status raw_convert(const struct raw *raw, struct points_run *run,
-                                   struct umb_error *error)
-{
-    enum umb_status status = names_convert(raw, run, error);
-    run->width = 1280;
-    run->height = 720;
-    if (status == UMB_OK && raw->reach != NULL) {
-        const char *at = raw->reach;
-        if (!umbt_number_read(&at, &run->reach_m) || *at != '\0' || !(run->reach_m > 0.0) ||
-            run->reach_m > REACH_MAX) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--reach: '%.60s' is not a number above 0, up to 1e6", raw->reach);
-        }
-    }
-    if (status == UMB_OK && raw->camera != NULL) {
-        status = umbt_camera_parse(raw->camera, &run->camera, error);
-    }
-    if (status == UMB_OK && raw->size != NULL) {
-        status = umbt_size_parse(raw->size, &run->width, &run->height, error);
-    }
-    if (status == UMB_OK && raw->up != NULL) {
-        run->up_given = 1;
-        status = umbt_up_parse(raw->up, &run->z_up, error);
-    }
-    if (status == UMB_OK && raw->origin != NULL) {
-        status = origin_parse(raw->origin, run->file.origin, error);
-    }
-    return status;
-}
-
-static enum umb_status options_parse(int argc, char **argv, struct points_run *run,
-                                     struct umb_error *error)
-{
-    struct raw raw = {0};
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &run->scene_path, 0, 0},
-        {"-o", UMBT_TEXT, &run->file.path, 0, 0},
-        {"--output", UMBT_TEXT, &run->file.path, 0, 0},
-        {"--kind", UMBT_TEXT, &raw.kind, 0, 0},
-        {"--count", UMBT_COUNT, &run->count, 1, COUNT_MAX},
-        {"--seed", UMBT_COUNT, &run->seed, 0, UINT64_MAX},
-        {"--reach", UMBT_TEXT, &raw.reach, 0, 0},
-        {"--camera", UMBT_TEXT, &raw.camera, 0, 0},
-        {"--size", UMBT_TEXT, &raw.size, 0, 0},
-        {"--up", UMBT_TEXT, &raw.up, 0, 0},
-        {"--normals", UMBT_FLAG, &run->file.normals, 0, 0},
-        {"--format", UMBT_TEXT, &raw.format, 0, 0},
-        {"--origin", UMBT_TEXT, &raw.origin, 0, 0},
-        {"--threads", UMBT_COUNT, &run->threads, 1, 256},
-        {"--json", UMBT_FLAG, &run->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &run->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &run->help, 0, 0},
-    };
-    run->seed = 1;
-    run->threads = umbt_processor_count();
-    enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || run->help) {
-        return status;
-    }
-    if (run->file.path == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
-    }
-    status = umbt_output_check_json(run->file.path, run->json, error);
-    return status == UMB_OK ? raw_convert(&raw, run, error) : status;
-}
+static const struct umbu_command COMMAND = {
+    .name = "umbrage points",
+    .usage = "umbrage points SCENE -o FILE [options]",
+    .summary = "Writes sample points of a scene, to query with `umbrage query --points FILE\n"
+               "--format f32`. No point lies inside a closed solid. The same seed gives the same\n"
+               "points.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 unavailable, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
 
 static enum umb_status view_sample(struct points_run *run, struct umb_error *error)
 {
@@ -219,7 +104,7 @@ static enum umb_status view_sample(struct points_run *run, struct umb_error *err
         .points = (const double(*)[3])run->scene.corners,
         .count = 3 * run->scene.count,
         .box = run->scene.box,
-        .z_up = run->up_given ? run->z_up : scene->z_up,
+        .z_up = run->up > 0 ? run->up == 2 : scene->z_up,
     };
     if (scene->light_count > 0 && scene->lights[0].kind == UMB_LIGHT_DIRECTIONAL) {
         for (int k = 0; k < 3; k++) {
@@ -232,8 +117,8 @@ static enum umb_status view_sample(struct points_run *run, struct umb_error *err
         .scene = &run->scene,
         .camera = &run->camera,
         .subject = &subject,
-        .width = run->width,
-        .height = run->height,
+        .width = run->size[0],
+        .height = run->size[1],
         .count = (size_t)run->count,
         .threads = (unsigned)run->threads,
     };
@@ -335,15 +220,14 @@ int umbt_points_command(int argc, char **argv)
 {
     struct points_run run;
     struct umb_error error = {0};
+    struct umbu_parsed parsed;
     memset(&run, 0, sizeof run);
-    enum umb_status status = options_parse(argc, argv, &run, &error);
-    if (status == UMB_OK && run.help) {
-        fputs(help, stdout);
-        return 0;
+    run.threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &run);
+    if (code >= 0) {
+        return code;
     }
-    if (status == UMB_OK) {
-        status = points_make(&run, &error);
-    }
+    enum umb_status status = points_make(&run, &error);
     if (status == UMB_OK) {
         report(&run);
     }

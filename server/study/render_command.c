@@ -82,9 +82,7 @@ static enum umb_status truth_check(const struct render *render, struct umb_error
 static enum umb_status view_make(struct render *render, struct umb_error *error)
 {
     struct umbt_render_options *options = &render->options;
-    if (!options->up_given) {
-        options->z_up = render->scene.scene->view.z_up;
-    }
+    options->z_up = options->up > 0 ? options->up == 2 : render->scene.scene->view.z_up;
     struct umbt_truth *truth = &render->truth;
     *truth = (struct umbt_truth){
         .rays = render->scene.rays,
@@ -120,10 +118,10 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    status = umbt_camera_make(&options->camera, &subject, options->width, options->height,
+    status = umbt_camera_make(&options->camera, &subject, options->size[0], options->size[1],
                               &render->camera, error);
     if (status == UMB_OK && options->settings.filter == UMB_FILTER_FOOTPRINT) {
-        const double rows = (double)options->height * options->aa;
+        const double rows = (double)options->size[1] * options->aa;
         status = umbt_source_look(&render->source, render->camera.eye,
                                   2.0 * render->camera.tan_y / rows, error);
     }
@@ -137,13 +135,13 @@ static enum umb_status frame_make(struct render *render, struct umb_error *error
     const int from_rays = options->traced || options->compare;
     enum umb_status status = UMB_OK;
     if (from_asset) {
-        status = umbt_picture_init(&render->asset, options->width, options->height, error);
+        status = umbt_picture_init(&render->asset, options->size[0], options->size[1], error);
     }
     if (status == UMB_OK && from_rays) {
-        status = umbt_picture_init(&render->traced, options->width, options->height, error);
+        status = umbt_picture_init(&render->traced, options->size[0], options->size[1], error);
     }
     if (status == UMB_OK && options->difference != NULL) {
-        status = umbt_picture_init(&render->difference, options->width, options->height, error);
+        status = umbt_picture_init(&render->difference, options->size[0], options->size[1], error);
     }
     if (status == UMB_OK && options->fog > 0.0) {
         status = umbt_fog_make(render->source.asset, options->settings.light, options->fog,
@@ -241,7 +239,7 @@ static void report_text(FILE *to, const struct render *render)
     const struct umbt_picture_result *result = &render->result;
     const struct umbt_camera *camera = &render->camera;
     fprintf(to, "%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
-            render->scene.count, options->width, options->height, result->samples,
+            render->scene.count, options->size[0], options->size[1], result->samples,
             result->receivers);
     fprintf(to, "camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g,fov=%.6g\n", camera->eye[0],
             camera->eye[1], camera->eye[2], camera->eye[0] + camera->forward[0],
@@ -275,8 +273,8 @@ static void report_json(const struct render *render)
     }
     printf(",\"triangles\":%zu,\"width\":%u,\"height\":%u,\"samples\":%" PRIu64
            ",\"receivers\":%" PRIu64 ",\"facing\":%" PRIu64 ",\"taps\":%u",
-           render->scene.count, options->width, options->height, result->samples, result->receivers,
-           result->facing, options->settings.taps);
+           render->scene.count, options->size[0], options->size[1], result->samples,
+           result->receivers, result->facing, options->settings.taps);
     printf(",\"load_s\":%.4f,\"surface_s\":%.4f,\"query_s\":%.4f,\"trace_s\":%.4f", render->load_s,
            result->gbuffer_s, result->query_s, result->trace_s);
     printf(",\"outside\":%" PRIu64 ",\"before\":%" PRIu64 ",\"behind\":%" PRIu64
@@ -320,14 +318,11 @@ int umbt_render_command(int argc, char **argv)
     struct render render;
     struct umb_error error = {0};
     memset(&render, 0, sizeof render);
-    enum umb_status status = umbt_render_options_parse(argc, argv, &render.options, &error);
-    if (status == UMB_OK && render.options.help) {
-        fputs(umbt_render_help, stdout);
-        return 0;
+    const int code = umbt_render_options_parse(argc, argv, &render.options);
+    if (code >= 0) {
+        return code;
     }
-    if (status == UMB_OK) {
-        status = render_run(&render, &error);
-    }
+    const enum umb_status status = render_run(&render, &error);
     umbt_picture_finish(&render.asset);
     umbt_picture_finish(&render.traced);
     umbt_picture_finish(&render.difference);

@@ -10,8 +10,7 @@
 
 #include "study/study_scene.h"
 
-#define DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
-/* bytes of a request: of a point with its normal, and of everything else */
+/* Bytes of a request: of a point with its normal, and of everything else. */
 #define POINT_BYTES (3 * sizeof(double) + 3 * sizeof(float))
 #define HEAD_BYTES  512
 
@@ -62,30 +61,6 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     return UMB_OK;
 }
 
-/* The text, else the variable of that name, else a default; an empty variable counts as unset. */
-static const char *text_or_variable(const char *text, const char *variable, const char *otherwise)
-{
-    const char *value = text != NULL ? text : getenv(variable);
-    return value != NULL && value[0] != '\0' ? value : otherwise;
-}
-
-static enum umb_status client_open(struct umbt_source *source, const struct umbt_daemon *daemon,
-                                   struct umb_error *error)
-{
-    struct umb_client_options options = {
-        .ca_file = daemon->ca_file,
-        .certificate_file = daemon->certificate_file,
-        .key_file = daemon->key_file,
-        .server_name = daemon->server_name,
-        .token_file = daemon->token_file,
-    };
-    if (daemon->token_file == NULL) {
-        options.token = text_or_variable(NULL, "UMBRAGE_TOKEN", NULL);
-    }
-    return umb_client_open(text_or_variable(daemon->address, "UMBRAGE_ADDRESS", DEFAULT_ADDRESS),
-                           &options, &source->client, error);
-}
-
 /* Points of a call that the server accepts; a server that names no limit has none. */
 static size_t call_max(const struct umb_client_limits *limits)
 {
@@ -97,10 +72,10 @@ static size_t call_max(const struct umb_client_limits *limits)
     return most < SIZE_MAX ? (size_t)most : SIZE_MAX;
 }
 
-static enum umb_status daemon_open(struct umbt_source *source, const struct umbt_daemon *daemon,
+static enum umb_status daemon_open(struct umbt_source *source, const struct umbu_session *daemon,
                                    struct umb_error *error)
 {
-    enum umb_status status = client_open(source, daemon, error);
+    enum umb_status status = umbu_connect(daemon, &source->client, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -129,7 +104,7 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbt
 }
 
 enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                 const struct umbt_daemon *daemon,
+                                 const struct umbu_session *daemon,
                                  const struct umb_query_settings *settings, struct umb_error *error)
 {
     memset(source, 0, sizeof *source);

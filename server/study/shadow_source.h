@@ -10,7 +10,7 @@
  * tcp:127.0.0.1:7420; with the token in the given file, or UMBRAGE_TOKEN, or none.
  * Threads: after init, umbt_source_answer may be called from any number of threads.
  */
-#include "umbrage/client.h"
+#include "tool/session.h"
 #include "umbrage/query.h"
 
 struct umbt_source {
@@ -29,12 +29,6 @@ struct umbt_source {
     int translucent;                 /* 1: the asset was baked with the effect transmittance */
 };
 
-/* Connection to the daemon, as the options of `umbrage` give it; NULL: not given. Borrowed. */
-struct umbt_daemon {
-    const char *address, *token_file;
-    const char *ca_file, *certificate_file, *key_file, *server_name; /* of tls: addresses */
-};
-
 /* 1 if the argument names a file by the rule above. */
 int umbt_source_is_file(const char *argument);
 
@@ -46,7 +40,7 @@ int umbt_source_is_file(const char *argument);
  *        E_PERMISSION, E_IO or E_ARGUMENT (token file).
  */
 UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                             const struct umbt_daemon *daemon,
+                                             const struct umbu_session *daemon,
                                              const struct umb_query_settings *settings,
                                              struct umb_error *error);
 void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */

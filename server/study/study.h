@@ -35,7 +35,7 @@ struct umbt_study_options {
     uint64_t points;         /* points of a set */
     uint64_t threads, seed;
     uint64_t truth_side; /* rays a side of the area truth */
-    int quick, json, quiet, help;
+    int quick, json, quiet;
 };
 
 /* The asset of one resolution, open or closed. */

@@ -5,13 +5,13 @@
 
 #include "study/output_guard.h"
 #include "study/parallel_for.h"
-#include "study/study_args.h"
 #include "study/study_command.h"
 #include "study/study_progress.h"
 #include "study/study.h"
 #include "study/study_pictures.h"
 #include "study/study_report.h"
 #include "study/study_techniques.h"
+#include "study/view_options.h"
 #include "tool/exit_code.h"
 
 #define RESOLUTION_QUICK 4096
@@ -20,33 +20,56 @@
 #define POINTS_FULL      60000
 #define PATH_BYTES       4096
 
-static const char help[] =
-    "usage: umbrage-study SCENE [-o DIR] [options]\n"
-    "       umbrage study SCENE [-o DIR] [options]\n"
-    "\n"
-    "Shows what accuracy costs: bakes the scene at many resolutions, open and closed, asks each "
-    "at\n"
-    "several filter widths and coarse levels about the same points, and compares errors, time and\n"
-    "bytes with traced rays; and every shadow map of the literature on one view. Writes\n"
-    "DIR/report.html (one file, opens anywhere), report.json, report.csv, pictures/ and assets/.\n"
-    "Stopped and started again, it goes on with the assets that are there.\n"
-    "\n"
-    "  -o, --output DIR     made if it is not there (default: the scene's name and -study, here)\n"
-    "  --quick              up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes\n"
-    "  --max-resolution N   last of the resolutions from 512 on (quick: 4096, else 16384)\n"
-    "  --sun AZ,EL          the sun, as umbrage-bake takes it\n"
-    "  --light NAME         the file's directional light of that name\n"
-    "  --up y|z             the scene's up axis (default: by its format)\n"
-    "  --points N           samples a set, 1000 to 10000000 (quick: 12000, else 60000)\n"
-    "  --truth N            rays a side of the area truth, 2 to 32 (quick: 6, else 12)\n"
-    "  --seed N             of the random points (default 1)\n"
-    "  --threads N          default: all processors\n"
-    "  --json               print the report as one JSON object\n"
-    "  -q, --quiet          no progress, no summary\n"
-    "  --help\n"
-    "\n"
-    "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73 cannot create,\n"
-    "74 I/O, 75 temporary.\n";
+#define AT(field) UMBU_AT(struct umbt_study_options, field)
+
+/* A folder's name: a report has many files. */
+static enum umb_status read_folder(const struct umbu_option *option, const char *text, void *field,
+                                   struct umb_error *error)
+{
+    if (text[0] == '\0' || umbt_output_is_stdout(text)) {
+        return umbu_refuse(option, text, error);
+    }
+    memcpy(field, &text, sizeof text);
+    return UMB_OK;
+}
+
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene), .needed = true},
+    {"output", "DIR", "made if it is not there",
+     UMBU_READ(read_folder, "a folder's name (a report has many files: it cannot go to stdout; "
+                            "name a folder, ./- for one of that name)"),
+     AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
+    {"quick", NULL, "up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes", UMBU_FLAG,
+     AT(quick)},
+    {"max-resolution", "N", "last of the resolutions from 512 on", UMBU_COUNT(512, 262144),
+     AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
+    {"sun", "AZ,EL", "the sun, as umbrage-bake takes it", UMBU_TEXT, AT(sun)},
+    {"light", "NAME", "the file's directional light of that name", UMBU_TEXT, AT(light)},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
+    {"points", "N", "samples a set", UMBU_COUNT(1000, 10000000), AT(points),
+     .otherwise = "quick: 12000, else 60000"},
+    {"truth", "N", "rays a side of the area truth", UMBU_COUNT(2, 32), AT(truth_side),
+     .otherwise = "quick: 6, else 12"},
+    {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
+    {UMBT_THREADS_ROW(struct umbt_study_options)},
+    {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
+    {UMBU_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage study",
+    .usage = "umbrage-study SCENE [-o DIR] [options]\n"
+             "       umbrage study SCENE [-o DIR] [options]",
+    .summary = "Shows what accuracy costs: bakes the scene at many resolutions, open and closed,\n"
+               "asks each at several filter widths and coarse levels about the same points, and\n"
+               "compares errors, time and bytes with traced rays; and every shadow map of the\n"
+               "literature on one view. Writes DIR/report.html (one file, opens anywhere),\n"
+               "report.json, report.csv, pictures/ and assets/. Stopped and started again, it\n"
+               "goes on with the assets that are there.",
+    .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73\n"
+             "cannot create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
 
 /* "scenes/city.glb" becomes "city-study". */
 static void name_folder(struct umbt_study_options *options)
@@ -59,14 +82,9 @@ static void name_folder(struct umbt_study_options *options)
     options->folder = options->named;
 }
 
-static enum umb_status options_check(struct umbt_study_options *options, struct umb_error *error)
+/* Fills in what --quick decides. */
+static void options_complete(struct umbt_study_options *options)
 {
-    int z_up;
-    if (umbt_output_is_stdout(options->folder)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "-o: '-' is not a folder's name (a report has many files: it cannot go to "
-                        "stdout; name a folder, ./- for one of that name)");
-    }
     if (options->folder == NULL) {
         name_folder(options);
     }
@@ -79,42 +97,14 @@ static enum umb_status options_check(struct umbt_study_options *options, struct 
     if (options->truth_side == 0) {
         options->truth_side = options->quick ? 6 : 12;
     }
-    return options->up != NULL ? umbt_up_parse(options->up, &z_up, error) : UMB_OK;
-}
-
-static enum umb_status options_parse(int argc, char **argv, struct umbt_study_options *options,
-                                     struct umb_error *error)
-{
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &options->scene, 0, 0},
-        {"-o", UMBT_TEXT, &options->folder, 0, 0},
-        {"--output", UMBT_TEXT, &options->folder, 0, 0},
-        {"--quick", UMBT_FLAG, &options->quick, 0, 0},
-        {"--max-resolution", UMBT_COUNT, &options->max_resolution, 512, 262144},
-        {"--sun", UMBT_TEXT, &options->sun, 0, 0},
-        {"--light", UMBT_TEXT, &options->light, 0, 0},
-        {"--up", UMBT_TEXT, &options->up, 0, 0},
-        {"--points", UMBT_COUNT, &options->points, 1000, 10000000},
-        {"--truth", UMBT_COUNT, &options->truth_side, 2, 32},
-        {"--seed", UMBT_COUNT, &options->seed, 0, UINT64_MAX},
-        {"--threads", UMBT_COUNT, &options->threads, 1, 256},
-        {"--json", UMBT_FLAG, &options->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &options->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &options->help, 0, 0},
-    };
-    options->seed = 1;
-    options->threads = umbt_processor_count();
-    const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    return status != UMB_OK || options->help ? status : options_check(options, error);
 }
 
 /* Draws the aliasing heat map of the same view, by the command `aliasing`. */
 static enum umb_status heat_draw(const struct umbt_study *study, struct umb_error *error)
 {
     char path[PATH_BYTES], threads[16];
-    char *arguments[16];
-    int count = 0;
+    char *arguments[17] = {(char *)(uintptr_t) "aliasing"};
+    int count = 1;
     if (snprintf(path, sizeof path, "%s/pictures/aliasing.png", study->options.folder) >=
         (int)sizeof path) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
@@ -177,14 +167,14 @@ int umbt_study_command(int argc, char **argv)
     struct umb_error error = {0};
     memset(&study, 0, sizeof study);
     study.started_s = umbt_now_s();
-    enum umb_status status = options_parse(argc, argv, &study.options, &error);
-    if (status == UMB_OK && study.options.help) {
-        fputs(help, stdout);
-        return 0;
+    struct umbu_parsed parsed;
+    study.options.threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study.options);
+    if (code >= 0) {
+        return code;
     }
-    if (status == UMB_OK) {
-        status = study_run(&study, &error);
-    }
+    options_complete(&study.options);
+    const enum umb_status status = study_run(&study, &error);
     if (status == UMB_OK) {
         report(&study);
     }

@@ -59,15 +59,22 @@ int main(int argc, char **argv)
     }
     for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
         if (strcmp(argv[1], commands[i].name) == 0) {
-            return output_finish(commands[i].run(argc - 2, argv + 2));
+            return output_finish(commands[i].run(argc - 1, argv + 1));
         }
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
         strcmp(argv[1], "help") == 0) {
-        char *study_help = (char *)(uintptr_t) "--help";
+        char option[] = "--help", *words[] = {argv[0], option, NULL};
         fputs(help, stdout);
         putchar('\n');
-        return output_finish(umbt_study_command(1, &study_help));
+        return output_finish(umbt_study_command(2, words));
+    }
+    if (strcmp(argv[1], "--print-options") == 0) {
+        for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
+            printf("umbrage-study\t%s\t\t\tcommand\t\t\t\t\n", commands[i].name);
+            (void)commands[i].run(2, argv);
+        }
+        return output_finish(0);
     }
     if (strcmp(argv[1], "--version") == 0) {
         puts("umbrage-study " UMB_VERSION_TEXT);
@@ -78,5 +85,5 @@ int main(int argc, char **argv)
                 argv[1]);
         return umbu_exit_code(UMB_E_ARGUMENT);
     }
-    return output_finish(umbt_study_command(argc - 1, argv + 1));
+    return output_finish(umbt_study_command(argc, argv));
 }

@@ -12,7 +12,6 @@
 #include "common/json_text.h"
 #include "study/output_guard.h"
 #include "study/parallel_for.h"
-#include "study/study_args.h"
 #include "study/technique_dag.h"
 #include "study/view_options.h"
 #include "tool/exit_code.h"
@@ -20,38 +19,11 @@
 #define COLUMNS 5U
 #define GAP     4U /* pixels between tiles */
 
-static const double degree = 3.14159265358979323846 / 180.0;
-
-static const char help[] =
-    "usage: umbrage-study techniques SCENE [options]\n"
-    "\n"
-    "Runs every shadow map technique on what a camera sees, and compares with traced rays.\n"
-    "\n"
-    "  -o, --output FILE   all views side by side, PNG: the three truths first, then the table's\n"
-    "                      rows from left to right, five a row; - is stdout\n"
-    "  --asset FILE        two rows more: an asset baked for the same sun\n"
-    "  --resolution N      texels a side, a power of two, 64 to 4096 (default 1024)\n"
-    "  --taps N            width of the filter in texels, odd, 1 to 17 (default 9)\n"
-    "  --light-size DEG    the sun's diameter for penumbrae, above 0 to 20 (default 0.53)\n"
-    "  --sun AZ,EL         degrees (default: the scene's first sun, else 135,45)\n"
-    "  --camera WHERE      as `umbrage render` takes it (default: fitted)\n"
-    "  --size WxH          pixels of a view (default 256x160)\n"
-    "  --up y|z            the scene's up axis (default: by its format)\n"
-    "  --threads N         default: all processors\n"
-    "  --json              print one JSON object\n"
-    "  -q, --quiet         no table\n"
-    "  --help\n"
-    "\n"
-    "Errors are means over points that face the light: of |answer - truth|, and of its parts.\n"
-    "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot create, 74 I/O, 75 "
-    "temporary.\n";
-
 struct study {
     const char *scene_path, *output, *asset_path;
-    const char *light_size;
     struct umbt_view_options options;
-    uint64_t resolution, taps, threads;
-    int json, quiet, help;
+    uint64_t threads;
+    int json, quiet;
     struct umbt_view opened;
     struct umbt_technique_view view;
     struct umbt_picture sheet;
@@ -61,66 +33,40 @@ struct study {
     struct umbt_technique_result *results; /* [row_count] */
 };
 
-static enum umb_status options_check(struct study *study, struct umb_error *error)
-{
-    struct umbt_technique_view *view = &study->view;
-    if ((study->resolution & (study->resolution - 1)) != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--resolution: %" PRIu64 " is no power of two",
-                        study->resolution);
-    }
-    if (study->taps % 2 == 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--taps: %" PRIu64 " is even", study->taps);
-    }
-    view->resolution = (uint32_t)study->resolution;
-    view->taps = (uint32_t)study->taps;
-    view->threads = (unsigned)study->threads;
-    view->light_rad = 0.53 * degree;
-    if (study->light_size != NULL) {
-        const char *at = study->light_size;
-        double value = 0.0;
-        if (!umbt_number_read(&at, &value) || (*at != '\0' && strcmp(at, "deg") != 0) ||
-            !(value > 0.0 && value <= 20.0)) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--light-size: '%.60s' is not above 0 and at most 20 degrees",
-                            study->light_size);
-        }
-        view->light_rad = value * degree;
-    }
-    return UMB_OK;
-}
+#define AT(field) UMBU_AT(struct study, field)
 
-static enum umb_status options_parse(int argc, char **argv, struct study *study,
-                                     struct umb_error *error)
-{
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &study->scene_path, 0, 0},
-        {"-o", UMBT_TEXT, &study->output, 0, 0},
-        {"--output", UMBT_TEXT, &study->output, 0, 0},
-        {"--asset", UMBT_TEXT, &study->asset_path, 0, 0},
-        {"--resolution", UMBT_COUNT, &study->resolution, 64, 4096},
-        {"--taps", UMBT_COUNT, &study->taps, 1, 17},
-        {"--light-size", UMBT_TEXT, &study->light_size, 0, 0},
-        {"--sun", UMBT_TEXT, &study->options.sun, 0, 0},
-        {"--camera", UMBT_TEXT, &study->options.camera, 0, 0},
-        {"--size", UMBT_TEXT, &study->options.size, 0, 0},
-        {"--up", UMBT_TEXT, &study->options.up, 0, 0},
-        {"--threads", UMBT_COUNT, &study->threads, 1, 256},
-        {"--json", UMBT_FLAG, &study->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &study->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &study->help, 0, 0},
-    };
-    study->resolution = 1024;
-    study->taps = 9;
-    study->threads = umbt_processor_count();
-    study->options = (struct umbt_view_options){.width = 256, .height = 160, .size_max = 2048};
-    const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || study->help) {
-        return status;
-    }
-    const enum umb_status checked = umbt_output_check_json(study->output, study->json, error);
-    return checked == UMB_OK ? options_check(study, error) : checked;
-}
+static const struct umbu_option OPTIONS[] = {
+    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"output", "FILE",
+     "all views side by side, PNG: the three truths first, then the table's rows from left to "
+     "right, five a row; - is stdout",
+     UMBU_TEXT, AT(output), .letter = 'o'},
+    {"asset", "FILE", "two rows more: an asset baked for the same sun", UMBU_TEXT, AT(asset_path)},
+    {"resolution", "N", "texels a side, 64 to 4096", UMBU_POWER(64, 4096), AT(view.resolution),
+     .standard = "1024"},
+    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, 17), AT(view.taps), .standard = "9"},
+    {"light-size", "DEG", "the sun's diameter for penumbrae, at most 20", UMBU_ABOVE(0, 20),
+     .unit = "deg", .scale = 3.14159265358979323846 / 180.0, AT(view.light_rad),
+     .standard = "0.53"},
+    {UMBT_SUN_ROW(struct study, options.sun)},
+    {UMBT_CAMERA_ROW(struct study, options.camera)},
+    {UMBT_SIZE_ROW(struct study, options.size, 2048, "256x160")},
+    {UMBT_UP_ROW(struct study, options.up)},
+    {UMBT_THREADS_ROW(struct study)},
+    {UMBU_JSON_ROW(struct study), .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct study, "no table")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-study techniques",
+    .usage = "umbrage-study techniques SCENE [options]",
+    .summary = "Runs every shadow map technique on what a camera sees, and compares with traced\n"
+               "rays.",
+    .notes = "Errors are means over points that face the light: of |answer - truth|, and of\n"
+             "its parts. Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot\n"
+             "create, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
 
 static enum umb_status view_open(struct study *study, struct umb_error *error)
 {
@@ -130,11 +76,12 @@ static enum umb_status view_open(struct study *study, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
+    view->threads = (unsigned)study->threads;
     view->scene = &study->opened.scene;
     view->camera = study->opened.camera;
     view->z_up = study->opened.z_up;
-    view->width = study->options.width;
-    view->height = study->options.height;
+    view->width = study->options.size[0];
+    view->height = study->options.size[1];
     memcpy(view->to_light, study->opened.to_light, sizeof view->to_light);
     return umbt_technique_view_make(view, error);
 }
@@ -246,14 +193,13 @@ int umbt_techniques_command(int argc, char **argv)
     struct study study;
     struct umb_error error = {0};
     memset(&study, 0, sizeof study);
-    enum umb_status status = options_parse(argc, argv, &study, &error);
-    if (status == UMB_OK && study.help) {
-        fputs(help, stdout);
-        return 0;
+    struct umbu_parsed parsed;
+    study.threads = umbt_processor_count();
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study);
+    if (code >= 0) {
+        return code;
     }
-    if (status == UMB_OK) {
-        status = view_open(&study, &error);
-    }
+    enum umb_status status = view_open(&study, &error);
     study.row_count = umbt_technique_row_count;
     if (status == UMB_OK && study.asset_path != NULL) {
         study.row_count += UMBT_DAG_ROWS;

@@ -14,50 +14,19 @@
 #include "rays/verify.h"
 #include "study/bound_check.h"
 #include "study/parallel_for.h"
-#include "study/study_args.h"
 #include "common/json_text.h"
 #include "study/study_progress.h"
 #include "study/study_scene.h"
+#include "study/view_options.h"
 #include "tool/exit_code.h"
-
-static const char help[] =
-    "usage: umbrage verify FILE --scene SCENE [options]\n"
-    "\n"
-    "Compares an asset with rays traced through the scene it was baked from. Half of the points "
-    "lie\n"
-    "within 4 voxels of a shadow boundary; of an asset baked under the static rule all lie on\n"
-    "surfaces. Disagreement within one voxel of a boundary is counted; outside that band there\n"
-    "must be none.\n"
-    "\n"
-    "  --scene SCENE   the scene file\n"
-    "  --bounds        check the bound of every setting of the asset's accuracy curve instead: "
-    "where\n"
-    "                  an answer is not what a ray says, a true boundary must lie within it\n"
-    "  --points N      points a light, 1 to 1000000000 (default 1000000; with --bounds at most\n"
-    "                  10000000, default 100000)\n"
-    "  --ask WHAT      points (default), segments, columns or boxes: what is asked of the asset; "
-    "N of\n"
-    "                  --points is then their number\n"
-    "  --light N       only this light (default: all)\n"
-    "  --seed N        of the points (default 1); the same seed gives the same points\n"
-    "  --threads N     default: all processors\n"
-    "  --force         even if the asset was baked from another scene\n"
-    "  --json          print one JSON object\n"
-    "  -q, --quiet     print nothing\n"
-    "  --help\n"
-    "\n"
-    "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also another "
-    "scene),\n"
-    "66 no input, 69 unavailable, 74 I/O, 75 temporary.\n";
 
 #define BOUND_POINTS_MAX 10000000U
 
 struct verify {
     const char *file, *scene_path;
-    const char *ask; /* kind of query to verify, one of ASKED, or NULL */
     enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
-    int force, json, quiet, help, bounds;
+    int force, json, quiet, bounds;
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umbt_scene scene;
@@ -70,46 +39,44 @@ struct verify {
 
 static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
 
-static enum umb_status take_kind(struct verify *verify, struct umb_error *error)
-{
-    size_t i = 0;
-    while (verify->ask != NULL && i < 4 && strcmp(verify->ask, ASKED[i]) != 0) {
-        i++;
-    }
-    if (i == 4 || (i > 0 && verify->bounds)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        i == 4 ? "--ask: '%.40s' is not points, segments, columns or boxes"
-                               : "--ask: %.40s goes without --bounds",
-                        verify->ask);
-    }
-    verify->kind = (enum umbr_verify_kind)i;
-    return UMB_OK;
-}
+#define AT(field) UMBU_AT(struct verify, field)
 
-static enum umb_status verify_parse(int argc, char **argv, struct verify *verify,
-                                    struct umb_error *error)
+static const struct umbu_option OPTIONS[] = {
+    {"FILE", NULL, "the asset file", UMBU_TEXT, AT(file), .needed = true},
+    {"scene", "SCENE", "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"bounds", NULL,
+     "check the bound of every setting of the asset's accuracy curve instead: where an answer is "
+     "not what a ray says, a true boundary must lie within it",
+     UMBU_FLAG, AT(bounds)},
+    {"points", "N", "points a light; with --bounds at most 10000000", UMBU_COUNT(1, 1000000000),
+     AT(points), .otherwise = "1000000, with --bounds 100000"},
+    {"ask", "WHAT", "points, segments, columns or boxes: what is asked, as often as --points says",
+     UMBU_CHOICE("points|segments|columns|boxes"), AT(kind), .standard = "points"},
+    {"light", "N", "only this light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(light),
+     .otherwise = "all"},
+    {"seed", "N", "of the points; the same seed gives the same points", UMBU_COUNT(0, UINT64_MAX),
+     AT(seed), .standard = "1"},
+    {UMBT_THREADS_ROW(struct verify)},
+    {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
+    {UMBU_JSON_ROW(struct verify)},
+    {UMBU_QUIET_ROW(struct verify, "print nothing")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-study verify",
+    .usage = "umbrage verify FILE --scene SCENE [options]",
+    .summary = "Compares an asset with rays traced through the scene it was baked from. Half of\n"
+               "the points lie within 4 voxels of a shadow boundary; of an asset baked under the\n"
+               "static rule all lie on surfaces. Disagreement within one voxel of a boundary is\n"
+               "counted; outside that band there must be none.",
+    .notes = "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also\n"
+             "another scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+};
+
+/* What the options say together. */
+static enum umb_status options_check(struct verify *verify, struct umb_error *error)
 {
-    const struct umbt_option table[] = {
-        {"FILE", UMBT_WORD, &verify->file, 0, 0},
-        {"--scene", UMBT_TEXT, &verify->scene_path, 0, 0},
-        {"--ask", UMBT_TEXT, &verify->ask, 0, 0},
-        {"--points", UMBT_COUNT, &verify->points, 1, 1000000000},
-        {"--light", UMBT_COUNT, &verify->light, 0, UMB_LIGHTS_MAX - 1},
-        {"--seed", UMBT_COUNT, &verify->seed, 0, UINT64_MAX},
-        {"--threads", UMBT_COUNT, &verify->threads, 1, 256},
-        {"--bounds", UMBT_FLAG, &verify->bounds, 0, 0},
-        {"--force", UMBT_FLAG, &verify->force, 0, 0},
-        {"--json", UMBT_FLAG, &verify->json, 0, 0},
-        {"--quiet", UMBT_FLAG, &verify->quiet, 0, 0},
-        {"--help", UMBT_FLAG, &verify->help, 0, 0},
-    };
-    verify->light = UINT64_MAX;
-    verify->seed = 1;
-    const enum umb_status status =
-        umbt_args_parse(argc, argv, table, sizeof table / sizeof table[0], error);
-    if (status != UMB_OK || verify->help) {
-        return status;
-    }
     if (verify->points == 0) {
         verify->points = verify->bounds ? 100000 : 1000000;
     }
@@ -117,10 +84,10 @@ static enum umb_status verify_parse(int argc, char **argv, struct verify *verify
         return umb_fail(error, UMB_E_ARGUMENT, "--points: %" PRIu64 ", at most %u with --bounds",
                         verify->points, BOUND_POINTS_MAX);
     }
-    if (verify->scene_path == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--scene: is needed; see --help");
-    }
-    return take_kind(verify, error);
+    return verify->bounds && verify->kind != UMBR_VERIFY_POINTS
+               ? umb_fail(error, UMB_E_ARGUMENT, "--ask: %s does not go with --bounds",
+                          ASKED[verify->kind])
+               : UMB_OK;
 }
 
 static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
@@ -354,11 +321,13 @@ int umbt_verify_command(int argc, char **argv)
     struct verify verify;
     struct umb_error error = {0};
     memset(&verify, 0, sizeof verify);
-    enum umb_status status = verify_parse(argc, argv, &verify, &error);
-    if (status == UMB_OK && verify.help) {
-        fputs(help, stdout);
-        return 0;
+    struct umbu_parsed parsed;
+    verify.light = UINT64_MAX;
+    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &verify);
+    if (code >= 0) {
+        return code;
     }
+    enum umb_status status = options_check(&verify, &error);
     if (status == UMB_OK) {
         status = inputs_open(&verify, &error);
     }

@@ -19,7 +19,7 @@ $(BUILD)/interop/%.o: %.c | $(BUILD)/gen/interop_test.pb-c.h $(PROTO_GEN_C)
 	$(call say,CC,$@)
 	$(Q)$(CC) $(CFLAGS_ALL) $(INC_server) -I$(INTEROP) -DUMBRAGE_TEST_SERVICE -c $< -o $@
 
-$(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(BUILD)/interop/interop_test.pb-c.o $(NET_OBJ) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
+$(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(BUILD)/interop/interop_test.pb-c.o $(NET_OBJ) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 

@@ -18,7 +18,7 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*["<]([^">]+)[">]', re.MULTILIN
 
 CORE = ["client/include", "client/core"]
 TOOL = [*CORE, "client/tool"]
-SHARED_BY_COMMANDS = [f"client/cli/cli_{name}.h" for name in ("common", "json", "output", "points", "session")]
+SHARED_BY_COMMANDS = [f"client/cli/cli_{name}.h" for name in ("common", "json", "output", "points")]
 # A part, and the parts, folders or single headers that it may include.
 PARTS = {
     "client/include": [],
@@ -62,7 +62,7 @@ LIBRARIES = {
 FLOORS = {
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/* deep/*"],
     "server/bake": [
-        "progress interrupt option_text print_text build/slice_pool",
+        "progress interrupt print_text build/slice_pool",
         "sandbox/*",
         "import/*",
         "bake_options effect_options light_options",

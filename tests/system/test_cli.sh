@@ -164,7 +164,7 @@ check "  and what is said of them is talk" test -s err -a ! -e -
 try 0 umbrage points city.glb -o ./- --count 10 -q
 check "  ./- is a file" cmp -- ./- few.f32
 try 2 umbrage points city.glb -o - --count 10 --json
-one_sentence "-o - and --json"
+one_sentence "--json: does not go with --output -"
 "$BUILD/umbrage" points city.glb -o - --count 10 -q >/dev/full 2>err
 same "points to a full stdout end with 74" 74 $?
 

@@ -167,23 +167,23 @@ with test.check("what cannot be derived is refused in words"):
     said = derive(store + "/city-closed.umb", code=69)
     assert "umbrage: light 0 was baked under the closed rule" in said and "front=on" in said, said
     for options, words, code in (
-            (["--size", "0"], "sides are 1..16384", 2), (["--size", "8y8"], "--size '8y8'", 2),
+            (["--size", "0"], "sides from 1 to 16384", 2), (["--size", "8y8"], "--size: '8y8'", 2),
             (["--size", "12", "--technique", "vsm", "--mips"], "12", 2),
-            (["--technique", "pcf"], "--technique 'pcf'", 2), (["--mips"], "--mips", 2),
-            (["--technique", "esm", "--format", "u16"], "--format u16 is not of esm", 2),
-            (["--format", "f16"], "--format f16 is not of depth", 2),
-            (["--technique", "vsm", "--exponent", "5"], "--exponent is of esm and evsm", 2),
-            (["--technique", "esm", "--negative-exponent", "5"], "--negative-exponent is of evsm", 2),
-            (["--technique", "evsm", "--depth-plane"], "--depth-plane is of vsm", 2),
-            (["--moment-bias", "0"], "--moment-bias is of msm", 2),
-            (["--up", "x"], "--up is of --camera", 2), (["--weight", "3"], "--weight is of --camera", 2),
-            (["--fit", "scene"], "--fit is of --camera", 2), (["--near", "1"], "--near is of --camera", 2),
-            (["--aspect", "1"], "--aspect is of --camera", 2),
-            (["--size", "100000"], "sides are 1..16384", 2),
+            (["--technique", "pcf"], "--technique: 'pcf'", 2), (["--mips"], "--mips", 2),
+            (["--technique", "esm", "--format", "u16"], "--format: f16 is of esm and evsm", 2),
+            (["--format", "f16"], "--format: f16 is of esm and evsm", 2),
+            (["--technique", "vsm", "--exponent", "5"], "--exponent: needs --technique esm or evsm", 2),
+            (["--technique", "esm", "--negative-exponent", "5"], "--negative-exponent: needs --technique evsm", 2),
+            (["--technique", "evsm", "--depth-plane"], "--depth-plane: needs --technique vsm", 2),
+            (["--moment-bias", "0"], "--moment-bias: needs --technique msm", 2),
+            (["--up", "z"], "--up: needs --camera", 2), (["--weight", "3"], "--weight: needs --camera", 2),
+            (["--fit", "scene"], "--fit: needs --camera", 2), (["--near", "1"], "--near: needs --camera", 2),
+            (["--aspect", "1"], "--aspect: needs --camera", 2),
+            (["--size", "100000"], "sides from 1 to 16384", 2),
             (["--technique", "esm", "--exponent", "1000"], "exponent", 2),
-            (["--rect", "1,2,3"], "--rect '1,2,3'", 2), (["--rect", "5,5,5,9"], "rect", 2),
+            (["--rect", "1,2,3"], "--rect: '1,2,3'", 2), (["--rect", "5,5,5,9"], "rect", 2),
             (["--light", "7"], "light 7", 66), (["--cascades", "2"], "--camera", 2),
-            (["--cascades", "9", "--camera", "x"], "--cascades '9'", 2),
+            (["--cascades", "9", "--camera", "x"], "--cascades: '9'", 2),
             (["--cascades", "2", "--camera", "eye=0,0,0,target=0,9,0,far=9"], "up axis", 2)):
         said = derive(asset, *options, code=code)
         assert words in said, (options, said)

@@ -30,18 +30,16 @@ grep '^| `/' "$protocol" | cut -d'|' -f2 | grep -oE '/[A-Za-z0-9_./]+' | grep -v
 all_in "every RPC is in docs/reference/protocol.md" "$folder/rpcs" "$folder/rpcs.told"
 all_in "every RPC in docs/reference/protocol.md exists" "$folder/rpcs.told" "$folder/rpcs"
 
-try 0 umbraged --help
-cp "$folder/out" "$folder/help"
-grep -oE '^  --[a-z-]+' "$folder/help" | tr -d ' ' | sort -u >"$folder/options"
-[ "$(wc -l <"$folder/options")" -gt 15 ] || bad "the help lists options" "$(cat "$folder/options")"
-printf '%s\n' --help >>"$folder/options"
-sort -u -o "$folder/options" "$folder/options"
+try 0 umbraged --print-options
+cp "$folder/out" "$folder/rows"
+cut -f 2 "$folder/rows" | sort -u >"$folder/options"
+[ "$(wc -l <"$folder/options")" -gt 15 ] || bad "umbraged lists its options" "$(cat "$folder/options")"
 
 # A line of usage names no option of another program; those of umbrage-bake, umbrage, podman and skopeo are
 # told by their program, podman's on several lines.
 sed -E -e ':a' -e '/^podman.*\\$/{N;s/\\\n//;ba' -e '}' -e 's/(umbrage(-bake)?|podman|skopeo) [^`]*//g' "$operations" "$protocol" >"$folder/docs"
 names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
-all_in "every option of --help is in operations.md or protocol.md" "$folder/options" "$folder/told"
+all_in "every option of umbraged is in operations.md or protocol.md" "$folder/options" "$folder/told"
 "$BUILD/umbrage-bake" --help | grep -oE -- '--[a-z][a-z-]+' | sort -u - "$folder/options" >"$folder/known"
 all_in "every option in the two pages is in --help, there or of umbrage-bake" "$folder/told" "$folder/known"
 names '^\| `--[a-z-]+[^|]*' "$operations" | grep -oE -- '--[a-z-]+' | sort -u >"$folder/table"
@@ -49,13 +47,11 @@ printf '%s\n' --check --check-config --help --print-config --version | sort >"$f
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
 all_in "every option has a row in the table of operations.md" "$folder/options" "$folder/listed"
 
-# What a job may be told (the table of server/jobs/bundle.c) is what umbrage submit says and
-# docs/reference/protocol.md.
-sed -n 's/^ *{"[a-z]/&/p' "$root/server/jobs/bundle.c" | grep -oE '\{"[a-z-]+", [01]\}' | cut -d'"' -f2 | sort -u >"$folder/bake.options"
+# What a job may be told (client/tool/bake_settings.c) is in docs/reference/protocol.md, and umbrage-bake has it.
+"$BUILD/umbrage" submit --help | sed -n '/^bake options:/,/^the daemon:/p' | grep -oE '^  --[a-z-]+' | sed 's/ *--//' | sort -u >"$folder/bake.options"
 [ "$(wc -l <"$folder/bake.options")" -gt 10 ] || bad "jobs take bake options" "$(cat "$folder/bake.options")"
-"$BUILD/umbrage" submit --help | sed -n '/^Bake options/,/^options:/p' | grep -oE -- '--[a-z-]+' | sed 's/--//' | sort -u >"$folder/submit.options"
-all_in "umbrage submit --help names every bake option that a job takes" "$folder/bake.options" "$folder/submit.options"
-all_in "and no other" "$folder/submit.options" "$folder/bake.options"
+"$BUILD/umbrage-bake" --print-options | cut -f 2 | sed 's/^--//' | sort -u >"$folder/all.options"
+all_in "umbrage-bake has every bake option that a job takes" "$folder/bake.options" "$folder/all.options"
 names '`[a-z-]+`' "$protocol" | tr -d '`' | sort -u >"$folder/protocol.words"
 all_in "docs/reference/protocol.md names them, too" "$folder/bake.options" "$folder/protocol.words"
 
@@ -78,13 +74,13 @@ same "links lead somewhere; lines and pages are short" "" "$(cat "$folder/pages"
 # The API index has every public function.
 same "the API index is that of the headers" "" "$(/usr/bin/python3 "$root/tests/harness/api_index.py")"
 
-# Defaults: the table writes "64 MiB", the help "64MiB"; a row may have several options.
-/usr/bin/python3 - "$folder/help" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
+# Defaults: the page writes "64 MiB", the program "64MiB"; a row of the page may have several options.
+/usr/bin/python3 - "$folder/rows" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
 import re
 import sys
 
 with open(sys.argv[1], encoding="utf-8") as file:
-    found = re.findall(r"^  (--[a-z-]+).*default:? ([^\s;]+(?: a core)?)", file.read(), re.M)
+    found = [(row[1], row[6]) for row in (line.rstrip("\n").split("\t") for line in file) if row[6]]
 with open(sys.argv[2], encoding="utf-8") as file:
     rows = [[cell.strip() for cell in line.strip("|\n").split("|")]
             for line in file if line.startswith("| `--")]
@@ -93,14 +89,14 @@ for row in rows:
     options = re.findall(r"--[a-z-]+", row[0])
     values = re.split(r", ", row[1])
     for i, option in enumerate(options):
-        table[option] = values[min(i, len(values) - 1)].strip("` ").replace(" min", "m")
+        table[option] = values[min(i, len(values) - 1)].replace("`", "").strip().replace(" min", "m")
 assert len(found) > 10, found
 for option, value in found:
     told = table.get(option, "nothing")
     if told.replace(" ", "") != value.replace(" ", ""):
-        print(f"{option}: the help says {value}, the page {told}")
+        print(f"{option}: the program says {value}, the page {told}")
 EOF
-same "the defaults in operations.md are those of --help" "" "$(cat "$folder/defaults")"
+same "the defaults in operations.md are those of umbraged" "" "$(cat "$folder/defaults")"
 
 mkdir "$folder/store"
 "$BUILD/umbraged" --store "$folder/store" --jobs "$folder/jobs" --listen "unix:$folder/socket" --admin 127.0.0.1:0 \

@@ -218,7 +218,7 @@ with test.check("hostile scenes are failed jobs with a reason, in bounded time")
 with test.check("a setting that the bake refuses is a failed job that says so"):
     status = client.finished_job(client.submit({"a.glb": scene}, "a.glb", WHO["ann"],
                                                resolution=1000).job, WHO["ann"])
-    assert status.failure == B.FAILURE_REJECTED and "resolution" in status.cause, status
+    assert status.failure == B.FAILURE_REJECTED and "--resolution: '1000'" in status.cause, status
 
 
 def submit_held(**settings):

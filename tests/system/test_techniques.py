@@ -153,7 +153,7 @@ with test.check("pictures go to stdout for -o -, and what is said of them is tal
             assert done.stdout == png.read(), words
         assert scene.encode() in done.stderr, done.stderr
         done = ut.run("umbrage-study", *words, "-o", "-", "--json", code=2)
-        assert b"-o - and --json" in done.stderr and not done.stdout, done
+        assert b"--json: does not go with --output -" in done.stderr and not done.stdout, done
         with open("/dev/full", "wb") as full:
             done = subprocess.run([ut.program("umbrage-study"), *words, "-o", "-", "--quiet"], stdout=full, check=False)
         assert done.returncode == 74, done

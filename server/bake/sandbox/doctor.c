@@ -13,38 +13,42 @@
 
 #include "common/json_text.h"
 #include "tool/exit_code.h"
+#include "tool/options.h"
 
 #define EXIT_UNAVAILABLE 69
 #define FORBID_MAX       16
 
 static const char *const verdicts[] = {"ALLOWED", "refused", "killed", "UNCLEAR"};
 
-static const char help[] =
-    "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...\n"
-    "                                    check the sandboxes of importer and bake, and this "
-    "machine\n"
-    "\n"
-    "Tries the actions of a hostile scene, each in a separate sandboxed process and a temporary\n"
-    "folder, and prints the level of each sandbox. `full`: every layer; `reduced`: namespaces or\n"
-    "Landlock are missing, and the importer's filter still denies every action; `exempt`: a\n"
-    "sanitizer build. Actions on paths run once more with Landlock alone, so that no other layer\n"
-    "hides a gap.\n"
-    "\n"
-    "  --forbid FILE    also try to read this file in the bake's sandbox, up to 16 times: tokens,\n"
-    "                   jobs.db, another owner's bundle\n"
-    "  --json           print one JSON object\n"
-    "  -q, --quiet      print nothing; see the exit code\n"
-    "\n"
-    "Exit codes: 0 every action is denied and a bake works (or the build is exempt), 1 an action "
-    "is\n"
-    "allowed or a bake does not work, 2 usage, 69 a required layer is missing: the importer's\n"
-    "filter, or a layer of the bake's sandbox that jobs need (umbraged --job-sandbox), 73 no\n"
-    "temporary folder.\n";
-
 struct request {
     int json, quiet;
-    const char *forbid[FORBID_MAX];
-    size_t forbid_count;
+    const char *forbid[FORBID_MAX + 1]; /* NULL behind the last */
+};
+#define AT(field) UMBU_AT(struct request, field)
+
+static const struct umbu_option OPTIONS[] = {
+    {"forbid", "FILE",
+     "also try to read this file in the bake's sandbox, up to 16 times: tokens, jobs.db, another "
+     "owner's bundle",
+     UMBU_LIST(FORBID_MAX), AT(forbid)},
+    {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json), .excludes = "quiet"},
+    {"quiet", NULL, "print nothing; see the exit code", UMBU_FLAG, AT(quiet), .letter = 'q'},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage-bake doctor",
+    .usage = "umbrage-bake doctor [--json | --quiet] [--forbid FILE]...",
+    .summary = "Checks the sandboxes of importer and bake, and this machine. Tries the actions\n"
+               "of a hostile scene, each in a separate sandboxed process and a temporary folder,\n"
+               "and prints the level of each sandbox. `full`: every layer; `reduced`: namespaces\n"
+               "or Landlock are missing, and the importer's filter still denies every action;\n"
+               "`exempt`: a sanitizer build. Actions on paths run once more with Landlock alone,\n"
+               "so that no other layer hides a gap.",
+    .notes = "Exit codes: 0 every action is denied and a bake works (or the build is exempt),\n"
+             "1 an action is allowed or a bake does not work, 2 usage, 69 a required layer is\n"
+             "missing: the importer's filter, or a layer of the bake's sandbox that jobs need\n"
+             "(umbraged --job-sandbox), 73 no temporary folder.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
 static int has_avx2(void)
@@ -152,10 +156,10 @@ static unsigned try_series(const struct series *series, const struct umbb_ground
 static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground)
 {
     unsigned allowed = 0;
-    printf(request->json               ? "\"forbidden\":{"
-           : request->forbid_count > 0 ? "bake, files of --forbid\n"
-                                       : "");
-    for (size_t i = 0; i < request->forbid_count; i++) {
+    printf(request->json                ? "\"forbidden\":{"
+           : request->forbid[0] != NULL ? "bake, files of --forbid\n"
+                                        : "");
+    for (size_t i = 0; request->forbid[i] != NULL; i++) {
         umbb_bake_acts_forbid(request->forbid[i]);
         const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
         allowed += verdict != UMBB_ACT_REFUSED;
@@ -227,39 +231,14 @@ static int examine(const struct request *request, const struct umbb_ground *grou
     return fflush(stdout) != 0 ? 74 : code;
 }
 
-/* Out: 0, or the exit code. */
-static int read_request(int argc, char **argv, struct request *request)
-{
-    for (int i = 2; i < argc; i++) {
-        if (strcmp(argv[i], "--json") == 0) {
-            request->json = 1;
-        } else if (strcmp(argv[i], "--quiet") == 0 || strcmp(argv[i], "-q") == 0) {
-            request->quiet = 1;
-        } else if (strcmp(argv[i], "--forbid") == 0 && i + 1 < argc &&
-                   request->forbid_count < FORBID_MAX) {
-            request->forbid[request->forbid_count++] = argv[++i];
-        } else {
-            fprintf(stderr, "umbrage-bake doctor: '%.64s' is not an option; see --help\n", argv[i]);
-            return 2;
-        }
-    }
-    if (request->json && request->quiet) {
-        fprintf(stderr, "umbrage-bake doctor: --quiet: give it or --json\n");
-        return 2;
-    }
-    return 0;
-}
-
 int umbb_doctor(int argc, char **argv)
 {
     struct request request = {.json = 0};
     struct umbb_ground ground;
     struct umb_error error;
-    if (argc == 3 && (strcmp(argv[2], "--help") == 0 || strcmp(argv[2], "-h") == 0)) {
-        return fputs(help, stdout) < 0 || fflush(stdout) != 0;
-    }
-    int code = read_request(argc, argv, &request);
-    if (code != 0) {
+    struct umbu_parsed parsed;
+    int code = umbu_start(&parsed, &COMMAND, argc - 1, argv + 1, &request);
+    if (code >= 0) {
         return code;
     }
     if (request.quiet && freopen("/dev/null", "w", stdout) == NULL) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Command lines: options from a table, and those of `umbrage query`. Usage errors go to stderr. */
+/* The options of `umbrage query`. Usage errors go to stderr. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -39,85 +39,6 @@ static struct line *split(const char *text)
     return &line;
 }
 
-static const struct umbc_option options[] = {
-    {"output", "FILE", "where to", 'o'},
-    {"json", NULL, "one object", 0},
-    {"quiet", NULL, "less talk", 'q'},
-};
-static const struct umbc_command command = {.usage = "thing FILE",
-                                            .summary = "Does.",
-                                            .options = options,
-                                            .option_count = 3,
-                                            .min_words = 1,
-                                            .max_words = 2};
-
-static int parse(const char *text, struct umbc_parsed *parsed)
-{
-    struct line *line = split(text);
-    return umbc_parse(&command, line->count, line->words, parsed);
-}
-
-static void options_may_stand_anywhere_and_in_any_form(void **state)
-{
-    static const char *const forms[] = {
-        "thing a -o x --json",       "thing -ox a --json",       "thing --output x --json a",
-        "thing --output=x a --json", "thing -o y a --json -o x", "thing --json -o x -- a",
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof forms / sizeof forms[0]; i++) {
-        struct umbc_parsed parsed;
-        assert_int_equal(parse(forms[i], &parsed), -1);
-        assert_string_equal(parsed.values[0], "x");
-        assert_string_equal(parsed.values[1], "");
-        assert_null(parsed.values[2]);
-        assert_int_equal(parsed.word_count, 1);
-        assert_string_equal(parsed.words[0], "a");
-    }
-    struct umbc_parsed parsed;
-    assert_int_equal(parse("thing -o -5 - -- -q", &parsed), -1);
-    assert_string_equal(parsed.values[0], "-5");
-    assert_string_equal(parsed.words[0], "-");
-    assert_string_equal(parsed.words[1], "-q");
-}
-
-static void usage_errors_are_2_and_help_is_0(void **state)
-{
-    static const char *const bad[] = {
-        "thing",      "thing a b c",      "thing a --outpu x", "thing a --outputs x",
-        "thing a -x", "thing a --json=1", "thing a -q1",       "thing a --output",
-        "thing a -o", "thing a ---",      "thing a --=x",
-    };
-    struct umbc_parsed parsed;
-    (void)state;
-    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        assert_int_equal(parse(bad[i], &parsed), 2);
-    }
-    assert_int_equal(parse("thing --help", &parsed), 0);
-    assert_int_equal(parse("thing -h --nonsense", &parsed), 0);
-    assert_int_equal(parse("thing -- --help", &parsed), -1);
-}
-
-static void numbers_are_whole_decimals_or_nothing(void **state)
-{
-    unsigned long long count = 0;
-    double number = 0;
-    static const char *const no_counts[] = {"",   "-1",  "+1",  " 1",
-                                            "1 ", "1.0", "0x1", "18446744073709551616"};
-    static const char *const no_numbers[] = {"",    "nan", "inf", "0x1p3", "1e999",
-                                             "1,5", "1 ",  "e5",  "--1",   "1e"};
-    (void)state;
-    assert_true(umbc_parse_count("18446744073709551615", UINT64_MAX, &count));
-    assert_true(umbc_parse_count("17", 17, &count) && count == 17);
-    assert_false(umbc_parse_count("18", 17, &count));
-    for (size_t i = 0; i < sizeof no_counts / sizeof no_counts[0]; i++) {
-        assert_false(umbc_parse_count(no_counts[i], UINT64_MAX, &count));
-    }
-    assert_true(umbc_parse_number("-2.5e-3", &number) && number == -2.5e-3);
-    for (size_t i = 0; i < sizeof no_numbers / sizeof no_numbers[0]; i++) {
-        assert_false(umbc_parse_number(no_numbers[i], &number));
-    }
-}
-
 static void files_are_told_from_assets(void **state)
 {
     (void)state;
@@ -146,7 +67,7 @@ static void query_options_have_their_defaults(void **state)
     assert_string_equal(parsed.target, "city");
     assert_string_equal(parsed.points, "-");
     assert_string_equal(parsed.out, "-");
-    assert_null(parsed.session[UMBC_SESSION_ADDRESS]);
+    assert_null(parsed.session.address);
     assert_int_equal(parsed.format, UMBC_POINTS_TEXT);
     assert_int_equal(parsed.encoding, UMBC_ENCODING_TEXT);
     assert_int_equal(parsed.settings.format, UMB_ANSWER_F32);
@@ -319,9 +240,6 @@ static void bad_query_options_are_usage_errors(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(options_may_stand_anywhere_and_in_any_form),
-        cmocka_unit_test(usage_errors_are_2_and_help_is_0),
-        cmocka_unit_test(numbers_are_whole_decimals_or_nothing),
         cmocka_unit_test(files_are_told_from_assets),
         cmocka_unit_test(query_options_have_their_defaults),
         cmocka_unit_test(query_options_are_taken),

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "cli/cli_answers.h"
-#include "cli/cli_option_names.h"
+#include "cli/cli_query_options.h"
 
 static char *text; /* of the memory stream */
 static size_t text_size;
@@ -222,7 +222,7 @@ static void errors_name_the_options_that_people_type(void **state)
     for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++) {
         struct umb_error error;
         assert_int_equal(umb_fail(&error, UMB_E_ARGUMENT, "%s", pairs[i][0]), UMB_E_ARGUMENT);
-        umbc_name_options(&error);
+        umbu_name_options(&umbc_query_command, &error);
         assert_string_equal(error.message, pairs[i][1]);
     }
 }

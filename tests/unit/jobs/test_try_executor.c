@@ -282,7 +282,7 @@ static void tiles_are_kept_unless_they_cannot_be(void **state)
     assert_true(wait_for_end(f));
     read_words(f, words);
     assert_non_null(strstr(words, "--cache="));
-    assert_non_null(strstr(words, "--tile=64 --resolution=64 --sun=1,2 ./exit65.obj"));
+    assert_non_null(strstr(words, "--resolution=64 --sun=1,2 --tile=64 ./exit65.obj"));
     for (int i = 0; i < 3; i++) {
         assert_int_equal(start(f, "exit65.obj", without[i]), UMB_OK);
         assert_true(wait_for_end(f));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The study's option values, tone curve and traced reference. */
+/* The study's tone curve and traced reference. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <string.h>
 #include "study/shading.h"
-#include "study/study_args.h"
 #include "study/study_scene.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
@@ -19,104 +18,6 @@ static void near_check(const char *what, double have, double want, double tolera
     if (!(fabs(have - want) <= tolerance)) {
         fail_msg("%s: have %.17g, want %.17g", what, have, want);
     }
-}
-
-static void options_are_read_in_every_spelling(void **state)
-{
-    (void)state;
-    uint64_t points = 0;
-    const char *camera = NULL, *output = NULL, *scene = NULL, *second = NULL;
-    int json = 0;
-    const struct umbt_option table[] = {
-        {"SCENE", UMBT_WORD, &scene, 0, 0},  {"--points", UMBT_COUNT, &points, 1, 100},
-        {"OTHER", UMBT_WORD, &second, 0, 0}, {"--camera", UMBT_TEXT, &camera, 0, 0},
-        {"-o", UMBT_TEXT, &output, 0, 0},    {"--json", UMBT_FLAG, &json, 0, 0},
-    };
-    char *argv[] = {"a.glb", "--points=7", "--camera", "eye=1,2,3", "-o",
-                    "-",     "--json",     "--",       "--b"};
-    struct umb_error error;
-    assert_int_equal(umbt_args_parse(9, argv, table, 6, &error), UMB_OK);
-    assert_int_equal(points, 7);
-    assert_string_equal(camera, "eye=1,2,3");
-    assert_string_equal(output, "-");
-    assert_int_equal(json, 1);
-    assert_string_equal(scene, "a.glb");
-    assert_string_equal(second, "--b");
-}
-
-static void bad_options_are_refused_by_name(void **state)
-{
-    (void)state;
-    static const struct {
-        char *argv[2];
-        int argc;
-        const char *names;
-    } cases[] = {
-        {{"--points", "0"}, 2, "--points: '0' is not a whole number from 1 to 100"},
-        {{"--points", "101"}, 2, "--points: '101'"},
-        {{"--points", "-1"}, 2, "--points: '-1'"},
-        {{"--points", " 1"}, 2, "--points"},
-        {{"--points=1x", NULL}, 1, "'1x'"},
-        {{"--points=99999999999999999999", NULL}, 1, "--points"},
-        {{"--points", NULL}, 1, "--points: needs a value"},
-        {{"--point", "1"}, 2, "'--point' is not known"},
-        {{"--json=1", NULL}, 1, "--json: takes no value"},
-        {{"a", "b"}, 2, "argument 'b'"},
-        {{"--json", NULL}, 1, "SCENE: is needed"},
-    };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        uint64_t points = 50;
-        int json = 0, help = 0;
-        const char *scene = NULL;
-        const struct umbt_option table[] = {
-            {"SCENE", UMBT_WORD, &scene, 0, 0},
-            {"--points", UMBT_COUNT, &points, 1, 100},
-            {"--json", UMBT_FLAG, &json, 0, 0},
-            {"--help", UMBT_FLAG, &help, 0, 0},
-        };
-        struct umb_error error = {0};
-        char *argv[2] = {cases[i].argv[0], cases[i].argv[1]};
-        const enum umb_status status = umbt_args_parse(cases[i].argc, argv, table, 4, &error);
-        if (status != UMB_E_ARGUMENT || strstr(error.message, cases[i].names) == NULL) {
-            fail_msg("case %zu: status %d, message '%s' should hold '%s'", i, (int)status,
-                     error.message, cases[i].names);
-        }
-        assert_int_equal(points, 50);
-        char *asks[] = {"--help"};
-        assert_int_equal(umbt_args_parse(1, asks, table, 4, &error), UMB_OK);
-    }
-}
-
-static void sizes_and_biases_have_limits(void **state)
-{
-    (void)state;
-    uint32_t width = 0, height = 0;
-    struct umb_query_settings settings = {0};
-    int z_up = -1;
-    assert_int_equal(umbt_size_parse("1280x720", &width, &height, NULL), UMB_OK);
-    assert_int_equal(width, 1280);
-    assert_int_equal(height, 720);
-    static const char *const bad_sizes[] = {"",        "1280",        "0x1",   "1x0",
-                                            "16385x1", "16384x16384", "1.5x2", "12x",
-                                            "12x3 ",   "-1x1",        "0x10x5"};
-    for (size_t i = 0; i < sizeof bad_sizes / sizeof bad_sizes[0]; i++) {
-        assert_int_equal(umbt_size_parse(bad_sizes[i], &width, &height, NULL), UMB_E_ARGUMENT);
-    }
-    assert_int_equal(umbt_bias_parse("1.5vox", &settings, NULL), UMB_OK);
-    assert_int_equal(settings.bias_mode, UMB_BIAS_VOXELS);
-    near_check("bias", settings.bias, 1.5, 0.0);
-    assert_int_equal(umbt_bias_parse("0.02m", &settings, NULL), UMB_OK);
-    assert_int_equal(settings.bias_mode, UMB_BIAS_METRES);
-    assert_int_equal(umbt_bias_parse("none", &settings, NULL), UMB_OK);
-    assert_int_equal(settings.bias_mode, UMB_BIAS_NONE);
-    static const char *const bad_biases[] = {"",    "1",   "-1m",  "2000000m",
-                                             "1mm", "vox", "nanm", "0x1m"};
-    for (size_t i = 0; i < sizeof bad_biases / sizeof bad_biases[0]; i++) {
-        assert_int_equal(umbt_bias_parse(bad_biases[i], &settings, NULL), UMB_E_ARGUMENT);
-    }
-    assert_int_equal(umbt_up_parse("z", &z_up, NULL), UMB_OK);
-    assert_int_equal(z_up, 1);
-    assert_int_equal(umbt_up_parse("x", &z_up, NULL), UMB_E_ARGUMENT);
 }
 
 static void tone_curve_rises_and_stays_in_range(void **state)
@@ -280,9 +181,6 @@ static void plans_are_read_line_by_line(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(options_are_read_in_every_spelling),
-        cmocka_unit_test(bad_options_are_refused_by_name),
-        cmocka_unit_test(sizes_and_biases_have_limits),
         cmocka_unit_test(tone_curve_rises_and_stays_in_range),
         cmocka_unit_test(bias_follows_the_documented_formula),
         cmocka_unit_test(window_counts_the_texels_beyond_the_edge),

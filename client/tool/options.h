@@ -1,0 +1,259 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TOOL_OPTIONS_H
+#define UMBRAGE_TOOL_OPTIONS_H
+/*
+ * Options of a program, from one table: the command line, --help, the manual page, the config file
+ * and the shell completions.
+ *
+ *     struct settings {
+ *         const char *scene;
+ *         uint32_t taps;
+ *         bool json;
+ *     };
+ *     #define AT(field) UMBU_AT(struct settings, field)
+ *     static const struct umbu_option OPTIONS[] = {
+ *         {"SCENE", NULL, "the scene", UMBU_TEXT, AT(scene), .needed = true},
+ *         {"taps", "N", "width of the window", UMBU_ODD(1, 17), AT(taps), .standard = "1"},
+ *         {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json)},
+ *     };
+ *     static const struct umbu_command COMMAND = {
+ *         .name = "umbrage look", .usage = "umbrage look SCENE [options]", .summary = "Looks.",
+ *         .sections = {{"options", UMBU_ROWS(OPTIONS)}}};
+ *     int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
+ *
+ * A name in capitals is an argument by its place; every other row is an option. Forms: `--name
+ * VALUE`, `--name=VALUE`, `-o VALUE`, `-oVALUE`, `--switch`; `--` ends the options. The last value
+ * of an option counts, except where its reader collects them. Every command has --help and -h.
+ * A value is stored as the type of its field: UMBU_AT records which that is.
+ *
+ * Threads: pure functions of their arguments. Trust: arguments and config files may hold anything.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include "umbrage/query.h"
+
+#define UMBU_OPTIONS_MAX  128 /* rows of a command, all sections together */
+#define UMBU_SECTIONS_MAX 6
+
+/* How a value is read. */
+enum umbu_kind {
+    UMBU_KIND_FLAG = 0, /* no value; true or false in a config file */
+    UMBU_KIND_TEXT,     /* not empty */
+    UMBU_KIND_COUNT,    /* decimal digits, min to max */
+    UMBU_KIND_ODD,
+    UMBU_KIND_POWER,   /* a power of two */
+    UMBU_KIND_NUMBER,  /* finite, low to high; whole for an int */
+    UMBU_KIND_NUMBERS, /* as many as `count`, with commas */
+    UMBU_KIND_BYTES,   /* with K, KiB, M, MiB, G, GiB, TiB or nothing */
+    UMBU_KIND_TIME,    /* with ms, s, m, or seconds; min to max are milliseconds */
+    UMBU_KIND_CHOICE,  /* a word of `choices`; the field gets its index */
+    UMBU_KIND_SIDES,   /* WxH, each 1 to max */
+    UMBU_KIND_MODE,    /* octal permissions that hold all bits of min */
+    UMBU_KIND_LIST,    /* texts, at most max, one each time; `read` checks one if it is there */
+    UMBU_KIND_READ,    /* by `read` */
+};
+
+/* The type of a field. */
+enum umbu_type {
+    UMBU_TYPE_OTHER = 0,
+    UMBU_TYPE_BOOL,
+    UMBU_TYPE_INT,
+    UMBU_TYPE_UINT,
+    UMBU_TYPE_ULONG,
+    UMBU_TYPE_DOUBLE,
+    UMBU_TYPE_TEXT,
+    UMBU_TYPE_DOUBLES,
+    UMBU_TYPE_UINTS,
+    UMBU_TYPE_TEXTS,
+};
+
+struct umbu_option;
+
+/* Reads one value into its field. Fails: E_ARGUMENT; umbu_refuse says why. */
+typedef enum umb_status (*umbu_read_fn)(const struct umbu_option *option, const char *text,
+                                        void *field, struct umb_error *error);
+
+struct umbu_option {
+    const char *name;  /* Name without dashes; in capitals: an argument by its place */
+    const char *value; /* Name of the value in --help; NULL for a switch, an argument or choices */
+    const char *help;  /* One phrase, without the default and without a full stop */
+    enum umbu_kind kind;
+    enum umbu_type type;
+    size_t at;             /* Offset in bytes of the field in the section's settings */
+    uint64_t min, max;     /* Range of an integer, of bytes or of milliseconds */
+    double low, high;      /* Range of a number; high of UMBU_KIND_SIDES: most pixels, 0 = any */
+    unsigned count;        /* Number of values of UMBU_KIND_NUMBERS */
+    bool above;            /* True if the range leaves out its lower end */
+    bool as_log2;          /* True if the field gets the exponent of the power of two */
+    const char *choices;   /* Words, "text|f32|f64"; an empty one is an index that has no word */
+    const char *unit;      /* Unit that may follow a number, as "deg" */
+    double scale;          /* Factor from the number to the field, 0 = 1 */
+    umbu_read_fn read;     /* Reader of UMBU_KIND_READ, or check of one text of UMBU_KIND_LIST */
+    const char *expects;   /* Words for what `read` takes; refusals put "give " before them */
+    const char *standard;  /* Default value, read like any other; NULL leaves the field at zero */
+    const char *otherwise; /* Default in words, where it is no constant; for --help */
+    const char *needs;     /* Conditions that must hold: "camera|path format=f32|f64" */
+    const char *excludes;  /* Conditions that must not hold, in the same form */
+    const char *fields;    /* Names that errors of the library use: "footprint|footprint_m" */
+    char letter;           /* Short form, 0 = none */
+    bool needed;           /* True if the command cannot do without it */
+    bool alone;            /* True if nothing else is read or checked with it, as --version */
+    bool not_in_file;      /* True if no config file has it */
+    bool may_be_empty;     /* True if an empty text is a value */
+};
+
+/* Place of a value: a field of the section's settings, and its type. */
+#define UMBU_AT(type_, field)                                                                      \
+    .at = offsetof(type_, field),                                                                  \
+    .type = _Generic(((type_ *)0)->field,                                                          \
+        bool: UMBU_TYPE_BOOL,                                                                      \
+        int: UMBU_TYPE_INT,                                                                        \
+        unsigned: UMBU_TYPE_UINT,                                                                  \
+        unsigned long: UMBU_TYPE_ULONG,                                                            \
+        double: UMBU_TYPE_DOUBLE,                                                                  \
+        const char *: UMBU_TYPE_TEXT,                                                              \
+        double *: UMBU_TYPE_DOUBLES,                                                               \
+        unsigned *: UMBU_TYPE_UINTS,                                                               \
+        const char **: UMBU_TYPE_TEXTS,                                                            \
+        default: UMBU_TYPE_OTHER)
+
+#define UMBU_FLAG                  .kind = UMBU_KIND_FLAG
+#define UMBU_TEXT                  .kind = UMBU_KIND_TEXT
+#define UMBU_COUNT(low_, high_)    .kind = UMBU_KIND_COUNT, .min = (low_), .max = (high_)
+#define UMBU_ODD(low_, high_)      .kind = UMBU_KIND_ODD, .min = (low_), .max = (high_)
+#define UMBU_POWER(low_, high_)    .kind = UMBU_KIND_POWER, .min = (low_), .max = (high_)
+#define UMBU_LOG2(low_, high_)     UMBU_POWER(low_, high_), .as_log2 = true
+#define UMBU_NUMBER(low_, high_)   .kind = UMBU_KIND_NUMBER, .low = (low_), .high = (high_)
+#define UMBU_ABOVE(low_, high_)    UMBU_NUMBER(low_, high_), .above = true
+#define UMBU_NUMBERS(count_)       .kind = UMBU_KIND_NUMBERS, .count = (count_)
+#define UMBU_BYTES(low_, high_)    .kind = UMBU_KIND_BYTES, .min = (low_), .max = (high_)
+#define UMBU_TIME(low_ms, high_ms) .kind = UMBU_KIND_TIME, .min = (low_ms), .max = (high_ms)
+#define UMBU_CHOICE(words)         .kind = UMBU_KIND_CHOICE, .choices = (words)
+#define UMBU_SIDES(limit_)         .kind = UMBU_KIND_SIDES, .max = (limit_)
+#define UMBU_MODE(least, most)     .kind = UMBU_KIND_MODE, .min = (least), .max = (most)
+#define UMBU_LIST(most)            .kind = UMBU_KIND_LIST, .max = (most)
+#define UMBU_READ(function, expects_)                                                              \
+    .kind = UMBU_KIND_READ, .read = (function), .expects = (expects_)
+
+/* Rows that most commands have, for fields `json` and `quiet`; braces and more fields around them.
+ */
+#define UMBU_JSON_ROW(type_) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type_, json)
+#define UMBU_QUIET_ROW(type_, help_)                                                               \
+    "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
+
+/* Rows that stand together in --help. */
+struct umbu_section {
+    const char *title;
+    const struct umbu_option *options;
+    size_t count;
+    size_t at; /* Offset in bytes of the section's settings in those of the command */
+};
+#define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0], 0
+
+struct umbu_command {
+    const char *name;                                /* As messages begin: "umbrage query" */
+    const char *usage;                               /* Lines behind "usage: " */
+    const char *summary;                             /* Lines */
+    const char *notes;                               /* Lines after the options, or NULL */
+    struct umbu_section sections[UMBU_SECTIONS_MAX]; /* To the first without options */
+};
+
+struct umbu_parsed {
+    const struct umbu_command *command;
+    void *settings;
+    const struct umbu_option *alone;       /* Option with `alone` that was given, or NULL */
+    bool help;                             /* --help was given */
+    unsigned char source;                  /* Number of the source that is being read */
+    unsigned char given[UMBU_OPTIONS_MAX]; /* Number of the row's last source, 0 = not given */
+};
+
+/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings.
+ * Aborts if the table is wrong: a field that its kind does not fit, a standard value out of range.
+ */
+void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings);
+
+/*
+ * Reads argv[1] to argv[argc - 1]; texts are borrowed from there. A list that an earlier source
+ * gave is replaced. Fails: E_ARGUMENT naming the option, the value and what to give instead.
+ */
+UMB_CHECKED enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int argc, char **argv,
+                                                struct umb_error *error);
+
+/* Reads one setting of a config file; value is borrowed. Fails: E_ARGUMENT, also for a setting that
+ * is no list and was given before by this source. */
+UMB_CHECKED enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name,
+                                              const char *value, struct umb_error *error);
+
+/* Checks `needed`, `needs` and `excludes`. With help or alone everything is allowed. */
+UMB_CHECKED enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *error);
+
+/* umbu_begin, umbu_take_arguments, umbu_check. */
+UMB_CHECKED enum umb_status umbu_parse(struct umbu_parsed *parsed,
+                                       const struct umbu_command *command, int argc, char **argv,
+                                       void *settings, struct umb_error *error);
+
+/* The same for a command: prints the help or, with `--print-options` alone, the rows on stdout, and
+ * "NAME: message" of a failure on stderr. Returns -1 to go on, else the exit code. */
+int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, int argc,
+               char **argv, void *settings);
+
+/* True if an option or argument was given. name: of a row, else the program aborts. */
+bool umbu_given(const struct umbu_parsed *parsed, const char *name);
+
+/* Fails with E_ARGUMENT: option, value, and what to give instead. For readers. */
+enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
+                            struct umb_error *error);
+
+/* A reader: "auto", "none", "1.5vox" or "0.02m" into a struct umb_query_settings. */
+enum umb_status umbu_read_bias(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error);
+#define UMBU_BIAS                                                                                  \
+    UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
+
+/* Reads decimal digits at *text and moves *text behind them; false for none, or too many. */
+bool umbu_read_count(const char **text, uint64_t *value);
+
+/* Reads a finite decimal number at *text and moves *text behind it; false if there is none. */
+bool umbu_read_number(const char **text, double *value);
+
+/* Reads numbers with commas between them, to the end of text. */
+bool umbu_read_numbers(const char *text, size_t count, double *values);
+
+/* The usage, every option wrapped at 80 columns, and the notes. */
+void umbu_print_help(const struct umbu_command *command, FILE *out);
+
+/* Every setting that a config file may have, as one that would be read back the same. line_max:
+ * longest line in bytes that the file's reader takes. */
+void umbu_print_settings(const struct umbu_command *command, const void *settings, size_t line_max,
+                         FILE *out);
+
+/*
+ * A line for each option: command, option, letter, value, kind, choices, default, whether a config
+ * file has it, help; a tab between them. Completions, manual pages and tests are made of these.
+ */
+void umbu_print_rows(const struct umbu_command *command, FILE *out);
+
+/* Puts "--option" in place of the fields of the library that a message begins with. */
+void umbu_name_options(const struct umbu_command *command, struct umb_error *error);
+
+/* --- for the files of this folder --- */
+
+/* Reads a value into its field. */
+enum umb_status umbu_read_value(const struct umbu_option *option, const char *text, void *field,
+                                struct umb_error *error);
+
+/* True for an argument by its place. */
+bool umbu_is_word(const struct umbu_option *option);
+
+/* Word number `index` of "a|b|c" as a length, and where it begins; 0 behind the last. */
+size_t umbu_choice(const char *choices, size_t index, const char **word);
+
+/* Integer in a field of any integer type. */
+uint64_t umbu_get_integer(const struct umbu_option *option, const void *field);
+
+/* "a whole number from 1 to 9": what an option takes. */
+void umbu_expects(const struct umbu_option *option, char *text, size_t size);
+
+#endif

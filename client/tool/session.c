@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Options that lead to the daemon, see session.h. */
+#include "tool/session.h"
+
+#include <stdlib.h>
+
+#define AT(field) UMBU_AT(struct umbu_session, field)
+
+const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT] = {
+    {"address", "ADDRESS",
+     "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH, or several with commas: replicas", UMBU_TEXT,
+     AT(address), .may_be_empty = true, .otherwise = "UMBRAGE_ADDRESS, else " UMBU_DEFAULT_ADDRESS},
+    {"tls-ca", "FILE", "authorities that sign its certificate", UMBU_TEXT, AT(options.ca_file),
+     .otherwise = "the system's"},
+    {"tls-cert", "FILE", "our certificate chain, where it asks for one", UMBU_TEXT,
+     AT(options.certificate_file)},
+    {"tls-key", "FILE", "its key, if that is not in --tls-cert's file", UMBU_TEXT,
+     AT(options.key_file)},
+    {"tls-name", "NAME", "name in its certificate, if it is not HOST", UMBU_TEXT,
+     AT(options.server_name)},
+    {"token-file", "FILE", "a file with the token alone", UMBU_TEXT, AT(options.token_file),
+     .otherwise = "UMBRAGE_TOKEN"},
+};
+
+/* A variable of the environment; NULL if it is empty. */
+static const char *variable(const char *name)
+{
+    const char *value = getenv(name);
+    return value != NULL && value[0] != '\0' ? value : NULL;
+}
+
+void umbu_session_complete(struct umbu_session *session)
+{
+    if (session->address == NULL) {
+        session->address = variable("UMBRAGE_ADDRESS");
+    }
+    if (session->address == NULL || session->address[0] == '\0') {
+        session->address = UMBU_DEFAULT_ADDRESS;
+    }
+    if (session->options.token_file == NULL) {
+        session->options.token = variable("UMBRAGE_TOKEN");
+    }
+}
+
+enum umb_status umbu_connect(const struct umbu_session *session, struct umb_client **client,
+                             struct umb_error *error)
+{
+    struct umbu_session complete = *session;
+    umbu_session_complete(&complete);
+    return umb_client_open(complete.address, &complete.options, client, error);
+}

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_TOOL_SESSION_H
+#define UMBRAGE_TOOL_SESSION_H
+/*
+ * How a command reaches the daemon: the options that all such commands have.
+ *
+ *     struct settings { ...; struct umbu_session session; };
+ *     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct settings, session)}
+ *     umbu_connect(&settings.session, &client, &error);
+ *
+ * The address is --address, else UMBRAGE_ADDRESS, else UMBU_DEFAULT_ADDRESS; the token is the
+ * content of --token-file, else UMBRAGE_TOKEN, else none. No argument holds a token: `ps` shows
+ * arguments.
+ */
+#include "tool/options.h"
+#include "umbrage/client.h"
+
+#define UMBU_DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
+
+/* What the options and the environment say; borrowed from both. */
+struct umbu_session {
+    const char *address;               /* NULL or empty: not given */
+    struct umb_client_options options; /* Those of tls: and the token; a command may set others */
+};
+
+#define UMBU_SESSION_COUNT 6
+extern const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT];
+
+/* The section of a command whose settings have a session as `field`. */
+#define UMBU_SESSION(type, field)                                                                  \
+    {                                                                                              \
+        "the daemon", UMBU_SESSION_OPTIONS, UMBU_SESSION_COUNT, offsetof(type, field)              \
+    }
+
+/* Row of --stall-timeout, for commands that send or fetch files. type: of their settings. */
+#define UMBU_STALL_ROW(type)                                                                       \
+    {                                                                                              \
+        "stall-timeout", "TIME", "give up on a server that sends or takes nothing",                \
+            UMBU_TIME(1000, 86400000), UMBU_AT(type, session.options.stall_timeout_ms),            \
+            .otherwise = "120s"                                                                    \
+    }
+
+/* Fills in address and token from the environment, where no option gave them. */
+void umbu_session_complete(struct umbu_session *session);
+
+/* The same of a copy, then umb_client_open. */
+UMB_CHECKED enum umb_status umbu_connect(const struct umbu_session *session,
+                                         struct umb_client **client, struct umb_error *error);
+
+#endif
