@@ -7,7 +7,7 @@
 #include "format/receiver_mask.h"
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
-#define CORNER_BYTES  75U                  /* of a triangle during the bake */
+#define CORNER_BYTES  75U                  /* bytes of a triangle during the bake */
 /* Of a triangle's projections: few are cut, and the array grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
@@ -17,7 +17,7 @@
 #define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* layers of a thread */
 #define RECEIVER_MASK_BYTES                                                                        \
     ((uint64_t)UMB__RECEIVER_MASK_WORDS * 8) /* of a frustum under the static rule */
-#define GRID_CELL  80U                       /* of a tile: column, runs, bounds, bins */
+#define GRID_CELL  80U                       /* bytes of a tile: column, runs, bounds, bins */
 #define OCTREE_MIN ((uint64_t)1 << 20)       /* the smallest octree worth starting with */
 
 /* Everything that depends on the tile size, except the octree. */

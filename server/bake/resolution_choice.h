@@ -13,8 +13,8 @@
 #include "bake/memory_plan.h"
 
 struct umbb_forecast {
-    double bound_m;                    /* at one tap, the largest of all frusta */
-    double seconds;                    /* of baking and packing, on this machine; 0: no forecast */
+    double bound_m; /* at one tap, the largest of all frusta */
+    double seconds; /* time of baking and packing, on this machine; 0: no forecast */
     double packed_bytes, octree_bytes; /* 0: no forecast */
     uint32_t small_log2;               /* size of the larger small bake */
 };

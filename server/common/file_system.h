@@ -7,7 +7,7 @@
  */
 
 enum umbs_reach {
-    UMBS_REACH_LOCAL,   /* of this machine alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
+    UMBS_REACH_LOCAL,   /* this machine alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
     UMBS_REACH_UNKNOWN, /* overlay and every file system not listed */
     UMBS_REACH_NETWORK, /* shared with other machines: NFS, SMB, Lustre, Ceph, FUSE, 9p, GPFS */
 };

@@ -16,7 +16,7 @@
 
 #include <string.h>
 
-#define WINDOW_BYTES         (64 * 1024 * 1024) /* of the connection */
+#define WINDOW_BYTES         (64 * 1024 * 1024) /* window of the connection */
 #define STREAM_WINDOW_BYTES  (16 * 1024 * 1024)
 #define FRAME_BYTES          (1024 * 1024)
 #define HEADER_FRAME_BYTES   32768 /* encoded; decoded lists have UMBD_HEADER_BYTES_MAX at most */

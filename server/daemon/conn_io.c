@@ -12,7 +12,7 @@
 #include "daemon/conn_tls.h"
 
 #define IN_PLACE_BYTES (64 << 10) /* pieces of at least this size are read in place */
-#define FLUSH_BYTES    (1 << 20)  /* of one flush, then other connections have their turn */
+#define FLUSH_BYTES    (1 << 20)  /* bytes of one flush, then other connections have their turn */
 #define SMALL_BYTES    (8 << 10)  /* read at once from a connection whose turn was too long */
 
 /* One write under way; the block follows. */

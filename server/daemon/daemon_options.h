@@ -45,16 +45,16 @@ struct umbd_options {
     uint64_t max_points;        /* a batch */
     uint64_t max_message;       /* bytes */
     uint64_t max_buffer;        /* bytes of requests and replies held, process */
-    uint64_t connection_buffer; /* the same, one connection */
+    uint64_t connection_buffer; /* bytes of requests and replies held, one connection */
     uint64_t drain_delay_ms, drain_timeout_ms;
     uint64_t scrub_interval_ms; /* 0 = never */
-    uint64_t max_age_ms;        /* of a connection, 0 = no limit */
+    uint64_t max_age_ms;        /* longest life of a connection, 0 = no limit */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
     const char *jobs;                   /* folder of the job service, or NULL */
     const char *jobs_db;                /* file of the job table, NULL = in the folder */
     const char *bake_program;           /* umbrage-bake, NULL = beside this program */
     uint32_t bake_workers;              /* bakes at once */
-    uint32_t bake_threads;              /* of one */
+    uint32_t bake_threads;              /* threads of one bake */
     const char *job_sandbox;            /* required, available, off: of umbrage-bake */
     const char *executor;               /* local, slurm */
     uint64_t executor_interval_ms;      /* between questions to slurm */
@@ -65,10 +65,10 @@ struct umbd_options {
     uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */
     uint64_t bake_memory;               /* bytes, of one bake */
     uint64_t max_bundle, max_asset;     /* bytes */
-    uint64_t owner_bytes, job_bytes;    /* of unfinished jobs' bundles: one owner's, all */
+    uint64_t owner_bytes, job_bytes;    /* bytes of unfinished jobs' bundles: one owner's, all */
     uint64_t owner_assets;              /* Bytes of one owner's assets */
-    uint64_t job_time_ms, job_lease_ms; /* of one try */
-    uint64_t job_keep_ms;               /* of jobs that are over */
+    uint64_t job_time_ms, job_lease_ms; /* time limit and lease of one try */
+    uint64_t job_keep_ms;               /* time for which finished jobs are kept */
     enum umb_log_level log_level;
     enum umbs_log_format log_format;
     const char *config;                                  /* file or NULL */

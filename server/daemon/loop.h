@@ -24,7 +24,7 @@
 /* Time for small batches in one wake-up; later ones go to the pool. */
 #define UMBD_INLINE_NS    4000000
 #define UMBD_TURN_NS      1000000 /* part of it for one connection */
-#define UMBD_CONN_BUCKETS 1024    /* of the table by serial; a power of 2 */
+#define UMBD_CONN_BUCKETS 1024    /* buckets of the table by serial; a power of 2 */
 
 struct umbd_conn;
 struct umbd_listener;
@@ -42,7 +42,7 @@ enum umbd_drain {
 struct umbd_loop {
     uv_loop_t uv;
     struct umbd_daemon *daemon;
-    struct umbs_reader *reader; /* of the store: how calls find assets without a lock */
+    struct umbs_reader *reader; /* reader of the store: calls find assets without a lock */
     uv_async_t wake;
     uv_timer_t tick;
     uv_signal_t terminate, interrupt, hangup;

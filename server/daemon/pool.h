@@ -99,7 +99,7 @@ struct umbd_batch {
     int begun, linked;
     struct umbd_batch *ring_next, *ring_previous; /* heads of lanes */
     struct umbd_batch *follower, *last_follower;  /* later batches of the lane */
-    size_t lane_count; /* of a head: number of batches in its lane, itself too */
+    size_t lane_count; /* set in a head: number of batches in its lane, itself too */
 
     struct umb_error error; /* a result too; valid only if status is not OK, so never cleared */
 };

@@ -15,10 +15,11 @@
 #include <stdint.h>
 #include <sys/socket.h>
 
-#define UMBD_RATE_AHEAD_NS         1000000000U
-#define UMBD_CALL_POINTS           64  /* price of a call besides its points */
-#define UMBD_OPEN_CALLS_PER_SECOND 200 /* of one address: health, and calls refused for rights */
-#define UMBD_OPEN_CALLS_OF_ONE     1   /* of each of its connections in addition */
+#define UMBD_RATE_AHEAD_NS 1000000000U
+#define UMBD_CALL_POINTS   64 /* price of a call besides its points */
+/* Rate of one address: health, and calls refused for rights. */
+#define UMBD_OPEN_CALLS_PER_SECOND 200
+#define UMBD_OPEN_CALLS_OF_ONE     1 /* rate of each of its connections in addition */
 
 /*
  * Takes `points` at `per_second` (0 = no limit). Returns 1, or 0 and takes nothing.

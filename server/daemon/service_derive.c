@@ -12,7 +12,7 @@
 #include "daemon/loop.h"
 #include "wire/regions.h"
 
-#define PIECE_BYTES ((size_t)256 << 10) /* of the file in one message */
+#define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
 #define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
 /* A block of the ledger; its memory follows it, aligned for any type. */

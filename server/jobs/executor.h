@@ -37,7 +37,7 @@ enum umbj_report_kind {
     UMBJ_REPORT_PHASE = 0, /* text: a word */
     UMBJ_REPORT_PROGRESS,  /* done of total, text: the unit */
     UMBJ_REPORT_TILES,     /* done of total tiles, `found` of them from earlier bakes */
-    UMBJ_REPORT_TASK,      /* of a farm, task `done` of `total`: failure, text is the cause */
+    UMBJ_REPORT_TASK,      /* a farm's task `done` of `total`: failure, text is the cause */
     UMBJ_REPORT_PLAN,      /* text: one line */
     UMBJ_REPORT_NOTICE,    /* text: one line */
     UMBJ_REPORT_ENDED,     /* the last one */

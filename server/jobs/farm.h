@@ -28,7 +28,7 @@ struct umbj_farm_stage {
     const char *folder;        /* absolute path of the end files' folder; in the try's folder */
     char *const *words;        /* the command, NULL-terminated */
     unsigned threads;          /* threads of the command */
-    uint32_t count;            /* of tasks */
+    uint32_t count;            /* number of tasks */
     uint64_t max_output_bytes; /* limit of a file that a task writes */
     int stop; /* descriptor that becomes readable when calls for the stage shall end soon; -1: none
                */

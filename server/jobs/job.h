@@ -53,7 +53,7 @@ struct umbj_job {
     char owner[UMBJ_OWNER_SIZE];
     uint8_t key[UMBJ_HASH_BYTES]; /* hash of bundle and settings */
     enum umbj_state state;
-    enum umbj_failure failure; /* of the last try */
+    enum umbj_failure failure; /* failure of the last try */
     int priority;              /* -10..10, higher first */
     int64_t epoch;             /* epoch of the last claim; 0 = never claimed */
     int64_t tries, hard_tries; /* claims that failed; those that took the worker down */

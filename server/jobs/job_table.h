@@ -92,7 +92,7 @@ UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const
 
 /* Uploads in progress: not jobs yet, but their space already counts. */
 struct umbj_pending {
-    int64_t own_jobs, own_bytes; /* of the owner */
+    int64_t own_jobs, own_bytes; /* unfinished jobs of the owner, and bytes of their bundles */
     int64_t all_bytes;
 };
 

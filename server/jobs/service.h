@@ -53,7 +53,7 @@ struct umbj_service_options {
     uint64_t interval_ms;    /* milliseconds between status calls to Slurm */
     const char *slurm_words; /* more options of sbatch, with blanks between; NULL = none */
     uint32_t workers;        /* bakes at once */
-    uint32_t threads;        /* of one bake */
+    uint32_t threads;        /* threads of one bake */
     uint32_t tile; /* texels along a tile's side, a power of 2; 0 = umbrage-bake's choice */
     uint64_t memory_bytes, timeout_ms, max_output_bytes; /* limits of one bake */
     uint64_t cache_bytes;      /* limit of one owner's tiles; 0 = none are kept */

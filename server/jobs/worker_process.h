@@ -14,7 +14,7 @@ struct umbj_process {
     const char *program;
     char *const *arguments;    /* NULL-terminated, program first */
     const char *folder;        /* to run in */
-    uint64_t max_output_bytes; /* of one file */
+    uint64_t max_output_bytes; /* limit of each file that it writes */
     uint64_t timeout_ms;       /* wall clock */
     int stop; /* descriptor that becomes readable when it shall end: SIGTERM, soon SIGKILL */
     /* Lines, without their end, cut at UMBJ_CAUSE_SIZE - 1 bytes. */

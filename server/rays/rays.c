@@ -317,7 +317,7 @@ int umbr_occluded(const struct umbr_rays *rays, const double from[3], const doub
     }
     rtcInitIntersectContext(&context);
     rtcOccluded1(rays->scene, &context, &ray);
-    return isinf(ray.tfar) && ray.tfar < 0; /* how Embree marks a hit */
+    return isinf(ray.tfar) && ray.tfar < 0; /* Embree's mark of a hit */
 }
 
 void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],

@@ -22,8 +22,8 @@ struct umbr_verify_job {
     const struct umbr_verify_options *options;
     struct umb_light_info light;     /* position: local */
     struct umbr_light_frame *frames; /* [light.frustum_count] */
-    double origin[3];                /* of the asset, world */
-    struct umb_box bounds;           /* of the casters, world */
+    double origin[3];                /* origin of the asset, world */
+    struct umb_box bounds;           /* bounds of the casters, world */
     double free_m;                   /* Distance from a lamp within which nothing casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
@@ -43,7 +43,7 @@ struct umbr_verify_block {
 struct umbr_sample {
     double voxel[3]; /* voxel space */
     double local[3];
-    double centre[3]; /* of its voxel, local */
+    double centre[3]; /* centre of its voxel, local */
 };
 
 /* SplitMix64. */

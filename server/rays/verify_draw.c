@@ -178,7 +178,7 @@ static int find_surface(struct umbr_verify_block *block, double boundary[3])
 
 /* A random row of voxels: all but coordinate `axis` are fixed. */
 struct row {
-    double voxel[3]; /* of a voxel's centre */
+    double voxel[3]; /* coordinates of a voxel's centre */
     int axis;
 };
 

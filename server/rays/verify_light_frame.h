@@ -14,7 +14,7 @@ struct umbr_light_frame {
     double origin[3];            /* metres, world */
     double size;                 /* number of voxels a side */
     int closed;                  /* baked under the closed rule */
-    int parallel;                /* of a directional light: the matrix is affine */
+    int parallel;                /* 1 for a directional light: the matrix is affine */
     double step[3][3];      /* parallel: world vectors of a voxel's edges along x, y, z, metres */
     double w_first, w_last; /* else: W at z = 0 (below 0 if the eye lies within) and at z = size */
     double least_edge;      /* least edge of all its voxels, metres; 0 if the eye lies within */

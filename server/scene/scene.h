@@ -126,7 +126,7 @@ struct umbs_importer {
 
 struct umbs_import_options {
     uint64_t max_input_bytes;  /* 0 = 4 GiB */
-    uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
+    uint64_t max_memory_bytes; /* limit of the importer process; 0 = 8 GiB */
     uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
     uint32_t max_files;        /* Number of look-ups of files that it names; 0 = 65536 */
     uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */

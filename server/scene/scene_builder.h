@@ -39,7 +39,7 @@ struct umbs_scene_builder {
     struct umbs_array triangles; /* uint32_t[3] */
     struct umbs_array alpha;     /* uint8_t */
     struct umbs_array warnings;  /* char, without a NUL */
-    uint64_t world_triangles;    /* of the instances so far */
+    uint64_t world_triangles;    /* triangles of the instances so far */
     uint32_t dropped_faces;
 };
 

@@ -36,7 +36,7 @@
 struct import {
     const char *path;
     const char *name; /* last component of path */
-    char shown[160];  /* the same as clean text, for messages */
+    char shown[160];  /* name as clean text, for messages */
     struct umbs_import_options options;
     char importer[PATH_BYTES];
     int input, folder, output;

@@ -76,7 +76,7 @@ struct umbs_store_options {
 /* Counts of a rescan. */
 struct umbs_store_report {
     size_t loaded, failed, removed, unchanged; /* number of files */
-    size_t failed_machine; /* of the failed: this machine's fault, not the file's */
+    size_t failed_machine; /* part of the failed: this machine's fault, not the file's */
     uint64_t load_ms;      /* milliseconds spent on the loaded and the failed */
     size_t skipped;        /* names that cannot be asset names */
     size_t shadowed;       /* names that an earlier folder has too */

@@ -103,7 +103,7 @@ struct umbs_store {
     void *owner;
 
     pthread_mutex_t scan; /* one rescan at a time; taken before mutex */
-    uint64_t serial;      /* of the scan; under scan */
+    uint64_t serial;      /* serial of the scan; under scan */
 
     pthread_mutex_t mutex;       /* for a few instructions each time: */
     struct umbs_table *table;    /* newest table; only scans change it */

@@ -19,7 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define LOAD_MS 100 /* of files read whole before a table with them is published */
+#define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
 
 /* One pass over the names. */
 struct pass {

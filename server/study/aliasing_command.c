@@ -47,7 +47,7 @@ struct aliasing {
     double weight;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
-    struct umb_camera camera;            /* of the view */
+    struct umb_camera camera;            /* camera of the view */
     struct umb_cascade_plan plans[WAYS]; /* [0]: one frustum of the scene */
     float *most;    /* [receivers] pixels a texel in the heat map's way; NaN: left out */
     double *sorted; /* [3][receivers] scratch */

@@ -13,7 +13,7 @@ enum {
     BLOCK = 256,
     PLACES_FIRST = 48,     /* random places tried before the voxels' centres, */
     PLACES_LAST = 2048,    /* and after them */
-    CENTRES_MAX = 1 << 18, /* of a coarse cell's voxels */
+    CENTRES_MAX = 1 << 18, /* most centres of a coarse cell's voxels */
 };
 
 struct check {

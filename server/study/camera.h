@@ -43,7 +43,7 @@ double umbt_camera_fov_deg(const struct umbt_camera *camera);
 struct umbt_camera_subject {
     const double (*points)[3]; /* [count], borrowed */
     size_t count;              /* at least 1 */
-    struct umb_box box;        /* of the points */
+    struct umb_box box;        /* bounds of the points */
     int z_up;
     double to_light[3]; /* unit, from the scene to the sun */
 };

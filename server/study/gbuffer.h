@@ -18,7 +18,7 @@
 struct umbt_gbuffer {
     uint32_t width, aa; /* pixels a row; aa * aa sub-samples a pixel */
     uint32_t first_row, row_count;
-    size_t capacity;       /* of each array, in sub-samples */
+    size_t capacity;       /* room of each array, in sub-samples */
     size_t receiver_count; /* hits of the band */
     uint32_t *slots;       /* [row_count * width * aa * aa], receiver number or UMBT_SKY */
     double *positions;     /* [3 * receiver_count], world space */

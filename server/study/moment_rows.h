@@ -19,14 +19,14 @@ struct umbt_moment_question {
     const struct umb_map_fragments *fragments;
     const struct umb_points *points;
     uint32_t taps;       /* width of the box blur of texels */
-    double bias_m;       /* of the filter */
+    double bias_m;       /* bias of the filter */
     const double *truth; /* [points->count] */
 };
 
 struct umbt_moment_result {
     struct umb_map_info info;
     double build_s, query_ns; /* CPU time of the whole build; of a point, the best of a few */
-    double mean, lighter, darker, most; /* of |answer - truth|, its two parts, the largest */
+    double mean, lighter, darker, most; /* mean of |answer - truth|, its two parts, the largest */
 };
 
 /* Builds the map, queries it and compares. Out: values: float[points->count]. */

@@ -87,7 +87,7 @@ enum umbt_study_method {
 /* Accuracy of one setting on all sets together, and its times. */
 struct umbt_study_result {
     enum umbt_study_method method;
-    const char *name;     /* of the method: "dag", "penumbra", "depth map", ... */
+    const char *name;     /* name of the method: "dag", "penumbra", "depth map", ... */
     uint32_t bake;        /* index */
     uint32_t taps, level; /* as in struct umb_query_settings */
     uint64_t bytes;       /* resident */
@@ -117,7 +117,7 @@ struct umbt_study_rays {
     double ns_view, ns_free;  /* one ray a point */
     double ns_view8;          /* one ray a point, eight points a call */
     double ns_area, ns_area8; /* 81 rays a point, view: one a call, eight a call */
-    double spread;            /* of ns_view */
+    double spread;            /* spread of ns_view */
     int64_t stopped;          /* rays that hit a triangle, in all runs */
 };
 
@@ -144,7 +144,7 @@ struct umbt_study {
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;
-    double started_s, seconds; /* of the whole study, set before the report */
+    double started_s, seconds; /* times of the whole study, set before the report */
 };
 
 /* Bakes each resolution into FOLDER/assets, or reuses an earlier run's asset. A resolution that

@@ -14,7 +14,7 @@
 #include "umbrage/volume.h"
 
 #define MAP_LOG2_MAX    13 /* 8192 texels a side: 128 MiB */
-#define VOLUME_LOG2_MAX 12 /* of nanovdb_peer.h */
+#define VOLUME_LOG2_MAX 12 /* greatest log2_size of nanovdb_peer.h */
 #define DERIVED_QUICK   1024U
 #define DERIVED_FULL    2048U
 #define BIAS_CLEARS     (65.0 / 64.0)

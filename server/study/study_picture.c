@@ -27,12 +27,12 @@ struct frame {
     const struct umbt_picture_request *request;
     struct umbt_picture_result *result;
     struct umbt_gbuffer buffer;
-    uint32_t height; /* of the picture */
+    uint32_t height; /* height of the picture */
     float *answers;  /* [capacity] of the asset */
     float *truths;   /* [capacity] of the rays */
     struct umbt_progress progress;
     pthread_mutex_t mutex; /* guards result->stats, sum and picture_sum while blocks run */
-    uint64_t picture_sum;  /* of |asset - traced| over 8-bit channels */
+    uint64_t picture_sum;  /* sum of |asset - traced| over 8-bit channels */
     struct differences sum;
 };
 

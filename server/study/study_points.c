@@ -20,8 +20,8 @@
 #define DIRECTIONS   16
 #define RINGS        12   /* rings from reach / 2^11 to reach */
 #define HALVINGS     6    /* halvings: a boundary's distance to 1.6 % */
-#define REACH_SHARE  0.02 /* of the scene's diagonal */
-#define SURFACE_LIFT 2e-6 /* of the diagonal, as traced_shadow.h says */
+#define REACH_SHARE  0.02 /* share of the scene's diagonal */
+#define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
 #define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary are the border set */
 #define BORDER_DRAWS 8    /* surface points drawn for each border point wanted */
 #define BLOCK        256

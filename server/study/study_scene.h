@@ -21,8 +21,8 @@ struct umbt_scene {
     /* Triangles with holes, or translucent; rays pass through those places. */
     struct umbs_cuts cuts;
     struct umbr_rays *rays;
-    struct umb_box box; /* of all triangles */
-    double diagonal_m;  /* of the box */
+    struct umb_box box; /* bounds of all triangles */
+    double diagonal_m;  /* diagonal of the box */
     uint8_t hash[UMB_ID_BYTES];
     int by_material;       /* 1: surfaces are distinguished by material, 0: by part */
     uint32_t main_surface; /* the material or part of the largest area */

@@ -10,7 +10,7 @@
 #include "study/study_progress.h"
 #include "study/study_vec.h"
 
-#define WEIGHT 0.5 /* of logarithmic against uniform splits (Zhang et al. 2006) */
+#define WEIGHT 0.5 /* weight of logarithmic against uniform splits (Zhang et al. 2006) */
 #define BLOCK  512
 
 /* A row being measured. */
@@ -19,8 +19,8 @@ struct cascades {
     struct umb_cascade_plan plan;
     struct umb_map *maps[UMB_CASCADES_MAX];
     struct umb_map_query queries[UMB_CASCADES_MAX];
-    struct umbt_truth truths[UMB_CASCADES_MAX]; /* of each slice's box */
-    float *depth;                               /* of one slice at a time */
+    struct umbt_truth truths[UMB_CASCADES_MAX]; /* truths of each slice's box */
+    float *depth;                               /* depths of one slice at a time */
     float *traced;                              /* [receivers] */
 };
 

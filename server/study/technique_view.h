@@ -60,7 +60,7 @@ struct umbt_technique_result {
     struct umb_map_info info;
     double build_s; /* CPU time */
     struct umbt_steady_time query;
-    double mean, lighter, darker; /* of |answer - truth|, and its two parts */
+    double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
 };
 

@@ -6,7 +6,7 @@
 #include "rays/verify_light_frame.h"
 #include "study/study_vec.h"
 
-#define SURFACE_OFFSET 2e-6 /* of the scene's diagonal */
+#define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Longest ray: no caster is farther than the diagonal from a point of the scene. */
 #define FAR_FACTOR 2.0
 

@@ -41,11 +41,11 @@ struct umbt_truth {
     double extent;                     /* for DISC: the light's angular diameter, radians */
     double to_light[3];                /* unit; parallel light */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
-    const struct umb_frustum_info *frusta; /* of the lamp, borrowed; TEXELS and AREA */
+    const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */
     uint32_t frustum_count;
-    double diagonal_m;               /* of the scene */
-    double origin[3];                /* of the asset; TEXELS and AREA */
-    struct umb_frustum_info frustum; /* of parallel light; TEXELS and AREA */
+    double diagonal_m;               /* diagonal of the scene */
+    double origin[3];                /* origin of the asset; TEXELS and AREA */
+    struct umb_frustum_info frustum; /* frustum of parallel light; TEXELS and AREA */
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
 

@@ -14,7 +14,7 @@
 struct umbb_frusta_input {
     const double (*corners)[3][3]; /* [count] world */
     size_t count;
-    struct umb_box bounds; /* of the corners */
+    struct umb_box bounds; /* bounds of the corners */
     const double *origin;  /* [3] of the asset */
     uint32_t log2_size;
     int closed;

@@ -24,7 +24,7 @@ struct umbb_bake_figures {
 };
 
 struct umbb_bake_options {
-    uint32_t log2_size; /* of the frustum */
+    uint32_t log2_size; /* size of the frustum */
     uint32_t tile_log2; /* 6 .. log2_size */
     unsigned threads;   /* 1.. */
     int closed_rule;

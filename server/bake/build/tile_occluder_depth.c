@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#define BLOCKS 8 /* of 8x8 texels along a square's side */
+#define BLOCKS 8 /* blocks of 8x8 texels along a square's side */
 
 /* Gathered texels of a square. */
 struct square {

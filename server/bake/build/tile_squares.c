@@ -26,8 +26,8 @@ struct square {
 };
 
 struct umbb_squares {
-    uint32_t level;   /* of a square */
-    size_t max_bytes; /* of a square's pool and runs */
+    uint32_t level;   /* level of a square */
+    size_t max_bytes; /* limit of a square's pool and runs */
     const struct umbb_tile *tile;
     struct square squares[UMBB_SQUARE_COUNT];
     struct work works[UMBB_SQUARE_COUNT];

@@ -27,7 +27,7 @@ struct squares {
     const struct umbb_casters *casters;
     struct umbb_tile *tile;
     int32_t across;
-    int32_t first_row, end_row; /* of squares */
+    int32_t first_row, end_row; /* range of rows of squares */
     int32_t top, bottom;        /* first and last row of texels */
     int32_t *front_most;        /* greatest lit of front faces */
     int32_t *far_least;         /* least lit of all other faces */

@@ -30,8 +30,8 @@
 /* Class of a triangle. */
 enum umbb_caster {
     UMBB_CASTER_OPEN = 0,           /* casts; bounds no solid */
-    UMBB_CASTER_CLOSED = 1,         /* of a closed part, winding outward */
-    UMBB_CASTER_CLOSED_FLIPPED = 2, /* of a closed part, winding inward */
+    UMBB_CASTER_CLOSED = 1,         /* casts; in a closed part, winding outward */
+    UMBB_CASTER_CLOSED_FLIPPED = 2, /* casts; in a closed part, winding inward */
 };
 
 struct umbb_cuts;

@@ -14,14 +14,14 @@ struct umbb_bins {
     uint32_t cells_x;  /* a side of the grid */
     uint64_t *first;   /* [cells + 1], where a cell's list starts */
     uint32_t *entries; /* [first[cells]] triangle numbers */
-    uint64_t capacity; /* of entries, kept between fills */
+    uint64_t capacity; /* room of entries, kept between fills */
 };
 
 /* Input of the binning: all casters or those in `list`, in the square that starts at x0, y0. */
 struct umbb_bins_input {
     const struct umbb_casters *casters;
     const uint32_t *list; /* caster numbers, ascending; not read if count is 0 or all is 1 */
-    size_t count;         /* of list */
+    size_t count;         /* length of list */
     int all;              /* 1: every caster */
     int borders;          /* 1: list casters with a border (their marks) two texels further */
     int32_t x0, y0;

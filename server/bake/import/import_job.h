@@ -15,7 +15,7 @@
 
 struct umbb_import {
     struct umbb_file file;     /* the scene file */
-    struct umbb_folder folder; /* of the files that it names */
+    struct umbb_folder folder; /* folder of the files that it names */
     uint64_t max_input_bytes;  /* limit of every file */
     struct umbs_scene_builder scene;
 };

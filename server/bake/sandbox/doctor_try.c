@@ -10,7 +10,7 @@
 
 #include "bake/sandbox/doctor.h"
 
-#define EXIT_NO_CAGE 9 /* of the process that tries an act */
+#define EXIT_NO_CAGE 9 /* exit code of the process that tries an act */
 
 /* True for errors that mean a missing right, not a wrong call. Landlock refuses a rename or link
  * between folders of different rights with EXDEV. */

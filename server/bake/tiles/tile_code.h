@@ -28,7 +28,7 @@
 
 /* Parameters of both directions: the frustum, and the tile's place in it. */
 struct umbb_tile_shape {
-    uint32_t log2_size; /* of the frustum */
+    uint32_t log2_size; /* size of the frustum */
     uint32_t
         tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. if there is an occluder depth map */
     /* The frustum's first occluders: encoding reads the tile's, decoding adds them. NULL: not kept.

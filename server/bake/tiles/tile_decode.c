@@ -21,7 +21,7 @@ struct decoder {
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
     const uint8_t *refs[UMB_LEVEL_MAX + 1];
     const uint8_t *bricks;
-    size_t bytes; /* of all these parts */
+    size_t bytes; /* size of all these parts */
 };
 
 static enum umb_status damaged(struct umb_error *error, const char *what)

@@ -20,7 +20,7 @@ struct umbb_publish {
     struct umbs_file file;
     unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
     uint8_t id[UMB_ID_BYTES];
-    uint64_t bytes;                     /* of the file */
+    uint64_t bytes;                     /* size of the file */
     struct umb_asset_info info;         /* set by check; its strings are freed */
     struct umbr_verify_result verified; /* sums, set by check; zero if it was not requested */
 };
@@ -32,7 +32,7 @@ struct umbb_check {
     const struct umbs_cuts *cuts;  /* `of`: [count] */
     size_t count;
     size_t open_on_word; /* parts that --closed on treats as closed and that are open */
-    uint64_t points;     /* of all lights together; 0 = open and validate only */
+    uint64_t points;     /* points of all lights together; 0 = open and validate only */
     unsigned threads;
     int quiet; /* no progress on a terminal */
     uint64_t max_memory_bytes;
