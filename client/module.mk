@@ -53,8 +53,25 @@ LIBS_umbrage-core = $(CORE_LIBS)
 LIBS_umbrage-maps = -lm
 LIBS_umbrage      = $(RPC_LIBS) -lm
 
+# $(call page,FILE): FILE's bytes, an HTML page, as umbu_page_NAME in gen/NAME.c.
+define page
+$(BUILD)/gen/$(basename $(notdir $(1))).c: $(1)
+	@mkdir -p $$(@D)
+	$$(call say,GEN,$$@)
+	$$(Q){ echo '#include <stddef.h>'; name=umbu_page_$(basename $(notdir $(1))); \
+	  echo "extern const unsigned char $$$$name[];"; echo "extern const size_t $$$${name}_size;"; \
+	  echo "const unsigned char $$$$name[] = {"; \
+	  od -An -v -tx1 $$< | sed 's/ \([0-9a-f][0-9a-f]\)/0x\1,/g'; echo '};'; \
+	  echo "const size_t $$$${name}_size = sizeof $$$$name;"; } >$$@
+$(BUILD)/gen/$(basename $(notdir $(1))).o: $(BUILD)/gen/$(basename $(notdir $(1))).c
+	$$(call say,CC,$$<)
+	$$(Q)$$(CC) $$(CFLAGS_ALL) -c $$< -o $$@
+endef
+$(eval $(call page,client/tool/report_head.html))
+$(eval $(call page,client/load/load_page.html))
+
 CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
-LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c))
+LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c)) $(BUILD)/gen/load_page.o
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
 LOAD_LIB := $(BUILD)/libumbrage-load.a
@@ -67,8 +84,8 @@ $(foreach part,base format maps partial query,$(BUILD)/client/core/$(part)/%.o):
 $(CORE_LIB): $(CORE_OBJ)
 $(MAPS_LIB): $(MAPS_OBJ)
 $(RPC_LIB): $(RPC_OBJ) $(RPC_SHARED)
+$(TOOL_LIB): $(TOOL_OBJ) $(BUILD)/gen/report_head.o
 $(LOAD_LIB): $(LOAD_OBJ)
-$(TOOL_LIB): $(TOOL_OBJ)
 $(CLI_LIB): $(filter-out %/cli_main.o,$(CLI_OBJ))
 
 $(BUILD)/umbrage: $(BUILD)/client/cli/cli_main.o $(LOAD_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)

@@ -10,7 +10,7 @@ RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
 JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
-STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/study_template.o
+STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/study_page.o
 # A sparse volume beside the study's look-ups, where its headers are (libnanovdb-dev).
 ifneq ($(shell $(CXX) -std=c++17 -include nanovdb/NanoVDB.h -E -x c++ /dev/null >/dev/null 2>&1 && echo yes),)
 STUDY_VOLUME := $(BUILD)/server/study/nanovdb_peer.o
@@ -48,19 +48,7 @@ BAKE_LIB   := $(BUILD)/libumbrage-bake.a
 STUDY_LIB  := $(BUILD)/libumbrage-study.a
 DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
 
-# The report's page, as bytes.
-$(BUILD)/gen/study_template.c: server/study/study_page.html
-	@mkdir -p $(@D)
-	$(call say,GEN,$@)
-	$(Q){ echo '#include <stddef.h>'; echo 'extern const unsigned char umbt_study_template[];'; \
-	  echo 'extern const size_t umbt_study_template_size;'; \
-	  echo 'const unsigned char umbt_study_template[] = {'; \
-	  od -An -v -tx1 $< | sed 's/ \([0-9a-f][0-9a-f]\)/0x\1,/g'; echo '};'; \
-	  echo 'const size_t umbt_study_template_size = sizeof umbt_study_template;'; } >$@
-
-$(BUILD)/gen/study_template.o: $(BUILD)/gen/study_template.c
-	$(call say,CC,$<)
-	$(Q)$(CC) $(CFLAGS_ALL) -c $< -o $@
+$(eval $(call page,server/study/study_page.html))
 
 # As in the core.
 $(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(foreach part,common scene store,$(BUILD)/server/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))

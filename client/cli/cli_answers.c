@@ -24,11 +24,12 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
 {
     memset(answers, 0, sizeof *answers);
     answers->options = options;
-    enum umb_status status = umbc_output_begin(options->out, &answers->output, error);
+    enum umb_status status =
+        umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &answers->output, error);
     if (status == UMB_OK && options->json && !is_raw(answers)) {
         answers->json.file = answers->output.file;
-        umbc_json_begin(&answers->json, NULL, '{');
-        umbc_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
+        umbu_json_begin(&answers->json, NULL, '{');
+        umbu_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
     }
     return status;
 }
@@ -54,7 +55,7 @@ static void put_text(FILE *file, const void *const *values, size_t light_count, 
     }
 }
 
-static void put_json_value(struct umbc_json *json, float value)
+static void put_json_value(struct umbu_json *json, float value)
 {
     if (json->needs_comma) {
         (void)fputc(',', json->file);
@@ -68,18 +69,18 @@ static void put_json_value(struct umbc_json *json, float value)
 }
 
 /* as_list: an array of answers for each point, also of one light. */
-static void put_json(struct umbc_json *json, const void *const *values, size_t light_count,
+static void put_json(struct umbu_json *json, const void *const *values, size_t light_count,
                      size_t count, bool as_list)
 {
     for (size_t i = 0; i < count; i++) {
         if (as_list) {
-            umbc_json_begin(json, NULL, '[');
+            umbu_json_begin(json, NULL, '[');
         }
         for (size_t k = 0; k < light_count; k++) {
             put_json_value(json, float_at(values[k], i));
         }
         if (as_list) {
-            umbc_json_end(json, ']');
+            umbu_json_end(json, ']');
         }
     }
 }
@@ -207,60 +208,60 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
                   e->bricks);
 }
 
-static void explain_json(struct umbc_json *json, uint64_t number, float value,
+static void explain_json(struct umbu_json *json, uint64_t number, float value,
                          const struct umb_explanation *e)
 {
-    umbc_json_begin(json, NULL, '{');
-    umbc_json_integer(json, "point", number);
-    umbc_json_number(json, "answer", (double)value);
-    umbc_json_integer(json, "lit_taps", e->lit_taps);
-    umbc_json_integer(json, "taps", e->taps);
-    umbc_json_integer(json, "level", e->level);
-    umbc_json_number(json, "transmittance", e->transmittance);
-    umbc_json_bool(json, "facing_away", e->facing_away != 0);
-    umbc_json_bool(json, "undefined", e->undefined != 0);
-    umbc_json_bool(json, "outside", e->outside != 0);
-    umbc_json_bool(json, "before", e->before != 0);
-    umbc_json_bool(json, "behind", e->behind != 0);
-    umbc_json_text(json, "filter", umb_filter_name(e->filter));
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_integer(json, "point", number);
+    umbu_json_number(json, "answer", (double)value);
+    umbu_json_integer(json, "lit_taps", e->lit_taps);
+    umbu_json_integer(json, "taps", e->taps);
+    umbu_json_integer(json, "level", e->level);
+    umbu_json_number(json, "transmittance", e->transmittance);
+    umbu_json_bool(json, "facing_away", e->facing_away != 0);
+    umbu_json_bool(json, "undefined", e->undefined != 0);
+    umbu_json_bool(json, "outside", e->outside != 0);
+    umbu_json_bool(json, "before", e->before != 0);
+    umbu_json_bool(json, "behind", e->behind != 0);
+    umbu_json_text(json, "filter", umb_filter_name(e->filter));
     if (e->filter == UMB_FILTER_FOOTPRINT) {
-        umbc_json_number(json, "footprint_m", e->footprint_m);
+        umbu_json_number(json, "footprint_m", e->footprint_m);
     }
-    umbc_json_text(json, "bias", umb_bias_mode_name(e->bias_mode));
-    umbc_json_number(json, "bias_m", e->bias_m);
-    umbc_json_bool(json, "has_normal", e->has_normal != 0);
-    umbc_json_number(json, "cosine", e->cosine);
-    umbc_json_vector(json, "moved", e->moved);
-    umbc_json_vector(json, "voxel", e->voxel);
-    umbc_json_begin(json, "cell", '[');
+    umbu_json_text(json, "bias", umb_bias_mode_name(e->bias_mode));
+    umbu_json_number(json, "bias_m", e->bias_m);
+    umbu_json_bool(json, "has_normal", e->has_normal != 0);
+    umbu_json_number(json, "cosine", e->cosine);
+    umbu_json_vector(json, "moved", e->moved);
+    umbu_json_vector(json, "voxel", e->voxel);
+    umbu_json_begin(json, "cell", '[');
     for (int axis = 0; axis < 3; axis++) {
-        umbc_json_signed(json, NULL, e->cell[axis]);
+        umbu_json_signed(json, NULL, e->cell[axis]);
     }
-    umbc_json_end(json, ']');
-    umbc_json_number(json, "voxel_size_m", e->voxel_size_m);
-    umbc_json_integer(json, "frustum", e->frustum);
-    umbc_json_integer(json, "nodes", e->nodes);
-    umbc_json_integer(json, "bricks", e->bricks);
-    umbc_json_begin(json, "window", '[');
-    umbc_json_signed(json, NULL, e->window[0]);
-    umbc_json_signed(json, NULL, e->window[1]);
-    umbc_json_end(json, ']');
-    umbc_json_begin(json, "rows", '[');
+    umbu_json_end(json, ']');
+    umbu_json_number(json, "voxel_size_m", e->voxel_size_m);
+    umbu_json_integer(json, "frustum", e->frustum);
+    umbu_json_integer(json, "nodes", e->nodes);
+    umbu_json_integer(json, "bricks", e->bricks);
+    umbu_json_begin(json, "window", '[');
+    umbu_json_signed(json, NULL, e->window[0]);
+    umbu_json_signed(json, NULL, e->window[1]);
+    umbu_json_end(json, ']');
+    umbu_json_begin(json, "rows", '[');
     for (uint32_t j = 0; j < e->taps && j < UMB_TAPS_MAX; j++) {
-        umbc_json_integer(json, NULL, e->rows[j]);
+        umbu_json_integer(json, NULL, e->rows[j]);
     }
-    umbc_json_end(json, ']');
-    umbc_json_begin(json, "steps", '[');
+    umbu_json_end(json, ']');
+    umbu_json_begin(json, "steps", '[');
     size_t limit = sizeof e->steps / sizeof e->steps[0];
     for (size_t i = 0; i < e->step_count && i < limit; i++) {
-        umbc_json_begin(json, NULL, '{');
-        umbc_json_integer(json, "level", e->steps[i].level);
-        umbc_json_text(json, "state", state_name(e->steps[i].state));
-        umbc_json_integer(json, "index", e->steps[i].index);
-        umbc_json_end(json, '}');
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "level", e->steps[i].level);
+        umbu_json_text(json, "state", state_name(e->steps[i].state));
+        umbu_json_integer(json, "index", e->steps[i].index);
+        umbu_json_end(json, '}');
     }
-    umbc_json_end(json, ']');
-    umbc_json_end(json, '}');
+    umbu_json_end(json, ']');
+    umbu_json_end(json, '}');
 }
 
 void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float value,
@@ -275,46 +276,45 @@ void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float v
 
 static void end_json(struct umbc_answers *answers, const struct umbc_query_total *total)
 {
-    struct umbc_json *json = &answers->json;
+    struct umbu_json *json = &answers->json;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(total->asset_id, id);
-    umbc_json_text(json, "asset", id);
+    umbu_json_text(json, "asset", id);
     if (!is_list(answers->options, total->light_count)) {
-        umbc_json_integer(json, "light", total->lights[0]);
+        umbu_json_integer(json, "light", total->lights[0]);
     } else {
-        umbc_json_begin(json, "lights", '[');
+        umbu_json_begin(json, "lights", '[');
         for (size_t k = 0; k < total->light_count; k++) {
-            umbc_json_integer(json, NULL, total->lights[k]);
+            umbu_json_integer(json, NULL, total->lights[k]);
         }
-        umbc_json_end(json, ']');
+        umbu_json_end(json, ']');
     }
-    umbc_json_integer(json, "taps", total->taps);
+    umbu_json_integer(json, "taps", total->taps);
     if (total->bound_m > 0) {
-        umbc_json_integer(json, "level", total->level);
-        umbc_json_number(json, "bound_m", total->bound_m);
+        umbu_json_integer(json, "level", total->level);
+        umbu_json_number(json, "bound_m", total->bound_m);
     }
     if (total->row.lines > 0) {
-        umbc_json_number(json, "visibility_error", total->row.visibility_error);
-        umbc_json_number(json, "lines_per_point", total->row.lines);
+        umbu_json_number(json, "visibility_error", total->row.visibility_error);
+        umbu_json_number(json, "lines_per_point", total->row.lines);
     }
     if (total->expected_ns > 0) {
-        umbc_json_number(json, "expected_ns", total->expected_ns);
+        umbu_json_number(json, "expected_ns", total->expected_ns);
     }
-    umbc_json_number(json, "ns_per_point", umbc_query_ns(total));
-    umbc_json_integer(json, "points", total->points);
-    umbc_json_begin(json, "stats", '{');
-    umbc_json_integer(json, "outside", total->stats.outside);
-    umbc_json_integer(json, "before", total->stats.before);
-    umbc_json_integer(json, "behind", total->stats.behind);
-    umbc_json_integer(json, "facing_away", total->stats.facing_away);
-    umbc_json_integer(json, "undefined", total->stats.undefined);
-    umbc_json_integer(json, "nodes", total->stats.nodes);
-    umbc_json_integer(json, "bricks", total->stats.bricks);
-    umbc_json_end(json, '}');
-    umbc_json_number(json, "seconds", total->seconds);
-    umbc_json_number(json, "server_seconds", (double)total->server_ns * 1e-9);
-    umbc_json_end(json, '}');
-    (void)fputc('\n', json->file);
+    umbu_json_number(json, "ns_per_point", umbc_query_ns(total));
+    umbu_json_integer(json, "points", total->points);
+    umbu_json_begin(json, "stats", '{');
+    umbu_json_integer(json, "outside", total->stats.outside);
+    umbu_json_integer(json, "before", total->stats.before);
+    umbu_json_integer(json, "behind", total->stats.behind);
+    umbu_json_integer(json, "facing_away", total->stats.facing_away);
+    umbu_json_integer(json, "undefined", total->stats.undefined);
+    umbu_json_integer(json, "nodes", total->stats.nodes);
+    umbu_json_integer(json, "bricks", total->stats.bricks);
+    umbu_json_end(json, '}');
+    umbu_json_number(json, "seconds", total->seconds);
+    umbu_json_number(json, "server_seconds", (double)total->server_ns * 1e-9);
+    umbu_json_close(json);
 }
 
 enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc_query_total *total,
@@ -325,13 +325,13 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
         end_byte(answers);
     }
     if (json && !is_raw(answers)) {
-        umbc_json_end(&answers->json, ']');
+        umbu_json_end(&answers->json, ']');
         end_json(answers, total);
     }
-    enum umb_status status = umbc_output_commit(&answers->output, error);
+    enum umb_status status = umbu_output_commit(&answers->output, error);
     if (status == UMB_OK && json && is_raw(answers)) {
         answers->json.file = stdout;
-        umbc_json_begin(&answers->json, NULL, '{');
+        umbu_json_begin(&answers->json, NULL, '{');
         end_json(answers, total);
     }
     return status;
@@ -339,6 +339,6 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
 
 void umbc_answers_abandon(struct umbc_answers *answers)
 {
-    umbc_json_abandon(&answers->json);
-    umbc_output_abandon(&answers->output);
+    umbu_json_close(&answers->json);
+    umbu_output_abandon(&answers->output);
 }

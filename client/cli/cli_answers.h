@@ -5,8 +5,8 @@
  * Writes answers in order: text, raw bytes, JSON or explanations. Write errors stay in the stream
  * until umbc_answers_end looks.
  */
-#include "cli_json.h"
-#include "cli_output.h"
+#include "tool/json.h"
+#include "tool/output.h"
 #include "cli_query_options.h"
 
 /* What a whole query added up to. */
@@ -30,8 +30,8 @@ double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {
     const struct umbc_query_options *options;
-    struct umbc_output output;
-    struct umbc_json json;
+    struct umbu_output output;
+    struct umbu_json json;
     uint8_t begun;       /* bits of a byte that batches share, the first one lowest ... */
     unsigned begun_bits; /* ... and how many there are */
 };

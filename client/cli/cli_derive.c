@@ -4,9 +4,9 @@
 
 #include <string.h>
 #include "cli_derive_options.h"
-#include "cli_json.h"
-#include "cli_output.h"
-#include "cli_progress.h"
+#include "tool/json.h"
+#include "tool/output.h"
+#include "tool/clock.h"
 
 /* The file that was made, wherever. */
 struct made {
@@ -52,23 +52,6 @@ static enum umb_status derive_there(const struct umbc_derive_options *options,
     return status;
 }
 
-static enum umb_status write_file(const char *path, const struct made *made,
-                                  struct umb_error *error)
-{
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(path, &output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (fwrite(made->bytes, 1, made->size, output.file) != made->size) {
-        status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", path);
-    } else {
-        status = umbc_output_commit(&output, error);
-    }
-    umbc_output_abandon(&output);
-    return status;
-}
-
 static void tell(const struct umbc_derive_options *options, const struct made *made, double seconds)
 {
     const struct umb_derive_settings *settings = &options->settings;
@@ -76,17 +59,16 @@ static void tell(const struct umbc_derive_options *options, const struct made *m
     char id[UMB_ID_TEXT_SIZE], size[32];
     umb_id_to_text(made->asset, id);
     if (options->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_integer(&json, "light", settings->light);
-        umbc_json_integer(&json, "maps", maps);
-        umbc_json_integer(&json, "width", settings->width);
-        umbc_json_integer(&json, "height", settings->height);
-        umbc_json_integer(&json, "bytes", made->size);
-        umbc_json_number(&json, "seconds", seconds);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_integer(&json, "light", settings->light);
+        umbu_json_integer(&json, "maps", maps);
+        umbu_json_integer(&json, "width", settings->width);
+        umbu_json_integer(&json, "height", settings->height);
+        umbu_json_integer(&json, "bytes", made->size);
+        umbu_json_number(&json, "seconds", seconds);
+        umbu_json_close(&json);
     } else if (!options->quiet) {
         umbc_format_bytes(made->size, size);
         (void)fprintf(stderr, "%u map%s of %u x %u texels, %s, in %.3f s\n", maps,
@@ -105,13 +87,14 @@ int umbc_derive(int argc, char **argv)
     }
     struct umb_derive_settings settings = options.settings;
     settings.camera = &options.camera;
-    const double from = umbc_clock_s();
+    const double from = umbu_clock_s();
     enum umb_status status = umbc_is_file(options.target)
                                  ? derive_here(&options, &settings, &made, &error)
                                  : derive_there(&options, &settings, &made, &error);
-    const double seconds = umbc_clock_s() - from;
+    const double seconds = umbu_clock_s() - from;
     if (status == UMB_OK) {
-        status = write_file(options.output, &made, &error);
+        status =
+            umbu_output_replace(options.output, UMBU_OUTPUT_COMMAND, made.bytes, made.size, &error);
     }
     umb_derived_destroy(made.derived);
     umb_free(made.received);

@@ -14,9 +14,9 @@
 #include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
-#include "cli_json.h"
-#include "cli_output.h"
-#include "cli_progress.h"
+#include "tool/json.h"
+#include "tool/output.h"
+#include "tool/progress.h"
 #include "umbrage/jobs.h"
 #include "umbrage/region.h"
 
@@ -72,7 +72,7 @@ struct fetch {
     uint64_t max_bytes; /* --max-bytes */
     uint64_t size;      /* Size of the whole file, as the server first announced it; 0: unknown */
     bool head_checked;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umb_error error;
 };
 
@@ -147,7 +147,8 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
         count -= (size_t)written;
         fetch->at += (uint64_t)written;
     }
-    umbc_progress_show_bytes(&fetch->progress, fetch->at, size);
+    umbu_progress_show(&fetch->progress, 1e-6 * (double)fetch->at,
+                       size > 0 ? (double)fetch->at / (double)size : 1);
     return check_head(fetch);
 }
 
@@ -211,7 +212,7 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     if (fsync(fetch->fd) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync '%.200s'", fetch->part);
     }
-    return umbc_output_rename(fetch->part, output, error);
+    return umbu_output_rename(fetch->part, output, error);
 }
 
 /* All of it: fetched, proven, named. A part that is of something else is thrown away once. */
@@ -243,13 +244,12 @@ static int report(const struct fetch_settings *settings, const char *output, uin
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(settings->asset, id);
     if (settings->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "output", output);
-        umbc_json_integer(&json, "bytes", bytes);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_text(&json, "output", output);
+        umbu_json_integer(&json, "bytes", bytes);
+        umbu_json_close(&json);
     } else if (!settings->quiet) {
         char text[32];
         umbc_format_bytes(bytes, text);
@@ -278,9 +278,9 @@ int umbc_fetch(int argc, char **argv)
     if (umbu_connect(&settings.session, &client, &error) != UMB_OK) {
         return umbc_complain(&error);
     }
-    umbc_progress_begin(&fetch.progress, settings.quiet || settings.json);
+    umbu_progress_begin(&fetch.progress, "MB", settings.quiet || settings.json);
     enum umb_status status = fetch_file(client, &fetch, output, &error);
-    umbc_progress_end(&fetch.progress);
+    umbu_progress_end(&fetch.progress);
     if (fetch.fd >= 0) {
         (void)close(fetch.fd);
         if (status != UMB_OK && fetch.at == 0) {

@@ -9,9 +9,9 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include "cli_json.h"
-#include "cli_output.h"
+#include "tool/clock.h"
+#include "tool/json.h"
+#include "tool/output.h"
 #include "cli_paging_view.h"
 
 struct frames_settings {
@@ -66,17 +66,10 @@ struct frames {
     float *depth;       /* a frame's */
     uint8_t *values[2]; /* of this frame and the one before */
     size_t value_bytes;
-    struct umbc_output output;
-    struct umbc_json json;
+    struct umbu_output output;
+    struct umbu_json json;
     uint64_t received, plain; /* bytes of answers, as they came and unpacked */
 };
-
-static double seconds(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static enum umb_status prepare(struct frames *f, struct umb_error *error)
 {
@@ -105,8 +98,9 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     if (status == UMB_OK) {
         status = umb_client_stream_open(f->client, &f->request.stream, error);
     }
-    return status == UMB_OK && f->o.output ? umbc_output_begin(f->o.output, &f->output, error)
-                                           : status;
+    return status == UMB_OK && f->o.output
+               ? umbu_output_begin(f->o.output, UMBU_OUTPUT_COMMAND, &f->output, error)
+               : status;
 }
 
 /* One frame's figures. */
@@ -117,12 +111,12 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
     f->received += bytes;
     f->plain += reply->value_bytes;
     if (f->o.json) {
-        umbc_json_begin(&f->json, NULL, '{');
-        umbc_json_integer(&f->json, "bytes", bytes);
-        umbc_json_bool(&f->json, "changes_only", reply->changes_only != 0);
-        umbc_json_number(&f->json, "ms", took * 1e3);
-        umbc_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
-        umbc_json_end(&f->json, '}');
+        umbu_json_begin(&f->json, NULL, '{');
+        umbu_json_integer(&f->json, "bytes", bytes);
+        umbu_json_bool(&f->json, "changes_only", reply->changes_only != 0);
+        umbu_json_number(&f->json, "ms", took * 1e3);
+        umbu_json_number(&f->json, "server_ms", (double)reply->nanoseconds * 1e-6);
+        umbu_json_end(&f->json, '}');
     } else if (!f->o.quiet) {
         (void)fprintf(f->output.file == stdout ? stderr : stdout,
                       "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
@@ -147,12 +141,12 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
     f->picture.camera = view->camera;
     f->request.base = f->request.pack && frame > 0 ? f->values[(frame + 1) % 2] : NULL;
     uint8_t *values = f->values[frame % 2];
-    const double start = seconds();
+    const double start = umbu_clock_s();
     enum umb_status status = umb_client_query(f->client, &f->request, values, &reply, error);
     if (status != UMB_OK) {
         return status;
     }
-    report(f, frame, &reply, seconds() - start);
+    report(f, frame, &reply, umbu_clock_s() - start);
     if (f->output.file && fwrite(values, 1, f->value_bytes, f->output.file) != f->value_bytes) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot write the answers");
     }
@@ -164,22 +158,21 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
     const bool json = f->o.json;
     enum umb_status status = UMB_OK;
     if (json) {
-        umbc_json_begin(&f->json, NULL, '{');
-        umbc_json_begin(&f->json, "frames", '[');
+        umbu_json_begin(&f->json, NULL, '{');
+        umbu_json_begin(&f->json, "frames", '[');
     }
     for (size_t frame = 0; frame < f->views.count && status == UMB_OK; frame++) {
         status = run_frame(f, frame, error);
     }
     if (json) {
-        umbc_json_end(&f->json, ']');
-        umbc_json_integer(&f->json, "request_bytes_a_frame",
+        umbu_json_end(&f->json, ']');
+        umbu_json_integer(&f->json, "request_bytes_a_frame",
                           (uint64_t)f->o.size[0] * f->o.size[1] * 4);
-        umbc_json_integer(&f->json, "bytes", f->received);
-        umbc_json_integer(&f->json, "unpacked_bytes", f->plain);
-        umbc_json_end(&f->json, '}');
-        (void)putchar('\n');
+        umbu_json_integer(&f->json, "bytes", f->received);
+        umbu_json_integer(&f->json, "unpacked_bytes", f->plain);
+        umbu_json_close(&f->json);
     }
-    return status == UMB_OK && f->output.file ? umbc_output_commit(&f->output, error) : status;
+    return status == UMB_OK && f->output.file ? umbu_output_commit(&f->output, error) : status;
 }
 
 int umbc_frames(int argc, char **argv)
@@ -199,7 +192,7 @@ int umbc_frames(int argc, char **argv)
     if (status == UMB_OK) {
         status = run_frames(&f, &error);
     }
-    umbc_output_abandon(&f.output);
+    umbu_output_abandon(&f.output);
     umb_client_stream_close(f.request.stream);
     umb_client_close(f.client);
     umbc_views_finish(&f.views);

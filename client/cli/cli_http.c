@@ -7,7 +7,7 @@
 #include "cli_http.h"
 
 #include "cli_common.h"
-#include "cli_progress.h"
+#include "tool/clock.h"
 
 #include <curl/curl.h>
 #include <inttypes.h>
@@ -37,7 +37,7 @@ struct fetch {
 struct http {
     CURLM *multi;
     char *url;
-    double stop_s; /* Time of umbc_clock_s at which all requests end; 0: never */
+    double stop_s; /* Time of umbu_clock_s at which all requests end; 0: never */
     struct fetch fetches[AT_ONCE];
 };
 
@@ -81,7 +81,7 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
                    range->offset + range->length - 1);
     uint64_t timeout_s = STALL_S + range->length / SLOWEST_BYTES_S;
     if (http->stop_s > 0) {
-        const double left_s = http->stop_s - umbc_clock_s();
+        const double left_s = http->stop_s - umbu_clock_s();
         if (left_s <= 0) {
             return umb_fail(error, UMB_E_DEADLINE, "'%.200s': --timeout is over", http->url);
         }

@@ -11,7 +11,7 @@
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_http_open(const char *url, struct umb_region_source *source,
                                            struct umb_error *error);
-/* Sets the time (umbc_clock_s) at which open requests end and new ones fail, with E_DEADLINE. */
+/* Sets the time (umbu_clock_s) at which open requests end and new ones fail, with E_DEADLINE. */
 void umbc_http_stop_at(struct umb_region_source *source, double clock_s);
 
 void umbc_http_close(struct umb_region_source *source);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage info: what an asset is, from a file or from a daemon, for people or as JSON. */
 #include "cli_common.h"
-#include "cli_curve.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
-#include "cli_json.h"
+#include "tool/json.h"
+#include "umbrage/curve.h"
 
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
@@ -33,6 +33,58 @@ static const char *light_kind(enum umb_light_kind kind)
         return "point";
     }
     return "unknown";
+}
+
+/* Kinds of costs: nanoseconds a point for points all over the scene, and next to each other. */
+#define CURVE_COSTS 2
+
+/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or of each kind
+ * [count] or NULL. */
+static void print_curve(const struct umb_curve_row *rows, const double *const ns[CURVE_COSTS],
+                        size_t count)
+{
+    if (count == 0) {
+        return;
+    }
+    (void)printf("  level taps     bound, m  visibility error  nodes  cache lines");
+    for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+        (void)printf("%s", ns[k] == NULL ? "" : k == 0 ? "  ns, scattered" : "  ns, coherent");
+    }
+    (void)putchar('\n');
+    for (size_t i = 0; i < count; i++) {
+        const struct umb_curve_row *row = &rows[i];
+        (void)printf("  %5" PRIu32 " %4" PRIu32 " %12.4g %17.4f %6.2f %12.2f", row->level,
+                     row->taps, row->bound_m, row->visibility_error, row->nodes, row->lines);
+        for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+            if (ns[k] != NULL) {
+                (void)printf(" %*.1f", k == 0 ? 14 : 13, ns[k][i]);
+            }
+        }
+        (void)putchar('\n');
+    }
+}
+
+/* The same under "curve", an array of objects; empty without rows. */
+static void put_curve(struct umbu_json *json, const struct umb_curve_row *rows,
+                      const double *const ns[CURVE_COSTS], size_t count)
+{
+    umbu_json_begin(json, "curve", '[');
+    for (size_t i = 0; i < count; i++) {
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "level", rows[i].level);
+        umbu_json_integer(json, "taps", rows[i].taps);
+        umbu_json_number(json, "bound_m", rows[i].bound_m);
+        umbu_json_number(json, "visibility_error", rows[i].visibility_error);
+        umbu_json_number(json, "nodes", rows[i].nodes);
+        umbu_json_number(json, "lines", rows[i].lines);
+        for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
+            if (ns[k] != NULL) {
+                umbu_json_number(json, k == 0 ? "scattered_ns" : "coherent_ns", ns[k][i]);
+            }
+        }
+        umbu_json_end(json, '}');
+    }
+    umbu_json_end(json, ']');
 }
 
 /* key=value lines, indented under a title. */
@@ -75,28 +127,28 @@ static void print_light(uint32_t index, const struct umb_light_info *light)
     (void)putchar('\n');
 }
 
-static void json_light(struct umbc_json *json, const struct umb_light_info *light)
+static void json_light(struct umbu_json *json, const struct umb_light_info *light)
 {
-    umbc_json_text(json, "name", light->name);
-    umbc_json_text(json, "kind", light_kind(light->kind));
-    umbc_json_vector(json, "direction", light->direction);
-    umbc_json_vector(json, "position", light->position);
-    umbc_json_number(json, "extent", light->extent);
+    umbu_json_text(json, "name", light->name);
+    umbu_json_text(json, "kind", light_kind(light->kind));
+    umbu_json_vector(json, "direction", light->direction);
+    umbu_json_vector(json, "position", light->position);
+    umbu_json_number(json, "extent", light->extent);
 }
 
-static void json_box(struct umbc_json *json, const struct umb_box *bounds)
+static void json_box(struct umbu_json *json, const struct umb_box *bounds)
 {
-    umbc_json_begin(json, "bounds", '{');
-    umbc_json_vector(json, "min", bounds->min);
-    umbc_json_vector(json, "max", bounds->max);
-    umbc_json_end(json, '}');
+    umbu_json_begin(json, "bounds", '{');
+    umbu_json_vector(json, "min", bounds->min);
+    umbu_json_vector(json, "max", bounds->max);
+    umbu_json_end(json, '}');
 }
 
-static void json_id(struct umbc_json *json, const char *key, const uint8_t id[UMB_ID_BYTES])
+static void json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_ID_BYTES])
 {
     char text[UMB_ID_TEXT_SIZE];
     umb_id_to_text(id, text);
-    umbc_json_text(json, key, text);
+    umbu_json_text(json, key, text);
 }
 
 /* --- a file --- */
@@ -172,7 +224,7 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
             size_t count;
             (void)umb_asset_get_curve(asset, i, rows, &count);
-            umbc_curve_print(rows, NULL, count);
+            print_curve(rows, NULL, count);
         }
     }
     (void)printf("unique nodes  ");
@@ -187,10 +239,10 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
     print_lines("notes", info->notes);
 }
 
-static void json_frusta(struct umbc_json *json, const struct umb_asset *asset,
+static void json_frusta(struct umbu_json *json, const struct umb_asset *asset,
                         const struct umb_light_info *light)
 {
-    umbc_json_begin(json, "frusta", '[');
+    umbu_json_begin(json, "frusta", '[');
     for (uint32_t i = 0; i < light->frustum_count; i++) {
         struct umb_frustum_info frustum;
         double metres[3];
@@ -198,64 +250,63 @@ static void json_frusta(struct umbc_json *json, const struct umb_asset *asset,
             break;
         }
         umb_frustum_voxel_edges(&frustum, metres);
-        umbc_json_begin(json, NULL, '{');
-        umbc_json_integer(json, "resolution", 1ULL << frustum.log2_size);
-        umbc_json_vector(json, "voxel_m", metres);
-        umbc_json_bool(json, "closed", frustum.closed != 0);
-        umbc_json_end(json, '}');
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "resolution", 1ULL << frustum.log2_size);
+        umbu_json_vector(json, "voxel_m", metres);
+        umbu_json_bool(json, "closed", frustum.closed != 0);
+        umbu_json_end(json, '}');
     }
-    umbc_json_end(json, ']');
+    umbu_json_end(json, ']');
 }
 
-static void json_sizes(struct umbc_json *json, const struct umb_asset_info *info)
+static void json_sizes(struct umbu_json *json, const struct umb_asset_info *info)
 {
-    umbc_json_text(json, "encoding", info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
-    umbc_json_integer(json, "file_bytes", info->file_bytes);
-    umbc_json_integer(json, "packed_bytes", info->packed_bytes);
-    umbc_json_integer(json, "bytes_2014", info->bytes_2014);
-    umbc_json_integer(json, "memory_bytes", info->memory_bytes);
-    umbc_json_integer(json, "grid_bytes", info->grid_bytes);
-    umbc_json_integer(json, "node_bytes", info->node_bytes);
-    umbc_json_integer(json, "brick_bytes", info->brick_bytes);
-    umbc_json_integer(json, "front_bytes", info->occluder_depth_bytes);
-    umbc_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
-    umbc_json_integer(json, "near_bytes", info->receiver_mask_bytes);
-    umbc_json_begin(json, "level_nodes", '[');
+    umbu_json_text(json, "encoding", info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
+    umbu_json_integer(json, "file_bytes", info->file_bytes);
+    umbu_json_integer(json, "packed_bytes", info->packed_bytes);
+    umbu_json_integer(json, "bytes_2014", info->bytes_2014);
+    umbu_json_integer(json, "memory_bytes", info->memory_bytes);
+    umbu_json_integer(json, "grid_bytes", info->grid_bytes);
+    umbu_json_integer(json, "node_bytes", info->node_bytes);
+    umbu_json_integer(json, "brick_bytes", info->brick_bytes);
+    umbu_json_integer(json, "front_bytes", info->occluder_depth_bytes);
+    umbu_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
+    umbu_json_integer(json, "near_bytes", info->receiver_mask_bytes);
+    umbu_json_begin(json, "level_nodes", '[');
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umbc_json_integer(json, NULL, info->level_nodes[level]);
+        umbu_json_integer(json, NULL, info->level_nodes[level]);
     }
-    umbc_json_end(json, ']');
+    umbu_json_end(json, ']');
 }
 
 static void print_file_json(const struct umb_asset *asset, const struct umb_asset_info *info)
 {
-    struct umbc_json json = {.file = stdout};
-    umbc_json_begin(&json, NULL, '{');
+    struct umbu_json json = {.file = stdout};
+    umbu_json_begin(&json, NULL, '{');
     json_id(&json, "asset", info->id);
     json_id(&json, "scene", info->scene_hash);
     json_sizes(&json, info);
-    umbc_json_vector(&json, "origin", info->origin);
+    umbu_json_vector(&json, "origin", info->origin);
     json_box(&json, &info->bounds);
-    umbc_json_begin(&json, "lights", '[');
+    umbu_json_begin(&json, "lights", '[');
     for (uint32_t i = 0; i < info->light_count; i++) {
         struct umb_light_info light;
         if (umb_asset_get_light(asset, i, &light) == UMB_OK) {
-            umbc_json_begin(&json, NULL, '{');
+            umbu_json_begin(&json, NULL, '{');
             json_light(&json, &light);
             json_frusta(&json, asset, &light);
             struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
             size_t count;
             (void)umb_asset_get_curve(asset, i, rows, &count);
-            umbc_curve_json(&json, rows, NULL, count);
-            umbc_json_end(&json, '}');
+            put_curve(&json, rows, NULL, count);
+            umbu_json_end(&json, '}');
         }
     }
-    umbc_json_end(&json, ']');
-    umbc_json_text(&json, "plan", info->plan);
-    umbc_json_text(&json, "settings", info->settings);
-    umbc_json_text(&json, "notes", info->notes);
-    umbc_json_end(&json, '}');
-    (void)putchar('\n');
+    umbu_json_end(&json, ']');
+    umbu_json_text(&json, "plan", info->plan);
+    umbu_json_text(&json, "settings", info->settings);
+    umbu_json_text(&json, "notes", info->notes);
+    umbu_json_close(&json);
 }
 
 static int info_file(const char *path, const struct umbc_settings *settings)
@@ -283,7 +334,7 @@ static int info_file(const char *path, const struct umbc_settings *settings)
 /* --- an asset of a daemon --- */
 
 /* What rows cost on the daemon's machine; NULL where no budget has asked for it yet. */
-static void costs_of(const struct umb_client_light *light, const double *ns[UMBC_CURVE_COSTS])
+static void costs_of(const struct umb_client_light *light, const double *ns[CURVE_COSTS])
 {
     ns[0] = light->scattered_ns[0] > 0 ? light->scattered_ns : NULL;
     ns[1] = light->coherent_ns[0] > 0 ? light->coherent_ns : NULL;
@@ -309,9 +360,9 @@ static void print_description(const struct umb_client_description *about)
         (void)printf("  %" PRIu64 "^3 voxels of %.4g x %.4g x %.4g m, %s\n", light->resolution,
                      light->voxel_m[0], light->voxel_m[1], light->voxel_m[2],
                      light->closed ? "closed" : "open");
-        const double *ns[UMBC_CURVE_COSTS];
+        const double *ns[CURVE_COSTS];
         costs_of(light, ns);
-        umbc_curve_print(light->curve, ns, light->curve_count);
+        print_curve(light->curve, ns, light->curve_count);
     }
     print_lines("plan", about->plan);
     print_lines("settings", about->settings);
@@ -319,33 +370,32 @@ static void print_description(const struct umb_client_description *about)
 
 static void print_description_json(const struct umb_client_description *about)
 {
-    struct umbc_json json = {.file = stdout};
-    umbc_json_begin(&json, NULL, '{');
+    struct umbu_json json = {.file = stdout};
+    umbu_json_begin(&json, NULL, '{');
     json_id(&json, "asset", about->asset.id);
-    umbc_json_text(&json, "name", about->asset.name);
+    umbu_json_text(&json, "name", about->asset.name);
     json_id(&json, "scene", about->scene_hash);
-    umbc_json_integer(&json, "packed_bytes", about->asset.packed_bytes);
-    umbc_json_integer(&json, "memory_bytes", about->asset.memory_bytes);
-    umbc_json_vector(&json, "origin", about->origin);
+    umbu_json_integer(&json, "packed_bytes", about->asset.packed_bytes);
+    umbu_json_integer(&json, "memory_bytes", about->asset.memory_bytes);
+    umbu_json_vector(&json, "origin", about->origin);
     json_box(&json, &about->bounds);
-    umbc_json_begin(&json, "lights", '[');
+    umbu_json_begin(&json, "lights", '[');
     for (uint32_t i = 0; i < about->light_count; i++) {
         const struct umb_client_light *light = &about->lights[i];
-        umbc_json_begin(&json, NULL, '{');
+        umbu_json_begin(&json, NULL, '{');
         json_light(&json, &light->info);
-        umbc_json_integer(&json, "resolution", light->resolution);
-        umbc_json_vector(&json, "voxel_m", light->voxel_m);
-        umbc_json_bool(&json, "closed", light->closed != 0);
-        const double *ns[UMBC_CURVE_COSTS];
+        umbu_json_integer(&json, "resolution", light->resolution);
+        umbu_json_vector(&json, "voxel_m", light->voxel_m);
+        umbu_json_bool(&json, "closed", light->closed != 0);
+        const double *ns[CURVE_COSTS];
         costs_of(light, ns);
-        umbc_curve_json(&json, light->curve, ns, light->curve_count);
-        umbc_json_end(&json, '}');
+        put_curve(&json, light->curve, ns, light->curve_count);
+        umbu_json_end(&json, '}');
     }
-    umbc_json_end(&json, ']');
-    umbc_json_text(&json, "plan", about->plan);
-    umbc_json_text(&json, "settings", about->settings);
-    umbc_json_end(&json, '}');
-    (void)putchar('\n');
+    umbu_json_end(&json, ']');
+    umbu_json_text(&json, "plan", about->plan);
+    umbu_json_text(&json, "settings", about->settings);
+    umbu_json_close(&json);
 }
 
 static int info_asset(const char *name, struct umbc_settings *settings)

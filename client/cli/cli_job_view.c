@@ -7,7 +7,7 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
-#include "cli_progress.h"
+#include "tool/clock.h"
 #include "tool/exit_code.h"
 
 #define BAR_WIDTH    30
@@ -112,7 +112,7 @@ static int on_status(void *user, const struct umb_job_status *status)
     }
     view->status = *status;
     view->status.plan = view->status.notices = NULL;
-    view->heard_s = umbc_clock_s();
+    view->heard_s = umbu_clock_s();
     draw(view, NULL);
     return 1;
 }
@@ -132,7 +132,7 @@ static bool may_pass(enum umb_status status)
 enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool quiet,
                                struct umb_job_status *status, char **plan, struct umb_error *error)
 {
-    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .heard_s = umbc_clock_s()};
+    struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .heard_s = umbu_clock_s()};
     long pause_ms = PAUSE_MS;
     enum umb_status result = UMB_OK;
     do {
@@ -145,7 +145,7 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
         pause_ms = pause_ms < PAUSE_MAX_MS ? pause_ms : PAUSE_MAX_MS;
         draw(&view, "the daemon does not answer, trying again");
         (void)nanosleep(&(struct timespec){pause_ms / 1000, pause_ms % 1000 * 1000000}, NULL);
-    } while (umbc_clock_s() - view.heard_s < UMBC_WATCH_PATIENCE_S);
+    } while (umbu_clock_s() - view.heard_s < UMBC_WATCH_PATIENCE_S);
     if (view.drawn) {
         (void)fputs("\r\033[K", stderr);
     }
@@ -157,28 +157,28 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
     return result;
 }
 
-void umbc_job_json(struct umbc_json *json, const struct umb_job_status *status)
+void umbc_job_json(struct umbu_json *json, const struct umb_job_status *status)
 {
     char id[UMB_ID_TEXT_SIZE];
-    umbc_json_text(json, "job", status->job);
-    umbc_json_text(json, "state", umbc_job_state(status->state));
-    umbc_json_text(json, "failure", umbc_job_failure(status->failure));
-    umbc_json_text(json, "cause", status->cause);
+    umbu_json_text(json, "job", status->job);
+    umbu_json_text(json, "state", umbc_job_state(status->state));
+    umbu_json_text(json, "failure", umbc_job_failure(status->failure));
+    umbu_json_text(json, "cause", status->cause);
     if (status->has_asset) {
         umb_id_to_text(status->asset, id);
-        umbc_json_text(json, "asset", id);
+        umbu_json_text(json, "asset", id);
     }
-    umbc_json_text(json, "owner", status->owner);
-    umbc_json_signed(json, "priority", status->priority);
-    umbc_json_integer(json, "epoch", status->epoch);
-    umbc_json_integer(json, "bundle_bytes", status->bundle_bytes);
-    umbc_json_signed(json, "submitted_ms", status->submitted_ms);
-    umbc_json_signed(json, "started_ms", status->started_ms);
-    umbc_json_signed(json, "ended_ms", status->ended_ms);
+    umbu_json_text(json, "owner", status->owner);
+    umbu_json_signed(json, "priority", status->priority);
+    umbu_json_integer(json, "epoch", status->epoch);
+    umbu_json_integer(json, "bundle_bytes", status->bundle_bytes);
+    umbu_json_signed(json, "submitted_ms", status->submitted_ms);
+    umbu_json_signed(json, "started_ms", status->started_ms);
+    umbu_json_signed(json, "ended_ms", status->ended_ms);
     if (status->tiles_total > 0) {
-        umbc_json_integer(json, "tiles", status->tiles_total);
-        umbc_json_integer(json, "tiles_done", status->tiles_done);
-        umbc_json_integer(json, "tiles_found", status->tiles_found);
+        umbu_json_integer(json, "tiles", status->tiles_total);
+        umbu_json_integer(json, "tiles_done", status->tiles_done);
+        umbu_json_integer(json, "tiles_found", status->tiles_found);
     }
 }
 
@@ -187,12 +187,11 @@ int umbc_job_report(const struct umb_job_status *status, const char *plan, bool 
     char id[UMB_ID_TEXT_SIZE];
     const int code = umbc_job_exit(status);
     if (as_json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
         umbc_job_json(&json, status);
-        umbc_json_text(&json, "plan", plan != NULL ? plan : "");
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_text(&json, "plan", plan != NULL ? plan : "");
+        umbu_json_close(&json);
     } else if (status->has_asset) {
         umb_id_to_text(status->asset, id);
         (void)printf(quiet ? "%s\n" : "asset       %s\n", id);

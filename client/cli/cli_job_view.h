@@ -3,7 +3,7 @@
 #define UMBRAGE_CLI_CLI_JOB_VIEW_H
 /* What the sub-commands about jobs share: watching one to its end, and showing it. */
 #include "cli_common.h"
-#include "cli_json.h"
+#include "tool/json.h"
 #include "umbrage/jobs.h"
 
 /*
@@ -24,7 +24,7 @@ const char *umbc_job_state(int state);
 const char *umbc_job_failure(int failure);
 
 /* Writes the members of a job's object. */
-void umbc_job_json(struct umbc_json *json, const struct umb_job_status *status);
+void umbc_job_json(struct umbu_json *json, const struct umb_job_status *status);
 
 /* Shows how a job ended, on stdout; returns the exit code. plan may be NULL. */
 int umbc_job_report(const struct umb_job_status *status, const char *plan, bool as_json,

@@ -101,16 +101,16 @@ static void print_job(const struct umb_job_status *job)
 
 static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_json, bool quiet)
 {
-    struct umbc_json json = {.file = stdout};
+    struct umbu_json json = {.file = stdout};
     if (as_json) {
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_begin(&json, "jobs", '[');
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_begin(&json, "jobs", '[');
     }
     for (size_t i = 0; i < count; i++) {
         if (as_json) {
-            umbc_json_begin(&json, NULL, '{');
+            umbu_json_begin(&json, NULL, '{');
             umbc_job_json(&json, &jobs[i]);
-            umbc_json_end(&json, '}');
+            umbu_json_end(&json, '}');
         } else if (quiet) {
             (void)puts(jobs[i].job);
         } else {
@@ -118,9 +118,7 @@ static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_
         }
     }
     if (as_json) {
-        umbc_json_end(&json, ']');
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_close(&json);
     }
 }
 
@@ -169,11 +167,10 @@ int umbc_cancel(int argc, char **argv)
         code = umbc_complain(&error);
     } else {
         if (settings.json) {
-            struct umbc_json json = {.file = stdout};
-            umbc_json_begin(&json, NULL, '{');
+            struct umbu_json json = {.file = stdout};
+            umbu_json_begin(&json, NULL, '{');
             umbc_job_json(&json, &status);
-            umbc_json_end(&json, '}');
-            (void)putchar('\n');
+            umbu_json_close(&json);
         } else if (!settings.quiet) {
             (void)printf("job         %s: %s\n", status.job, umbc_job_state(status.state));
         }
@@ -214,13 +211,12 @@ int umbc_rm(int argc, char **argv)
                : umbc_complain(&error);
     umb_client_close(client);
     if (code == 0 && settings.json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
         char id[UMB_ID_TEXT_SIZE];
         umb_id_to_text(settings.asset, id);
-        umbc_json_text(&json, "asset", id);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_close(&json);
     }
     return code == 0 ? umbc_finish_stdout(0) : code;
 }

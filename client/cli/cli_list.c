@@ -5,7 +5,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
-#include "cli_json.h"
+#include "tool/json.h"
 
 #define NAME_WIDTH 32U /* columns */
 
@@ -23,23 +23,21 @@ static const struct umbu_command COMMAND = {
 
 static void print_json(const struct umb_client_asset *assets, size_t count)
 {
-    struct umbc_json json = {.file = stdout};
+    struct umbu_json json = {.file = stdout};
     char id[UMB_ID_TEXT_SIZE];
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_begin(&json, "assets", '[');
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_begin(&json, "assets", '[');
     for (size_t i = 0; i < count; i++) {
         umb_id_to_text(assets[i].id, id);
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "name", assets[i].name);
-        umbc_json_text(&json, "asset", id);
-        umbc_json_integer(&json, "packed_bytes", assets[i].packed_bytes);
-        umbc_json_integer(&json, "memory_bytes", assets[i].memory_bytes);
-        umbc_json_integer(&json, "lights", assets[i].light_count);
-        umbc_json_end(&json, '}');
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "name", assets[i].name);
+        umbu_json_text(&json, "asset", id);
+        umbu_json_integer(&json, "packed_bytes", assets[i].packed_bytes);
+        umbu_json_integer(&json, "memory_bytes", assets[i].memory_bytes);
+        umbu_json_integer(&json, "lights", assets[i].light_count);
+        umbu_json_end(&json, '}');
     }
-    umbc_json_end(&json, ']');
-    umbc_json_end(&json, '}');
-    (void)putchar('\n');
+    umbu_json_close(&json);
 }
 
 static void print_table(const struct umb_client_asset *assets, size_t count, bool names_only)

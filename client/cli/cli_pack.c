@@ -6,8 +6,8 @@
 #include "cli_common.h"
 
 #include <stdio.h>
-#include "cli_json.h"
-#include "cli_output.h"
+#include "tool/json.h"
+#include "tool/output.h"
 #include "umbrage/region.h"
 
 struct pack_settings {
@@ -40,26 +40,20 @@ static const struct umbu_command UNPACK = {
 static enum umb_status write_file(const struct umb_asset *asset, enum umb_encoding encoding,
                                   const char *path, struct umb_error *error)
 {
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(path, &output, error);
+    struct umbu_output output;
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
     if (status != UMB_OK) {
         return status;
     }
     error->message[0] = '\0';
-    const struct umb_sink sink = umbc_output_sink(&output);
+    const struct umb_sink sink = umbu_output_sink(&output);
     status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
-    if (status != UMB_OK) {
-        if (output.system_error != 0) { /* the core knows only that a write failed, not why */
-            status =
-                umb_fail_errno(error, UMB_E_IO, output.system_error, "cannot write '%.200s'", path);
-        } else if (error->message[0] == '\0') {
-            (void)umb_fail(error, status, "cannot write '%.200s': %s", path,
-                           umb_status_text(status));
-        }
-        umbc_output_abandon(&output);
-        return status;
+    if (status == UMB_OK) {
+        return umbu_output_commit(&output, error);
     }
-    return umbc_output_commit(&output, error);
+    status = umbu_output_explain(&output, status, error);
+    umbu_output_abandon(&output);
+    return status;
 }
 
 static void report(const struct pack_settings *settings, const struct umb_asset *asset)
@@ -69,12 +63,11 @@ static void report(const struct pack_settings *settings, const struct umb_asset 
     umb_asset_get_info(asset, &info);
     umb_id_to_text(info.id, id);
     if (settings->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "output", settings->output);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_text(&json, "output", settings->output);
+        umbu_json_close(&json);
     } else if (!settings->quiet) {
         (void)fprintf(stderr, "%s: asset %s\n", settings->output, id);
     }

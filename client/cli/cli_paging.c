@@ -13,9 +13,9 @@
 #include <sys/stat.h>
 
 #include "cli_http.h"
-#include "cli_json.h"
-#include "cli_output.h"
-#include "cli_progress.h"
+#include "tool/json.h"
+#include "tool/output.h"
+#include "tool/clock.h"
 #include "cli_paging_options.h"
 
 #define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
@@ -48,7 +48,7 @@ static int open_source(struct stream *s)
     if (s->o.url) {
         status = umbc_http_open(s->o.url, &s->source, &error);
         if (status == UMB_OK && s->o.timeout_s > 0) {
-            umbc_http_stop_at(&s->source, umbc_clock_s() + s->o.timeout_s);
+            umbc_http_stop_at(&s->source, umbu_clock_s() + s->o.timeout_s);
         }
     } else if (s->o.file) {
         status = umb_region_file_open(s->o.file, &s->source, &error);
@@ -97,7 +97,7 @@ static enum umb_status draw_step(struct stream *s, struct umb_error *error)
 static enum umb_status on_progress(void *user, struct umb_region *region)
 {
     struct stream *s = user;
-    const double now = umbc_clock_s();
+    const double now = umbu_clock_s();
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
     enum umb_status status = UMB_OK;
     umb_region_get_stats(region, &step.stats);
@@ -126,7 +126,7 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
         status =
             umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", s->o.timeout_s);
     }
-    s->aside_s += umbc_clock_s() - now;
+    s->aside_s += umbu_clock_s() - now;
     return status;
 }
 
@@ -205,65 +205,65 @@ static enum umb_status fetch(struct stream *s, struct umb_error *error)
     return status;
 }
 
-static void print_step_json(struct umbc_json *json, const struct step *step, size_t points)
+static void print_step_json(struct umbu_json *json, const struct step *step, size_t points)
 {
-    umbc_json_begin(json, NULL, '{');
-    umbc_json_number(json, "seconds", step->seconds);
-    umbc_json_integer(json, "view", step->view);
-    umbc_json_integer(json, "bytes", step->stats.received_bytes);
-    umbc_json_integer(json, "pages", step->stats.pages_received);
-    umbc_json_integer(json, "requests", step->stats.requests);
-    umbc_json_integer(json, "rounds", step->stats.rounds);
-    umbc_json_integer(json, "memory_bytes", step->stats.partial.memory_bytes);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_number(json, "seconds", step->seconds);
+    umbu_json_integer(json, "view", step->view);
+    umbu_json_integer(json, "bytes", step->stats.received_bytes);
+    umbu_json_integer(json, "pages", step->stats.pages_received);
+    umbu_json_integer(json, "requests", step->stats.requests);
+    umbu_json_integer(json, "rounds", step->stats.rounds);
+    umbu_json_integer(json, "memory_bytes", step->stats.partial.memory_bytes);
     if (points > 0) {
-        umbc_json_integer(json, "exact", step->figures.exact);
-        umbc_json_integer(json, "within_1m", step->figures.within_1m);
-        umbc_json_integer(json, "within_10cm", step->figures.within_10cm);
-        umbc_json_number(json, "worst_m", step->figures.worst_m);
+        umbu_json_integer(json, "exact", step->figures.exact);
+        umbu_json_integer(json, "within_1m", step->figures.within_1m);
+        umbu_json_integer(json, "within_10cm", step->figures.within_10cm);
+        umbu_json_number(json, "worst_m", step->figures.worst_m);
     }
-    umbc_json_end(json, '}');
+    umbu_json_end(json, '}');
 }
 
 static void print_json(const struct stream *s)
 {
-    struct umbc_json json = {.file = stdout};
+    struct umbu_json json = {.file = stdout};
     struct umb_asset_info info;
     struct umb_region_stats stats;
     char id[UMB_ID_TEXT_SIZE];
     umb_region_get_stats(s->region, &stats);
     umb_asset_get_info(umb_partial_lower(umb_region_partial(s->region)), &info);
     umb_id_to_text(info.id, id);
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_text(&json, "asset", id);
-    umbc_json_integer(&json, "asset_bytes", stats.partial.asset_bytes);
-    umbc_json_integer(&json, "head_bytes", stats.partial.head_bytes);
-    umbc_json_integer(&json, "page_count", stats.partial.page_count);
-    umbc_json_integer(&json, "pages_held", stats.partial.pages_held);
-    umbc_json_integer(&json, "pages_dropped", stats.partial.pages_dropped);
-    umbc_json_integer(&json, "memory_peak_bytes", stats.partial.memory_peak_bytes);
-    umbc_json_integer(&json, "points", s->o.points.count);
-    umbc_json_begin(&json, "steps", '[');
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_integer(&json, "asset_bytes", stats.partial.asset_bytes);
+    umbu_json_integer(&json, "head_bytes", stats.partial.head_bytes);
+    umbu_json_integer(&json, "page_count", stats.partial.page_count);
+    umbu_json_integer(&json, "pages_held", stats.partial.pages_held);
+    umbu_json_integer(&json, "pages_dropped", stats.partial.pages_dropped);
+    umbu_json_integer(&json, "memory_peak_bytes", stats.partial.memory_peak_bytes);
+    umbu_json_integer(&json, "points", s->o.points.count);
+    umbu_json_begin(&json, "steps", '[');
     for (size_t i = 0; i < s->step_count; i++) {
         print_step_json(&json, &s->steps[i], s->o.points.count);
     }
-    umbc_json_end(&json, ']');
-    umbc_json_end(&json, '}');
-    (void)fputc('\n', stdout);
+    umbu_json_close(&json);
 }
 
 static enum umb_status save(struct stream *s, struct umb_error *error)
 {
-    struct umbc_output output;
-    enum umb_status status = umbc_output_begin(s->o.output, &output, error);
+    struct umbu_output output;
+    enum umb_status status = umbu_output_begin(s->o.output, UMBU_OUTPUT_COMMAND, &output, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_sink sink = umbc_output_sink(&output);
+    const struct umb_sink sink = umbu_output_sink(&output);
+    error->message[0] = '\0';
     status = umb_partial_save(umb_region_partial(s->region), &sink, error);
     if (status == UMB_OK) {
-        return umbc_output_commit(&output, error);
+        return umbu_output_commit(&output, error);
     }
-    umbc_output_abandon(&output);
+    status = umbu_output_explain(&output, status, error);
+    umbu_output_abandon(&output);
     return status;
 }
 
@@ -275,7 +275,7 @@ static int run(struct stream *s)
                              s->o.frames);
         return umbc_complain(&error);
     }
-    s->started_s = umbc_clock_s();
+    s->started_s = umbu_clock_s();
     enum umb_status status = open_region(s, &error);
     if (status == UMB_OK) {
         status = fetch(s, &error);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli_output.h"
+#include "tool/output.h"
 #include "cli_paging_view.h"
 
 enum {
@@ -130,7 +130,7 @@ enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
 {
     static const double orange[3] = {1.0, 0.72, 0.35};
     const size_t bytes = (size_t)3 * size[0] * size[1];
-    struct umbc_output output;
+    struct umbu_output output;
     uint8_t *picture = malloc(bytes);
     if (!picture) {
         return umb_fail(error, UMB_E_NO_MEMORY, "frames: no memory for %zu bytes", bytes);
@@ -148,15 +148,11 @@ enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
             }
         }
     }
-    enum umb_status status = umbc_output_begin(path, &output, error);
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
     if (status == UMB_OK) {
-        if (fprintf(output.file, "P6\n%u %u\n255\n", size[0], size[1]) < 0 ||
-            fwrite(picture, 1, bytes, output.file) != bytes) {
-            status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", path);
-            umbc_output_abandon(&output);
-        } else {
-            status = umbc_output_commit(&output, error);
-        }
+        (void)fprintf(output.file, "P6\n%u %u\n255\n", size[0], size[1]);
+        (void)fwrite(picture, 1, bytes, output.file);
+        status = umbu_output_commit(&output, error); /* which looks at the stream */
     }
     free(picture);
     return status;

@@ -7,33 +7,15 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_common.h"
+#include "tool/keys.h"
 
 #define DEFAULT_FOV_DEG 60.0
 #define PI              3.14159265358979323846
 
-/* Numbers with commas between them; *end is where they stop. */
-static bool parse_numbers(const char *text, double *values, size_t count, const char **end)
-{
-    for (size_t i = 0; i < count; i++) {
-        char *after;
-        if (i > 0 && *text++ != ',') {
-            return false;
-        }
-        values[i] = strtod(text, &after);
-        if (after == text || !isfinite(values[i])) {
-            return false;
-        }
-        text = after;
-    }
-    *end = text;
-    return true;
-}
-
 bool umbc_parse_box(const char *text, struct umb_partial_view *view)
 {
     double v[6];
-    const char *end;
-    if (!parse_numbers(text, v, 6, &end) || *end != '\0') {
+    if (!umbu_read_numbers(text, 6, v)) {
         return false;
     }
     for (unsigned i = 0; i < 3; i++) {
@@ -44,29 +26,19 @@ bool umbc_parse_box(const char *text, struct umb_partial_view *view)
     return true;
 }
 
-/* Takes "name=" and its numbers if they stand at *text. */
-static bool take(const char **text, const char *name, double *values, size_t count, bool *found)
-{
-    const size_t length = strlen(name);
-    if (strncmp(*text, name, length) != 0 || (*text)[length] != '=') {
-        return false;
-    }
-    *found = true;
-    return parse_numbers(*text + length + 1, values, count, text);
-}
-
 bool umbc_parse_camera(const char *text, double aspect, char up, struct umb_partial_view *view)
 {
     double eye[3], target[3], fov = DEFAULT_FOV_DEG, far = 0;
-    bool has_eye = false, has_target = false, optional = false;
-    do {
-        if (!take(&text, "eye", eye, 3, &has_eye) &&
-            !take(&text, "target", target, 3, &has_target) &&
-            !take(&text, "fov", &fov, 1, &optional) && !take(&text, "far", &far, 1, &optional)) {
-            return false;
-        }
-    } while (*text == ',' && *++text != '\0');
-    if (*text != '\0' || !has_eye || !has_target || !(fov > 0 && fov < 180) || !(far >= 0)) {
+    bool has_eye = false, has_target = false, has_fov = false, has_far = false;
+    const struct umbu_key keys[] = {
+        {"eye", &has_eye, eye, 3, HUGE_VAL},
+        {"target", &has_target, target, 3, HUGE_VAL},
+        {"fov", &has_fov, &fov, 1, 180},
+        {"far", &has_far, &far, 1, HUGE_VAL},
+    };
+    if (umbu_read_keys("--camera", text, "eye target fov far", keys, sizeof keys / sizeof keys[0],
+                       NULL) != UMB_OK ||
+        !has_eye || !has_target || !(fov > 0 && fov < 180) || !(far >= 0)) {
         return false;
     }
     view->has_camera = 1;

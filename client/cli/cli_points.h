@@ -89,4 +89,19 @@ void umbc_batch_finish(struct umbc_batch *batch);
 struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
                                   const double origin[3]);
 
+/* Points of a fair sample, to calibrate on: they touch more than caches hold. */
+#define UMBC_SAMPLE_POINTS 262144
+
+/*
+ * Reads ranges of consecutive points from all over a file, or all of a small one.
+ *
+ * In:    path, format, with_normals: as umbc_points_open takes them. most: points that are wanted.
+ * Out:   batch: made here; umbc_batch_finish it, also after a failure. Its count is 0 for stdin,
+ *        pipes and whatever cannot be read: reading all of it will say why.
+ * Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,
+                                               bool with_normals, size_t most,
+                                               struct umbc_batch *batch, struct umb_error *error);
+
 #endif

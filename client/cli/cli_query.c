@@ -15,9 +15,9 @@
 #include <string.h>
 #include "cli_answers.h"
 #include "cli_call_size.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "cli_query_dial.h"
-#include "cli_query_volume.h"
+#include "tool/clock.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
 
@@ -50,7 +50,7 @@ struct job {
     struct umbc_points source;
     FILE *footprints; /* of the points; NULL: none of their own */
     struct umbc_answers answers;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umbc_query_total total;
     struct slot slots[SLOTS];
     size_t slot_count; /* in use: a file needs one */
@@ -64,10 +64,10 @@ static void answer_here(struct job *job, struct slot *slot)
     struct umb_light_answers answers = {.values = slot->values, .stats = slot->stats};
     slot->error.status = umb_points_check(&slot->points, &slot->error);
     if (slot->error.status == UMB_OK) {
-        const double start = umbc_cpu_s();
+        const double start = umbu_thread_cpu_s();
         umb_query_run_lights(job->queries, job->light_count, &slot->points, 0, slot->points.count,
                              &answers);
-        job->total.here_s += umbc_cpu_s() - start;
+        job->total.here_s += umbu_thread_cpu_s() - start;
     } else {
         slot->error.status = UMB_E_FORMAT; /* the input's fault, not the command line's */
     }
@@ -179,7 +179,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
                                  slot->batch.count)) {
         return umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
-    umbc_progress_show(&job->progress, (double)job->total.points, fraction_read(&job->source));
+    umbu_progress_show(&job->progress, (double)job->total.points, fraction_read(&job->source));
     return UMB_OK;
 }
 
@@ -373,13 +373,13 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     if (status != UMB_OK) {
         return status;
     }
-    umbc_progress_begin(&job->progress, options->quiet);
+    umbu_progress_begin(&job->progress, "points", options->quiet);
     status = run_ring(job, error);
     if (status == UMB_OK && job->total.points == 0 && job->client != NULL) {
         status = ask_nothing(job, error);
     }
-    job->total.seconds = umbc_clock_s() - job->progress.started_s;
-    umbc_progress_end(&job->progress);
+    job->total.seconds = umbu_clock_s() - job->progress.started_s;
+    umbu_progress_end(&job->progress);
     return status == UMB_OK ? umbc_answers_end(&job->answers, &job->total, error) : status;
 }
 

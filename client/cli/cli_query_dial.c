@@ -5,16 +5,9 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-#include "cli_point_sample.h"
-
-double umbc_cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
+#include "cli_points.h"
+#include "tool/clock.h"
 
 static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,
                                  const struct umbc_query_options *options,
@@ -26,9 +19,10 @@ static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,
                            UMBC_SAMPLE_POINTS, &sample, error);
     if (status == UMB_OK) {
         const struct umb_points points = umbc_batch_view(&sample, options->format, options->origin);
-        status = points.count > 0 && umb_points_check(&points, NULL) == UMB_OK
-                     ? umb_calibrate_points(asset, light, &points, umbc_cpu_s, calibration, error)
-                     : umb_calibrate(asset, light, umbc_cpu_s, calibration, error);
+        status =
+            points.count > 0 && umb_points_check(&points, NULL) == UMB_OK
+                ? umb_calibrate_points(asset, light, &points, umbu_thread_cpu_s, calibration, error)
+                : umb_calibrate(asset, light, umbu_thread_cpu_s, calibration, error);
     }
     umbc_batch_finish(&sample);
     return status;

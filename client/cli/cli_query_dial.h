@@ -5,9 +5,6 @@
 #include "cli_answers.h"
 #include "cli_query_options.h"
 
-/* CPU time of the calling thread, seconds. */
-double umbc_cpu_s(void);
-
 /*
  * Chooses the settings of a light if the options ask for that. A budget is calibrated on a sample
  * of the very points that will be asked, or, where they cannot be read twice, on points spread over

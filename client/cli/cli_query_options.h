@@ -54,4 +54,8 @@ extern const struct umbu_command umbc_query_command;
 /* umbc_complain, with the names of options in place of the library's fields. */
 int umbc_complain_query(const struct umb_error *error);
 
+/* Answers --segments, --columns or --boxes of a file or a daemon: a line of text or an object of
+ * JSON for each record, in order. Returns the exit code. */
+int umbc_query_volume(const struct umbc_query_options *options);
+
 #endif

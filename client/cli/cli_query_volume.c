@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Segments, columns and boxes from a file or a daemon; see cli_query_volume.h. */
-#include "cli_query_volume.h"
+/* Segments, columns and boxes from a file or a daemon; see cli_query_options.h. */
+#include "cli_query_options.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include "cli_json.h"
+#include "tool/json.h"
 #include "cli_long_segments.h"
-#include "cli_output.h"
+#include "tool/clock.h"
+#include "tool/output.h"
 #include "cli_volume_asset.h"
 
 struct job {
@@ -16,8 +17,8 @@ struct job {
     struct umbc_points source;
     struct umbc_record_progress progress;
     struct umbc_batch batch;
-    struct umbc_output output;
-    struct umbc_json json;
+    struct umbu_output output;
+    struct umbu_json json;
     struct umb_segment_answers segments;
     struct umb_column_answers columns;
     struct umb_box_answers boxes;
@@ -57,18 +58,18 @@ static void put_segment(struct job *job, const struct umb_segment_answer *answer
         (void)fputc('\n', job->output.file);
         return;
     }
-    umbc_json_begin(&job->json, NULL, '{');
-    umbc_json_number(&job->json, "lit", answer->lit);
-    umbc_json_number(&job->json, "lit_m", answer->lit_m);
-    umbc_json_begin(&job->json, "stretches", '[');
+    umbu_json_begin(&job->json, NULL, '{');
+    umbu_json_number(&job->json, "lit", answer->lit);
+    umbu_json_number(&job->json, "lit_m", answer->lit_m);
+    umbu_json_begin(&job->json, "stretches", '[');
     for (uint64_t k = 0; k < answer->interval_count; k++) {
-        umbc_json_begin(&job->json, NULL, '[');
-        umbc_json_number(&job->json, NULL, intervals[k].begin);
-        umbc_json_number(&job->json, NULL, intervals[k].end);
-        umbc_json_end(&job->json, ']');
+        umbu_json_begin(&job->json, NULL, '[');
+        umbu_json_number(&job->json, NULL, intervals[k].begin);
+        umbu_json_number(&job->json, NULL, intervals[k].end);
+        umbu_json_end(&job->json, ']');
     }
-    umbc_json_end(&job->json, ']');
-    umbc_json_end(&job->json, '}');
+    umbu_json_end(&job->json, ']');
+    umbu_json_end(&job->json, '}');
 }
 
 static enum umb_status ask_segments(struct job *job, struct umb_error *error)
@@ -108,11 +109,11 @@ static enum umb_status ask_columns(struct job *job, struct umb_error *error)
             (void)fprintf(job->output.file, "%.9g\n", answer->distance_m);
             continue;
         }
-        umbc_json_begin(&job->json, NULL, '{');
-        umbc_json_number(&job->json, "distance_m", answer->distance_m);
-        umbc_json_integer(&job->json, "lit", answer->lit);
-        umbc_json_bool(&job->json, "outside", answer->outside != 0);
-        umbc_json_end(&job->json, '}');
+        umbu_json_begin(&job->json, NULL, '{');
+        umbu_json_number(&job->json, "distance_m", answer->distance_m);
+        umbu_json_integer(&job->json, "lit", answer->lit);
+        umbu_json_bool(&job->json, "outside", answer->outside != 0);
+        umbu_json_end(&job->json, '}');
     }
     job->count += points.count;
     add_stats(&job->stats, &job->columns.stats);
@@ -135,11 +136,11 @@ static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
             (void)fprintf(job->output.file, answer->voxels ? "%.9g\n" : "nan\n", share);
             continue;
         }
-        umbc_json_begin(&job->json, NULL, '{');
-        umbc_json_number(&job->json, "share", share);
-        umbc_json_integer(&job->json, "lit", answer->lit);
-        umbc_json_integer(&job->json, "voxels", answer->voxels);
-        umbc_json_end(&job->json, '}');
+        umbu_json_begin(&job->json, NULL, '{');
+        umbu_json_number(&job->json, "share", share);
+        umbu_json_integer(&job->json, "lit", answer->lit);
+        umbu_json_integer(&job->json, "voxels", answer->voxels);
+        umbu_json_end(&job->json, '}');
     }
     job->count += corners.count;
     add_stats(&job->stats, &job->boxes.stats);
@@ -204,17 +205,15 @@ static void end_json(struct job *job)
 {
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(job->asset.id, id);
-    umbc_json_end(&job->json, ']');
-    umbc_json_text(&job->json, "asset", id);
-    umbc_json_integer(&job->json, "light", job->options->settings.light);
-    umbc_json_bool(&job->json, "ignores_translucent", job->asset.ignores_translucent);
-    umbc_json_integer(&job->json, "count", job->count);
-    umbc_json_begin(&job->json, "stats", '{');
-    umbc_json_integer(&job->json, "nodes", job->stats.nodes);
-    umbc_json_integer(&job->json, "bricks", job->stats.bricks);
-    umbc_json_end(&job->json, '}');
-    umbc_json_end(&job->json, '}');
-    (void)fputc('\n', job->json.file);
+    umbu_json_end(&job->json, ']');
+    umbu_json_text(&job->json, "asset", id);
+    umbu_json_integer(&job->json, "light", job->options->settings.light);
+    umbu_json_bool(&job->json, "ignores_translucent", job->asset.ignores_translucent);
+    umbu_json_integer(&job->json, "count", job->count);
+    umbu_json_begin(&job->json, "stats", '{');
+    umbu_json_integer(&job->json, "nodes", job->stats.nodes);
+    umbu_json_integer(&job->json, "bricks", job->stats.bricks);
+    umbu_json_close(&job->json);
 }
 
 static enum umb_status ask_all(struct job *job, struct umb_error *error)
@@ -222,8 +221,8 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
     enum umb_status status = UMB_OK;
     if (job->options->json) {
         job->json.file = job->output.file;
-        umbc_json_begin(&job->json, NULL, '{');
-        umbc_json_begin(&job->json, NAMES[job->options->volume_query], '[');
+        umbu_json_begin(&job->json, NULL, '{');
+        umbu_json_begin(&job->json, NAMES[job->options->volume_query], '[');
     }
     umbc_records_begin(&job->progress, NAMES[job->options->volume_query], job->options->quiet,
                        &job->source);
@@ -240,7 +239,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
         /* Nothing was sent; an empty question still refuses a wrong asset or light. */
         status = ask_batch(job, error);
     }
-    const double seconds = umbc_clock_s() - job->progress.line.started_s;
+    const double seconds = umbu_clock_s() - job->progress.line.started_s;
     umbc_records_end(&job->progress);
     if (status != UMB_OK) {
         return status;
@@ -258,7 +257,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
                                   "translucent ones (--opaque-only says that you know)\n");
         }
     }
-    return umbc_output_commit(&job->output, error);
+    return umbu_output_commit(&job->output, error);
 }
 
 static enum umb_status run_job(struct job *job, struct umb_error *error)
@@ -273,15 +272,15 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
         status = open_answers(job, error);
     }
     if (status == UMB_OK) {
-        status = umbc_output_begin(options->out, &job->output, error);
+        status = umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &job->output, error);
     }
     return status == UMB_OK ? ask_all(job, error) : status;
 }
 
 static void close_job(struct job *job)
 {
-    umbc_json_abandon(&job->json);
-    umbc_output_abandon(&job->output);
+    umbu_json_close(&job->json);
+    umbu_output_abandon(&job->output);
     umbc_points_close(&job->source);
     umbc_batch_finish(&job->batch);
     free(job->segments.segments);

@@ -8,8 +8,7 @@ void umbc_records_begin(struct umbc_record_progress *progress, const char *unit,
                         const struct umbc_points *source)
 {
     *progress = (struct umbc_record_progress){.source = source};
-    umbc_progress_begin(&progress->line, quiet);
-    progress->line.unit = unit;
+    umbu_progress_begin(&progress->line, unit, quiet);
 }
 
 void umbc_records_batch(struct umbc_record_progress *progress, size_t count)
@@ -35,7 +34,7 @@ static double share_done(const struct umbc_record_progress *progress, double ans
 
 void umbc_records_show(struct umbc_record_progress *progress, double answered)
 {
-    umbc_progress_show(&progress->line, (double)progress->done + answered,
+    umbu_progress_show(&progress->line, (double)progress->done + answered,
                        share_done(progress, answered));
     if (answered >= (double)progress->count) {
         progress->begin = progress->source->offset;
@@ -44,7 +43,7 @@ void umbc_records_show(struct umbc_record_progress *progress, double answered)
 
 void umbc_records_end(struct umbc_record_progress *progress)
 {
-    umbc_progress_end(&progress->line);
+    umbu_progress_end(&progress->line);
 }
 
 #define SAMPLES 24 /* along each axis */

@@ -8,12 +8,12 @@
  *     begin;  after each read: batch;  while it is answered: show, as often as you like;  end.
  */
 #include "cli_points.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "umbrage/asset.h"
 #include "umbrage/volume.h"
 
 struct umbc_record_progress {
-    struct umbc_progress line;
+    struct umbu_progress line;
     const struct umbc_points *source; /* borrowed */
     uint64_t done;                    /* records of earlier batches */
     uint64_t begin;                   /* bytes of the source that these took */

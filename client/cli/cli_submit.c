@@ -6,7 +6,7 @@
 #include <string.h>
 #include "cli_bundle.h"
 #include "cli_job_view.h"
-#include "cli_progress.h"
+#include "tool/progress.h"
 #include "tool/bake_settings.h"
 
 struct submit_settings {
@@ -43,19 +43,18 @@ static const struct umbu_command COMMAND = {
 
 static void on_sent(void *user, uint64_t done, uint64_t total)
 {
-    struct umbc_progress *progress = user;
-    umbc_progress_show_bytes(progress, done, total);
+    struct umbu_progress *progress = user;
+    umbu_progress_show(progress, 1e-6 * (double)done, total > 0 ? (double)done / (double)total : 1);
 }
 
 static int report_submitted(const struct umb_job_submitted *submitted, bool as_json, bool quiet)
 {
     if (as_json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "job", submitted->job);
-        umbc_json_bool(&json, "existing", submitted->existing != 0);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "job", submitted->job);
+        umbu_json_bool(&json, "existing", submitted->existing != 0);
+        umbu_json_close(&json);
     } else {
         (void)printf(quiet ? "%s\n" : "job         %s%s\n", submitted->job,
                      submitted->existing ? " (submitted before)" : "");
@@ -95,7 +94,7 @@ static int run(struct submit_settings *settings)
     struct umb_error error = {.status = UMB_OK};
     struct umb_job_submitted submitted;
     struct umbc_bundle bundle;
-    struct umbc_progress progress;
+    struct umbu_progress progress;
     struct umb_client *client;
     if (umbc_bundle_gather(settings->target, quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
@@ -112,9 +111,9 @@ static int run(struct submit_settings *settings)
                                                   .priority = settings->priority,
                                                   .sent = on_sent,
                                                   .user = &progress};
-    umbc_progress_begin(&progress, quiet || as_json);
+    umbu_progress_begin(&progress, "MB", quiet || as_json);
     enum umb_status status = submit(client, &submission, &submitted, &error);
-    umbc_progress_end(&progress);
+    umbu_progress_end(&progress);
     umbc_bundle_finish(&bundle);
     int code;
     if (status != UMB_OK) {

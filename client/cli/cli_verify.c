@@ -9,7 +9,7 @@
 
 #include <stdio.h>
 #include <string.h>
-#include "cli_json.h"
+#include "tool/json.h"
 #include "umbrage/region.h"
 
 static const struct umbu_option OPTIONS[] = {
@@ -35,17 +35,16 @@ static void report(const struct umbc_settings *settings, const struct umb_asset_
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(info->id, id);
     if (settings->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_text(&json, "asset", id);
-        umbc_json_text(&json, "encoding",
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "asset", id);
+        umbu_json_text(&json, "encoding",
                        info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
-        umbc_json_bool(&json, "good", error->status == UMB_OK);
+        umbu_json_bool(&json, "good", error->status == UMB_OK);
         if (error->status != UMB_OK) {
-            umbc_json_text(&json, "error", error->message);
+            umbu_json_text(&json, "error", error->message);
         }
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        umbu_json_close(&json);
     } else if (!settings->quiet && error->status == UMB_OK) {
         (void)printf("%s: good, asset %s\n", settings->target, id);
     }
@@ -55,12 +54,11 @@ static void report(const struct umbc_settings *settings, const struct umb_asset_
 static int fail_open(const struct umbc_settings *settings, const struct umb_error *error)
 {
     if (settings->json) {
-        struct umbc_json json = {.file = stdout};
-        umbc_json_begin(&json, NULL, '{');
-        umbc_json_bool(&json, "good", false);
-        umbc_json_text(&json, "error", error->message);
-        umbc_json_end(&json, '}');
-        (void)putchar('\n');
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_bool(&json, "good", false);
+        umbu_json_text(&json, "error", error->message);
+        umbu_json_close(&json);
     }
     return umbc_complain_file(settings->target, error);
 }

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "cli/cli_output.h"
+#include "tool/output.h"
 #include "load/load_print.h"
 
 /* Everything of one load test; large, so that it lives on the heap. */
@@ -14,7 +14,7 @@ struct test {
     struct umbc_load_pool pool;
     struct umbc_load_result result;
     struct umbc_load_sweep sweep;
-    struct umbc_output report;
+    struct umbu_output report;
     bool live; /* stderr is a terminal */
 };
 
@@ -95,11 +95,11 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
     return status;
 }
 
-static enum umb_status write_page(const struct umbc_load_story *story, struct umbc_output *output,
+static enum umb_status write_page(const struct umbc_load_story *story, struct umbu_output *output,
                                   struct umb_error *error)
 {
     umbc_load_print_page(output->file, story);
-    return umbc_output_commit(output, error);
+    return umbu_output_commit(output, error);
 }
 
 static enum umb_status tell(struct test *test, struct umb_error *error)
@@ -133,7 +133,8 @@ int umbc_load(int argc, char **argv)
     enum umb_status status = prepare(test, &error);
     if (status == UMB_OK && test->options.report != NULL) {
         /* Before the run: a page that cannot be made must not cost one. */
-        status = umbc_output_begin(test->options.report, &test->report, &error);
+        status =
+            umbu_output_begin(test->options.report, UMBU_OUTPUT_COMMAND, &test->report, &error);
     }
     status = status == UMB_OK ? measure(test, &error) : status;
     status = status == UMB_OK ? tell(test, &error) : status;
@@ -141,7 +142,7 @@ int umbc_load(int argc, char **argv)
     if (status == UMB_OK && test->options.sweep && test->sweep.knee <= 0) {
         code = UMBC_EXIT_NEGATIVE;
     }
-    umbc_output_abandon(&test->report);
+    umbu_output_abandon(&test->report);
     umb_free(test->about);
     umbc_load_pool_finish(&test->pool);
     free(test);

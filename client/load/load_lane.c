@@ -4,16 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-
-#define SECOND_NS 1000000000U
-
-uint64_t umbc_load_clock_ns(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * SECOND_NS + (uint64_t)now.tv_nsec;
-}
+#include "tool/clock.h"
 
 /* When call `number` of the lane is due; a closed loop's is always now. */
 static uint64_t due_of(const struct umbc_load_lane *lane, uint64_t number)
@@ -61,7 +52,7 @@ static void on_answer(void *user, enum umb_status status,
 {
     struct umbc_load_slot *slot = user;
     struct umbc_load_lane *lane = slot->lane;
-    uint64_t now_ns = umbc_load_clock_ns();
+    uint64_t now_ns = umbu_clock_ns();
     (void)reply;
     pthread_mutex_lock(&lane->lock);
     if (status == UMB_OK) {
@@ -96,7 +87,7 @@ static enum umb_status send_call(struct umbc_load_lane *lane, struct umbc_load_s
 static struct umbc_load_slot *take_slot(struct umbc_load_lane *lane, uint64_t *number,
                                         uint64_t *next_ns)
 {
-    uint64_t now_ns = umbc_load_clock_ns();
+    uint64_t now_ns = umbu_clock_ns();
     uint64_t due_ns = due_of(lane, lane->issued);
     *next_ns = UINT64_MAX;
     if (lane->over || lane->free_slots == NULL || now_ns >= lane->plan->end_ns ||

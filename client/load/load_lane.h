@@ -44,8 +44,6 @@ struct umbc_load_lane {
     struct umbc_histogram latency, piece;
 };
 
-uint64_t umbc_load_clock_ns(void);
-
 /* Connects nothing yet. Fails: E_NO_MEMORY, and as umb_client_open. */
 UMB_CHECKED enum umb_status umbc_load_lane_init(struct umbc_load_lane *lane,
                                                 const struct umbc_load_plan *plan, unsigned index,

@@ -3,7 +3,6 @@
 #include "load/load_print.h"
 
 #include <inttypes.h>
-#include "cli/cli_json.h"
 
 const double UMBC_LOAD_SHARE[UMBC_LOAD_SHARES] = {0.5, 0.75, 0.9, 0.99, 0.999, 0.9999, 1};
 const char *const UMBC_LOAD_SHARE_NAME[UMBC_LOAD_SHARES] = {"p50",   "p75",    "p90", "p99",
@@ -92,119 +91,124 @@ void umbc_load_print_text(FILE *file, const struct umbc_load_story *story)
     }
 }
 
-static void json_settings(struct umbc_json *json, const struct umbc_load_story *story)
+static void json_settings(struct umbu_json *json, const struct umbc_load_story *story)
 {
     const struct umbc_load_options *options = story->options;
     const struct umbc_load_settings *settings = &options->settings;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(story->about->asset.id, id);
-    umbc_json_text(json, "asset", settings->asset);
-    umbc_json_text(json, "asset_id", id);
-    umbc_json_text(json, "address", settings->address);
-    umbc_json_text(json, "loop", settings->rate > 0 || options->sweep ? "open" : "closed");
-    umbc_json_integer(json, "connections", settings->connections);
-    umbc_json_integer(json, "in_flight", settings->in_flight);
-    umbc_json_bool(json, "stream", settings->stream);
-    umbc_json_integer(json, "batch", options->source.batch);
-    umbc_json_integer(json, "taps", settings->query.taps);
-    umbc_json_text(json, "points", umbc_load_kind_name(&options->source));
+    umbu_json_text(json, "asset", settings->asset);
+    umbu_json_text(json, "asset_id", id);
+    umbu_json_text(json, "address", settings->address);
+    umbu_json_text(json, "loop", settings->rate > 0 || options->sweep ? "open" : "closed");
+    umbu_json_integer(json, "connections", settings->connections);
+    umbu_json_integer(json, "in_flight", settings->in_flight);
+    umbu_json_bool(json, "stream", settings->stream);
+    umbu_json_integer(json, "batch", options->source.batch);
+    umbu_json_integer(json, "taps", settings->query.taps);
+    umbu_json_text(json, "points", umbc_load_kind_name(&options->source));
 }
 
-static void json_result(struct umbc_json *json, const struct umbc_load_result *result)
+static void json_result(struct umbu_json *json, const struct umbc_load_result *result)
 {
     double seconds = result->seconds;
-    umbc_json_number(json, "rate", result->rate);
-    umbc_json_number(json, "seconds", seconds);
-    umbc_json_integer(json, "calls", result->calls);
-    umbc_json_number(json, "calls_s", (double)result->calls / seconds);
-    umbc_json_number(json, "points_s", (double)result->points / seconds);
-    umbc_json_begin(json, "latency", '{');
-    umbc_json_integer(json, "count", result->latency.count);
-    umbc_json_number(json, "mean_ms", 1e-6 * umbc_histogram_mean(&result->latency));
-    umbc_json_number(json, "min_ms", 1e-6 * (double)result->latency.min_ns);
+    umbu_json_number(json, "rate", result->rate);
+    umbu_json_number(json, "seconds", seconds);
+    umbu_json_integer(json, "calls", result->calls);
+    umbu_json_number(json, "calls_s", (double)result->calls / seconds);
+    umbu_json_number(json, "points_s", (double)result->points / seconds);
+    umbu_json_begin(json, "latency", '{');
+    umbu_json_integer(json, "count", result->latency.count);
+    umbu_json_number(json, "mean_ms", 1e-6 * umbc_histogram_mean(&result->latency));
+    umbu_json_number(json, "min_ms", 1e-6 * (double)result->latency.min_ns);
     for (size_t i = 0; i < UMBC_LOAD_SHARES; i++) {
         char key[16];
         (void)snprintf(key, sizeof key, "%s_ms", UMBC_LOAD_SHARE_NAME[i]);
-        umbc_json_number(json, key, umbc_load_ms(result, i));
+        umbu_json_number(json, key, umbc_load_ms(result, i));
     }
-    umbc_json_end(json, '}');
-    umbc_json_integer(json, "error_count", result->error_count);
-    umbc_json_begin(json, "errors", '{');
+    umbu_json_end(json, '}');
+    umbu_json_integer(json, "error_count", result->error_count);
+    umbu_json_begin(json, "errors", '{');
     for (size_t i = 0; i < UMBC_LOAD_STATUSES; i++) {
         if (result->errors[i] > 0) {
-            umbc_json_integer(json, umb_status_name((enum umb_status) - (int)i), result->errors[i]);
+            umbu_json_integer(json, umb_status_name((enum umb_status) - (int)i), result->errors[i]);
         }
     }
-    umbc_json_end(json, '}');
-    umbc_json_integer(json, "unsent", result->unsent);
-    umbc_json_number(json, "generator_cores", result->generator_cores);
-    umbc_json_bool(json, "counts", result->counts);
+    umbu_json_end(json, '}');
+    umbu_json_integer(json, "unsent", result->unsent);
+    umbu_json_number(json, "generator_cores", result->generator_cores);
+    umbu_json_bool(json, "counts", result->counts);
     if (result->has_server) {
-        umbc_json_begin(json, "server", '{');
-        umbc_json_number(json, "cpu_s", result->server_cpu_s);
-        umbc_json_number(json, "points", result->server_points);
-        umbc_json_number(json, "cpu_ns_a_point",
+        umbu_json_begin(json, "server", '{');
+        umbu_json_number(json, "cpu_s", result->server_cpu_s);
+        umbu_json_number(json, "cores", result->server_cpu_s / result->server_s);
+        umbu_json_number(json, "points", result->server_points);
+        umbu_json_number(json, "cpu_ns_a_point",
                          1e9 * result->server_cpu_s /
                              (result->server_points > 0 ? result->server_points : 1));
-        umbc_json_number(json, "rss_max_bytes", result->server_rss_max);
-        umbc_json_number(json, "shed", result->server_shed);
-        umbc_json_end(json, '}');
+        umbu_json_number(json, "rss_max_bytes", result->server_rss_max);
+        umbu_json_number(json, "shed", result->server_shed);
+        umbu_json_end(json, '}');
     }
 }
 
-static void json_moments(struct umbc_json *json, const struct umbc_load_result *result)
+static void json_moments(struct umbu_json *json, const struct umbc_load_result *result)
 {
-    umbc_json_begin(json, "moments", '[');
+    umbu_json_begin(json, "moments", '[');
     for (size_t i = 0; i < result->moment_count; i++) {
         const struct umbc_load_moment *moment = &result->moments[i];
-        umbc_json_begin(json, NULL, '{');
-        umbc_json_number(json, "at_s", moment->at_s);
-        umbc_json_number(json, "calls_s", moment->calls_s);
-        umbc_json_number(json, "errors_s", moment->errors_s);
-        umbc_json_number(json, "p50_ms", moment->p50_ms);
-        umbc_json_number(json, "p99_ms", moment->p99_ms);
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_number(json, "at_s", moment->at_s);
+        umbu_json_number(json, "calls_s", moment->calls_s);
+        umbu_json_number(json, "errors_s", moment->errors_s);
+        umbu_json_number(json, "p50_ms", moment->p50_ms);
+        umbu_json_number(json, "p99_ms", moment->p99_ms);
         if (moment->server_rss > 0) {
-            umbc_json_number(json, "server_rss", moment->server_rss);
+            umbu_json_number(json, "server_rss", moment->server_rss);
         }
-        umbc_json_end(json, '}');
+        umbu_json_end(json, '}');
     }
-    umbc_json_end(json, ']');
+    umbu_json_end(json, ']');
 }
 
-static void json_sweep(struct umbc_json *json, const struct umbc_load_sweep *sweep)
+static void json_sweep(struct umbu_json *json, const struct umbc_load_sweep *sweep)
 {
-    umbc_json_begin(json, "sweep", '{');
-    umbc_json_number(json, "bound_ms", sweep->bound_ms);
-    umbc_json_number(json, "knee", sweep->knee);
-    umbc_json_begin(json, "steps", '[');
+    umbu_json_begin(json, "sweep", '{');
+    umbu_json_number(json, "bound_ms", sweep->bound_ms);
+    umbu_json_number(json, "knee", sweep->knee);
+    umbu_json_begin(json, "steps", '[');
     for (size_t i = 0; i < sweep->step_count; i++) {
         const struct umbc_load_step *step = &sweep->steps[i];
-        umbc_json_begin(json, NULL, '{');
-        umbc_json_number(json, "rate", step->rate);
-        umbc_json_number(json, "calls_s", step->calls_s);
-        umbc_json_number(json, "p50_ms", step->p50_ms);
-        umbc_json_number(json, "p99_ms", step->p99_ms);
-        umbc_json_integer(json, "failed", step->failed);
-        umbc_json_number(json, "generator_cores", step->generator_cores);
-        umbc_json_bool(json, "kept", step->kept);
-        umbc_json_end(json, '}');
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_number(json, "rate", step->rate);
+        umbu_json_number(json, "calls_s", step->calls_s);
+        umbu_json_number(json, "p50_ms", step->p50_ms);
+        umbu_json_number(json, "p99_ms", step->p99_ms);
+        umbu_json_integer(json, "failed", step->failed);
+        umbu_json_number(json, "generator_cores", step->generator_cores);
+        umbu_json_bool(json, "kept", step->kept);
+        umbu_json_end(json, '}');
     }
-    umbc_json_end(json, ']');
-    umbc_json_end(json, '}');
+    umbu_json_end(json, ']');
+    umbu_json_end(json, '}');
+}
+
+void umbc_load_put(struct umbu_json *json, const struct umbc_load_story *story)
+{
+    json_settings(json, story);
+    if (story->result->seconds > 0) {
+        json_result(json, story->result);
+        json_moments(json, story->result);
+    }
+    if (story->sweep != NULL) {
+        json_sweep(json, story->sweep);
+    }
 }
 
 void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
 {
-    struct umbc_json json = {.file = file};
-    umbc_json_begin(&json, NULL, '{');
-    json_settings(&json, story);
-    if (story->result->seconds > 0) {
-        json_result(&json, story->result);
-        json_moments(&json, story->result);
-    }
-    if (story->sweep != NULL) {
-        json_sweep(&json, story->sweep);
-    }
-    umbc_json_end(&json, '}');
-    (void)fputc('\n', file);
+    struct umbu_json json = {.file = file};
+    umbu_json_begin(&json, NULL, '{');
+    umbc_load_put(&json, story);
+    umbu_json_close(&json);
 }

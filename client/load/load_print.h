@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include "load/load_options.h"
 #include "load/load_sweep.h"
+#include "tool/json.h"
 
 /* One finished load test. */
 struct umbc_load_story {
@@ -27,7 +28,10 @@ const char *umbc_load_kind_name(const struct umbc_load_source *source);
 void umbc_load_print_text(FILE *file, const struct umbc_load_story *story);
 void umbc_load_print_json(FILE *file, const struct umbc_load_story *story);
 
-/* An HTML page with its style and plots inside: no script, nothing loaded; light and dark. */
+/* Writes the members of the JSON object. */
+void umbc_load_put(struct umbu_json *json, const struct umbc_load_story *story);
+
+/* Prints an HTML page (tool/report.h). */
 void umbc_load_print_page(FILE *file, const struct umbc_load_story *story);
 
 /* Why a result says little, or NULL. */

@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
 #include <time.h>
 #include "load/load_lane.h"
+#include "tool/clock.h"
 
 #define SECOND_NS    1000000000U
 #define PIECE_S      0.1     /* of the run's course, at least */
@@ -48,7 +48,7 @@ static void *pace(void *user)
     struct run *run = user;
     (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); /* else each sleep lasts 50 us longer */
     while (!atomic_load(&run->stop_pacing)) {
-        uint64_t next_ns = umbc_load_clock_ns() + PACE_IDLE_NS;
+        uint64_t next_ns = umbu_clock_ns() + PACE_IDLE_NS;
         for (unsigned i = 0; i < run->lane_count; i++) {
             uint64_t due_ns = umbc_load_lane_start(&run->lanes[i]);
             next_ns = due_ns < next_ns ? due_ns : next_ns;
@@ -56,14 +56,6 @@ static void *pace(void *user)
         sleep_until(next_ns);
     }
     return NULL;
-}
-
-static double own_cpu_s(void)
-{
-    struct rusage usage;
-    (void)getrusage(RUSAGE_SELF, &usage);
-    return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-           1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
 }
 
 static double seconds_between(uint64_t from_ns, uint64_t to_ns)
@@ -122,10 +114,10 @@ static void end_piece(struct run *run, uint64_t from_ns, uint64_t now_ns,
 /* The window begins: what is subtracted at its end. */
 static enum umb_status begin_window(struct run *run, struct umb_error *error)
 {
-    run->cpu_s = own_cpu_s();
+    run->cpu_s = umbu_process_cpu_s();
     run->last_scrape_s = 0;
     run->has_server = false;
-    run->server_ns = umbc_load_clock_ns();
+    run->server_ns = umbu_clock_ns();
     if (run->plan.settings->admin == NULL) {
         return UMB_OK;
     }
@@ -139,9 +131,9 @@ static enum umb_status begin_window(struct run *run, struct umb_error *error)
 /* The window is over. Called before the daemon is asked, which may take its time. */
 static void note_end(const struct run *run, struct umbc_load_result *result)
 {
-    double passed_s = seconds_between(run->plan.window_ns, umbc_load_clock_ns());
+    double passed_s = seconds_between(run->plan.window_ns, umbu_clock_ns());
     result->seconds = seconds_between(run->plan.window_ns, run->plan.end_ns);
-    result->generator_cores = (own_cpu_s() - run->cpu_s) / passed_s;
+    result->generator_cores = (umbu_process_cpu_s() - run->cpu_s) / passed_s;
     result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
 }
 
@@ -150,7 +142,7 @@ static void note_end(const struct run *run, struct umbc_load_result *result)
 static void look_at_costs(const struct run *run, struct umbc_load_result *result)
 {
     struct umbc_server_figures figures;
-    result->server_s = seconds_between(run->server_ns, umbc_load_clock_ns());
+    result->server_s = seconds_between(run->server_ns, umbu_clock_ns());
     result->has_server = run->has_server && umbc_server_figures_get(run->plan.settings->admin,
                                                                     &figures, NULL) == UMB_OK;
     if (!result->has_server) {
@@ -182,7 +174,7 @@ static enum umb_status watch_run(struct run *run, umbc_load_watch_fn watch, void
             note_end(run, result);
         }
         if (to_ns > from_ns && result->moment_count < UMBC_LOAD_MOMENTS) {
-            end_piece(run, from_ns, umbc_load_clock_ns(), result);
+            end_piece(run, from_ns, umbu_clock_ns(), result);
             if (watch != NULL) {
                 watch(user, &result->moments[result->moment_count - 1], result);
             }
@@ -251,7 +243,7 @@ static enum umb_status open_lanes(struct run *run, struct umb_error *error)
 static enum umb_status start_lanes(struct run *run, struct umb_error *error)
 {
     const struct umbc_load_settings *settings = run->plan.settings;
-    run->plan.start_ns = umbc_load_clock_ns() + (uint64_t)(LEAD_S * 1e9);
+    run->plan.start_ns = umbu_clock_ns() + (uint64_t)(LEAD_S * 1e9);
     run->plan.window_ns = run->plan.start_ns + (uint64_t)(settings->warm_up_s * 1e9);
     run->plan.end_ns = run->plan.window_ns + (uint64_t)(settings->duration_s * 1e9);
     if (settings->rate > 0) {
@@ -270,7 +262,7 @@ static enum umb_status start_lanes(struct run *run, struct umb_error *error)
 /* Nothing more is started; what is under way may end within its deadline. */
 static void stop_lanes(struct run *run, struct umbc_load_result *result)
 {
-    uint64_t now_ns = umbc_load_clock_ns();
+    uint64_t now_ns = umbu_clock_ns();
     uint64_t until_ns = now_ns + (uint64_t)run->plan.settings->timeout_ms * 1000000U;
     for (unsigned i = 0; i < run->lane_count; i++) {
         result->unsent += umbc_load_lane_stop(&run->lanes[i], now_ns);
@@ -280,8 +272,8 @@ static void stop_lanes(struct run *run, struct umbc_load_result *result)
         (void)pthread_join(run->pacer, NULL);
     }
     for (unsigned i = 0; i < run->lane_count; i++) {
-        while (umbc_load_lane_under_way(&run->lanes[i]) > 0 && umbc_load_clock_ns() < until_ns) {
-            sleep_until(umbc_load_clock_ns() + PACE_IDLE_NS);
+        while (umbc_load_lane_under_way(&run->lanes[i]) > 0 && umbu_clock_ns() < until_ns) {
+            sleep_until(umbu_clock_ns() + PACE_IDLE_NS);
         }
     }
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Command lines and config files by table, see options.h. */
 #include "tool/options.h"
+#include "tool/exit_code.h"
 
 #include <stdlib.h>
 #include <string.h>

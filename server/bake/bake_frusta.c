@@ -11,7 +11,7 @@
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth_raster.h"
 #include "bake/interrupt.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "format/receiver_mask.h"
 
 /* State that all frusta share. */
@@ -250,7 +250,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     series.tiles_total = tiles;
     series.texels_total = tiles << (2 * job->memory->tile_log2);
     umbb_progress_tiles(0, tiles, 0);
-    umbb_progress_start(&series.progress, stderr, options->quiet, "Mtexel", series.texels_total);
+    umbb_progress_start(&series.progress, options->quiet, "Mtexel", series.texels_total);
     enum umb_status status =
         roots != NULL && levels != NULL
             ? UMB_OK

@@ -260,12 +260,9 @@ static int take_task(struct umbb_options *options, int argc, char **argv)
 enum umb_status umbb_options_parse(int argc, char **argv, struct umbb_options *options,
                                    struct umb_error *error)
 {
-    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
     struct umbu_parsed parsed;
     *options = (struct umbb_options){
-        .threads = processors < 1                        ? 1
-                   : processors > (long)UMBB_THREADS_MAX ? UMBB_THREADS_MAX
-                                                         : (unsigned)processors,
+        .threads = umbu_processor_count(),
         .progress_fd = -1,
     };
     const int words = take_task(options, argc, argv);

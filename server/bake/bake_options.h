@@ -13,6 +13,7 @@
 #include "bake/light_options.h"
 #include "bake/sandbox/bake_sandbox.h"
 #include "tool/options.h"
+#include "tool/threads.h"
 
 enum umbb_closed_mode {
     UMBB_CLOSED_AUTO = 0, /* parts that are closed */
@@ -45,7 +46,7 @@ enum umbb_task {
 #define UMBB_RESOLUTION_LOG2_MAX 18U
 #define UMBB_TILE_LOG2_MIN       6U
 #define UMBB_TILE_LOG2_MAX       16U
-#define UMBB_THREADS_MAX         256U
+#define UMBB_THREADS_MAX         UMBU_THREADS_MAX
 #define UMBB_VERIFY_POINTS_MAX   1000000000U
 
 struct umbb_options {

@@ -3,7 +3,6 @@
 #include "bake/bake_report.h"
 
 #include "bake/analysis/plan.h"
-#include "common/json_text.h"
 
 /* Bytes of 16-bit shadow maps of the same resolution, one a frustum. */
 static double shadow_map_bytes(const struct umbb_report *r)
@@ -61,59 +60,84 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
     }
 }
 
-static void print_scene_json(FILE *to, const struct umbb_report *r)
+static void put_scene(struct umbu_json *json, const struct umbb_report *r)
 {
     const struct umbb_analysis *a = r->analysis;
-    fprintf(to,
-            "\"triangles\":%zu,\"degenerate\":%zu,\"duplicate\":%zu,\"parts\":%zu,"
-            "\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",\"resolution\":%u,\"frusta\":%u,",
-            a->count, a->degenerate_count, a->duplicate_count, a->part_count, a->closed_part_count,
-            a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y',
-            1U << r->options->resolution_log2, a->frustum_count);
-    umbb_lights_print_json(to, a->choice.lights, a->choice.count);
-    fputc(',', to);
+    umbu_json_integer(json, "triangles", a->count);
+    umbu_json_integer(json, "degenerate", a->degenerate_count);
+    umbu_json_integer(json, "duplicate", a->duplicate_count);
+    umbu_json_integer(json, "parts", a->part_count);
+    umbu_json_integer(json, "closed_parts", a->closed_part_count);
+    umbu_json_bool(json, "closed", a->closed_rule);
+    umbu_json_text(json, "up", a->z_up ? "z" : "y");
+    umbu_json_integer(json, "resolution", 1U << r->options->resolution_log2);
+    umbu_json_integer(json, "frusta", a->frustum_count);
+    umbb_lights_put(json, a->choice.lights, a->choice.count);
+    umbu_json_integer(json, "translucent_triangles", a->translucent_count);
+}
+
+static void put_asset(struct umbu_json *json, const struct umbb_report *r)
+{
+    const struct umb_asset_info *info = &r->publish->info;
+    umbu_json_integer(json, "transmittance_texels",
+                      r->transmittance_level > 0 ? 1U << r->transmittance_level : 0U);
+    umbu_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
+    umbu_json_integer(json, "bytes", r->publish->bytes);
+    umbu_json_rounded(json, "share_of_shadow_map", (double)r->publish->bytes / shadow_map_bytes(r),
+                      9);
+    umbu_json_integer(json, "memory_bytes", info->memory_bytes);
+    umbu_json_begin(json, "level_nodes", '{');
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= r->options->resolution_log2; level++) {
+        char key[16];
+        (void)snprintf(key, sizeof key, "%u", level);
+        umbu_json_integer(json, key, info->level_nodes[level]);
+    }
+    umbu_json_end(json, '}');
+}
+
+static void put_seconds(struct umbu_json *json, const char *key, double seconds)
+{
+    umbu_json_rounded(json, key, seconds, 6);
+}
+
+static void put_verified(struct umbu_json *json, const struct umbr_verify_result *v)
+{
+    umbu_json_begin(json, "verify", '{');
+    umbu_json_integer(json, "points", v->points);
+    umbu_json_integer(json, "near_boundary", v->near_boundary);
+    umbu_json_integer(json, "skipped_inside", v->skipped_inside);
+    umbu_json_integer(json, "inside_band", v->inside_band);
+    umbu_json_integer(json, "outside_band", v->outside_band);
 }
 
 void umbb_report_print_json(FILE *to, const struct umbb_report *r)
 {
-    const struct umb_asset_info *info = &r->publish->info;
-    const struct umbr_verify_result *v = &r->publish->verified;
+    struct umbu_json json = {.file = to};
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(r->publish->id, id);
-    fprintf(to, "{\"asset\":\"%s\",\"output\":", id);
-    umbs_json_text(to, r->options->output);
-    fputc(',', to);
-    print_scene_json(to, r);
-    fprintf(to,
-            "\"translucent_triangles\":%zu,\"transmittance_texels\":%u,"
-            "\"transmittance_bytes\":%llu,",
-            r->analysis->translucent_count,
-            r->transmittance_level > 0 ? 1U << r->transmittance_level : 0U,
-            (unsigned long long)info->transmittance_bytes);
-    fprintf(to,
-            "\"bytes\":%llu,\"share_of_shadow_map\":%.9g,\"memory_bytes\":%llu,\"level_nodes\":{",
-            (unsigned long long)r->publish->bytes, (double)r->publish->bytes / shadow_map_bytes(r),
-            (unsigned long long)info->memory_bytes);
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= r->options->resolution_log2; level++) {
-        fprintf(to, "%s\"%u\":%llu", level == UMB_LEVEL_BRICK ? "" : ",", level,
-                (unsigned long long)info->level_nodes[level]);
-    }
-    fprintf(to,
-            "},\"texels\":%llu,\"tile\":%u,\"tiles\":%llu,\"tiles_found\":%llu,"
-            "\"tiles_damaged\":%llu,\"depth\":\"%s\",\"seconds\":{\"import\":%.6f,"
-            "\"analysis\":%.6f,\"bake\":%.6f,\"depth_wait\":%.6f,\"build\":%.6f,\"write\":%.6f,"
-            "\"verify\":%.6f,\"total\":%.6f},",
-            (unsigned long long)r->figures.texels, 1U << r->tile_log2,
-            (unsigned long long)r->figures.tiles, (unsigned long long)r->figures.tiles_found,
-            (unsigned long long)r->damaged_tiles, r->depth_path, r->seconds_import,
-            r->seconds_analysis, r->seconds_bake, r->figures.seconds_depth,
-            r->figures.seconds_build, r->seconds_write, r->seconds_verify, r->seconds_total);
-    fprintf(to,
-            "\"verify\":{\"points\":%llu,\"near_boundary\":%llu,\"skipped_inside\":%llu,"
-            "\"inside_band\":%llu,\"outside_band\":%llu}}\n",
-            (unsigned long long)v->points, (unsigned long long)v->near_boundary,
-            (unsigned long long)v->skipped_inside, (unsigned long long)v->inside_band,
-            (unsigned long long)v->outside_band);
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_text(&json, "output", r->options->output);
+    put_scene(&json, r);
+    put_asset(&json, r);
+    umbu_json_integer(&json, "texels", r->figures.texels);
+    umbu_json_integer(&json, "tile", 1U << r->tile_log2);
+    umbu_json_integer(&json, "tiles", r->figures.tiles);
+    umbu_json_integer(&json, "tiles_found", r->figures.tiles_found);
+    umbu_json_integer(&json, "tiles_damaged", r->damaged_tiles);
+    umbu_json_text(&json, "depth", r->depth_path);
+    umbu_json_begin(&json, "seconds", '{');
+    put_seconds(&json, "import", r->seconds_import);
+    put_seconds(&json, "analysis", r->seconds_analysis);
+    put_seconds(&json, "bake", r->seconds_bake);
+    put_seconds(&json, "depth_wait", r->figures.seconds_depth);
+    put_seconds(&json, "build", r->figures.seconds_build);
+    put_seconds(&json, "write", r->seconds_write);
+    put_seconds(&json, "verify", r->seconds_verify);
+    put_seconds(&json, "total", r->seconds_total);
+    umbu_json_end(&json, '}');
+    put_verified(&json, &r->publish->verified);
+    umbu_json_close(&json);
 }
 
 void umbb_report_print_tiles(FILE *to, const struct umbb_report *r)
@@ -121,14 +145,20 @@ void umbb_report_print_tiles(FILE *to, const struct umbb_report *r)
     const unsigned long long tiles = r->figures.tiles, found = r->figures.tiles_found;
     const unsigned long long first = r->options->only_given ? r->options->only_first : 0;
     if (r->options->json) {
-        fprintf(to, "{\"output\":");
-        umbs_json_text(to, r->options->output);
-        fprintf(to,
-                ",\"tile\":%u,\"first\":%llu,\"tiles\":%llu,\"tiles_found\":%llu,"
-                "\"tiles_damaged\":%llu,\"seconds\":{\"import\":%.6f,\"analysis\":%.6f,"
-                "\"bake\":%.6f,\"total\":%.6f}}\n",
-                1U << r->tile_log2, first, tiles, found, (unsigned long long)r->damaged_tiles,
-                r->seconds_import, r->seconds_analysis, r->seconds_bake, r->seconds_total);
+        struct umbu_json json = {.file = to};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "output", r->options->output);
+        umbu_json_integer(&json, "tile", 1U << r->tile_log2);
+        umbu_json_integer(&json, "first", first);
+        umbu_json_integer(&json, "tiles", tiles);
+        umbu_json_integer(&json, "tiles_found", found);
+        umbu_json_integer(&json, "tiles_damaged", r->damaged_tiles);
+        umbu_json_begin(&json, "seconds", '{');
+        put_seconds(&json, "import", r->seconds_import);
+        put_seconds(&json, "analysis", r->seconds_analysis);
+        put_seconds(&json, "bake", r->seconds_bake);
+        put_seconds(&json, "total", r->seconds_total);
+        umbu_json_close(&json);
     } else if (!r->options->quiet) {
         fprintf(to, "tiles       %llu to %llu of %u texels a side: %llu baked, %llu were there\n",
                 first, first + tiles - 1, 1U << r->tile_log2, tiles - found, found);

@@ -20,12 +20,13 @@
 #include "bake/head_room.h"
 #include "bake/interrupt.h"
 #include "bake/memory_plan.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "bake/resolution_choice.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
-#include "common/file.h"
+#include "tool/clock.h"
+#include "tool/output.h"
 #include "scene/scene_file.h"
 #include "format/receiver_mask.h"
 #include "umbrage/version.h"
@@ -76,7 +77,7 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
     }
     return options->plan || options->task == UMBB_TASK_TILE
                ? UMB_OK
-               : umbs_file_check(options->output, error);
+               : umbu_output_check(options->output, 0, error);
 }
 
 static enum umb_status import(struct run *run, struct umb_error *error)
@@ -84,7 +85,7 @@ static enum umb_status import(struct run *run, struct umb_error *error)
     const struct umbb_options *o = run->options;
     const struct umbs_import_options limits = {
         .max_memory_bytes = o->memory_bytes, .shut_in = umbb_shut_in_calls, .user = &run->sandbox};
-    const double start = umbb_clock_s();
+    const double start = umbu_clock_s();
     umbb_progress_phase("import");
     enum umb_status status = umbb_shut_in_paths(o, &run->sandbox, error);
     if (status == UMB_OK) {
@@ -95,7 +96,7 @@ static enum umb_status import(struct run *run, struct umb_error *error)
     if (!o->quiet && status == UMB_OK) {
         umbb_shut_in_notice(&run->sandbox);
     }
-    run->report.seconds_import = umbb_clock_s() - start;
+    run->report.seconds_import = umbu_clock_s() - start;
     if (status == UMB_OK && !o->quiet) {
         print_notices(run->scene->view.warnings);
     }
@@ -205,7 +206,7 @@ static enum umb_status check_static(const struct run *run, struct umb_error *err
 static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
-    const double start = umbb_clock_s();
+    const double start = umbu_clock_s();
     umbb_progress_phase("analysis");
     const struct umbs_scene_view *view = &run->scene->view;
     enum umb_status status = umbb_analysis_run(view, o, &run->analysis, error);
@@ -228,7 +229,7 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
         umbb_progress_plan(run->plan);
         status = umbb_settings_text(&run->analysis, o, &run->settings, error);
     }
-    run->report.seconds_analysis = umbb_clock_s() - start;
+    run->report.seconds_analysis = umbu_clock_s() - start;
     return status;
 }
 
@@ -354,7 +355,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     }
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
-    const double start = umbb_clock_s();
+    const double start = umbu_clock_s();
     umbb_progress_phase("bake");
     run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE  ? "embree"
                              : o->depth == UMBB_DEPTH_PLAIN ? "plain"
@@ -374,7 +375,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
         status = bake_transmittance(run, &memory, error);
     }
-    run->report.seconds_bake = umbb_clock_s() - start;
+    run->report.seconds_bake = umbu_clock_s() - start;
     if (status == UMB_E_CANCELLED && job.tile_folder != NULL && o->task != UMBB_TASK_MERGE) {
         return umb_fail(error, status,
                         "interrupted: no asset was written; tiles that were done stay in '%.200s'",
@@ -393,13 +394,13 @@ static void write_notes(const struct run *run, char *text, size_t size)
         strftime(stamp, sizeof stamp, "%Y-%m-%dT%H:%M:%SZ", &utc);
     }
     snprintf(text, size, "seconds=%.3f\ntime=%s\nwriter=umbrage-bake %s\n",
-             umbb_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
+             umbu_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
 }
 
 static enum umb_status write_asset(struct run *run, struct umb_error *error)
 {
     char notes[160];
-    const double start = umbb_clock_s();
+    const double start = umbu_clock_s();
     umbb_progress_phase("write");
     write_notes(run, notes, sizeof notes);
     struct umb_content content = content_of(run);
@@ -416,13 +417,13 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     }
     free(content.curve);
     umb_octree_finish(&run->octree);
-    run->report.seconds_write = umbb_clock_s() - start;
+    run->report.seconds_write = umbu_clock_s() - start;
     return status;
 }
 
 static enum umb_status check_asset(struct run *run, struct umb_error *error)
 {
-    const double start = umbb_clock_s();
+    const double start = umbu_clock_s();
     umbb_progress_phase("verify");
     const uint64_t points = run->analysis.count > 0 ? run->options->verify_points : 0;
     if (points > 0) {
@@ -447,7 +448,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .max_memory_bytes = run->check_max_bytes,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
-    run->report.seconds_verify = umbb_clock_s() - start;
+    run->report.seconds_verify = umbu_clock_s() - start;
     return status;
 }
 
@@ -481,9 +482,13 @@ static enum umb_status save_scene(struct run *run, struct umb_error *error)
         uint8_t hash[UMB_ID_BYTES];
         umbs_scene_hash(&run->scene->view, hash);
         umb_id_to_text(hash, id);
-        fprintf(stdout, "{\"scene\":\"%s\",\"bytes\":%zu,\"triangles\":%llu,\"lights\":%u}\n", id,
-                run->scene->map_bytes, (unsigned long long)run->scene->view.world_triangle_count,
-                run->scene->view.light_count);
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "scene", id);
+        umbu_json_integer(&json, "bytes", run->scene->map_bytes);
+        umbu_json_integer(&json, "triangles", run->scene->view.world_triangle_count);
+        umbu_json_integer(&json, "lights", run->scene->view.light_count);
+        umbu_json_close(&json);
     }
     return status;
 }
@@ -501,7 +506,7 @@ static void print_report(struct run *run)
     run->report.analysis = &run->analysis;
     run->report.publish = &run->publish;
     run->report.damaged_tiles = run->tile_folder.cache.damaged;
-    run->report.seconds_total = umbb_clock_s() - run->start_s;
+    run->report.seconds_total = umbu_clock_s() - run->start_s;
     if (run->options->task == UMBB_TASK_TILE) {
         umbb_report_print_tiles(stdout, &run->report);
     } else if (run->options->json) {
@@ -537,7 +542,7 @@ static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error
 
 enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error)
 {
-    struct run run = {.options = options, .start_s = umbb_clock_s()};
+    struct run run = {.options = options, .start_s = umbu_clock_s()};
     umbb_interrupt_install();
     umbb_progress_tell_to(options->progress_fd);
     enum umb_status status = check_output(options, error);

@@ -8,9 +8,9 @@
 #include <signal.h>
 #include <stdatomic.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
 #include "umbrage/status.h"
 #include "tool/exit_code.h"
 
@@ -25,14 +25,11 @@ static atomic_int exit_code;
 static void handle(int number)
 {
     static const char farewell[] = "umbrage-bake: interrupted: nothing was written\n";
-    struct timespec now = {0};
     if (!atomic_load(&deferred)) {
         (void)!write(STDERR_FILENO, farewell, sizeof farewell - 1);
         _exit(atomic_load(&exit_code));
     }
-    /* Allowed in a handler; leaves errno unchanged here. */
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    const long now_s = (long)now.tv_sec + 1;
+    const long now_s = (long)umbu_clock_s() + 1;
     long first_s = 0;
     if (atomic_compare_exchange_strong(&caught_at_s, &first_s, now_s)) {
         atomic_store(&caught, 1);

@@ -4,11 +4,11 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
 #include "bake/bake_frusta.h"
 #include "common/sha256.h"
 #include "format/content.h"
+#include "tool/clock.h"
 #include "umbrage/curve.h"
 
 #define SMALL_LOG2 11U /* voxels a side of the second small bake */
@@ -20,14 +20,6 @@
 struct sample {
     double seconds, packed_bytes, octree_bytes;
 };
-
-/* Processor time of all threads: other programs' work does not count. */
-static double processor_s(void)
-{
-    struct timespec now = {0};
-    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static double bound_m(const struct umbb_analysis *analysis)
 {
@@ -88,7 +80,7 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
     struct umbb_memory_plan memory;
     struct umb_octree octree = {0};
     struct umbb_bake_figures figures = {0};
-    const double start = processor_s();
+    const double start = umbu_process_cpu_s();
     memset(sample, 0, sizeof *sample);
     options.task = UMBB_TASK_BAKE; /* everything, also if only tiles are wanted afterwards */
     options.only_given = 0;
@@ -107,7 +99,7 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
         status = pack(job, &octree, &sample->packed_bytes, error);
     }
     umb_octree_finish(&octree);
-    sample->seconds = processor_s() - start;
+    sample->seconds = umbu_process_cpu_s() - start;
     sample->octree_bytes = (double)figures.octree_bytes;
     return status;
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The daemon's log: key=value lines, each in one write. Never fails its caller. */
 #include "common/log.h"
-#include "common/log_json.h"
+#include "tool/clock.h"
 
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -43,15 +43,15 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
     }
     char line[UMBS_LOG_LINE_MAX];
     size_t room = sizeof line - 1; /* the last byte is kept for the newline */
-    struct timespec now;
+    const int64_t now_ms = umbu_unix_ms();
+    const time_t now_s = (time_t)(now_ms / 1000);
     struct tm utc;
-    clock_gettime(CLOCK_REALTIME, &now);
-    if (gmtime_r(&now.tv_sec, &utc) == NULL) {
+    if (gmtime_r(&now_s, &utc) == NULL) {
         memset(&utc, 0, sizeof utc);
     }
     size_t length = strftime(line, room, "ts=%Y-%m-%dT%H:%M:%S", &utc);
     length += clamp(snprintf(line + length, room - length, ".%03dZ level=%s event=%s",
-                             (int)(now.tv_nsec / 1000000), level_names[level], event),
+                             (int)(now_ms % 1000), level_names[level], event),
                     room - length);
     if (format != NULL) {
         length += clamp(snprintf(line + length, room - length, " "), room - length);

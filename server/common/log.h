@@ -49,4 +49,13 @@ const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE]);
 /* Changes the level; any thread, at once. */
 void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level);
 
+/*
+ * Turns `key=value key="quoted \xNN"` into one JSON object. A bare value that is a plain decimal
+ * number stays one; every other is a string. A pair that does not fit is left out, with all behind.
+ *
+ * In: line: NUL-terminated, as umbs_log_event makes it. capacity: of out, at least 3.
+ * Returns the length; not terminated.
+ */
+size_t umbs__log_json(const char *line, char *out, size_t capacity);
+
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See log_json.h; source of the escapes: RFC 8259, section 7. */
-#include "common/log_json.h"
+/* See log.h; source of the escapes: RFC 8259, section 7. */
+#include "common/log.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -16,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 
 #define LINE_SIZE (UMBS_OWNER_SIZE + 24)
 #define LOOK_MS   100 /* between reads of a number that may stand still */
@@ -49,9 +49,7 @@ static void name_self(char owner[UMBS_OWNER_SIZE])
     host[strcspn(host, " \n")] = '\0';
     read_word("/proc/sys/kernel/random/boot_id", boot, sizeof boot);
     if (getrandom(&word, sizeof word, 0) != (ssize_t)sizeof word) {
-        struct timespec now;
-        (void)clock_gettime(CLOCK_REALTIME, &now);
-        word = (uint64_t)now.tv_nsec << 20 ^ (uint64_t)now.tv_sec;
+        word = umbu_clock_ns() << 20;
     }
     (void)snprintf(owner, UMBS_OWNER_SIZE, "%s %s %ld %016" PRIx64, host, boot, (long)getpid(),
                    word);
@@ -116,8 +114,8 @@ static int is_of_this_boot(const struct line *line, const char *owner)
 static int stands_still(const char *path, const struct line *before, uint32_t watch_ms)
 {
     const struct timespec pause = {.tv_nsec = LOOK_MS * 1000000L};
-    const int64_t until = umbs_now_ms() + (int64_t)watch_ms;
-    while (umbs_now_ms() < until) {
+    const int64_t until = umbu_clock_ms() + (int64_t)watch_ms;
+    while (umbu_clock_ms() < until) {
         (void)nanosleep(&pause, NULL);
         const struct line now = read_anew(path);
         if (strcmp(now.text, before->text) != 0) {

@@ -3,21 +3,15 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "daemon/batch_slice.h"
 #include "base/compat.h"
 
+#include "tool/clock.h"
+
 /* Smallest slice, for any number of parts: a turn has a cost too; answers fill cache lines. */
 #define SLICE_POINTS_MIN 256
 #define CPU_CLOCK_POINTS 256 /* slices with fewer points are timed by the wall clock */
-
-uint64_t umbd_now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
 
 /* Clears only the batch: neither the parts after it nor the error at its end. */
 static void init_batch(struct umbd_batch *batch, size_t part_limit,
@@ -193,12 +187,7 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare)
  * the wall clock is more accurate: a thread switch hardly ever falls into such a short time. */
 static uint64_t cost_clock_ns(size_t points)
 {
-    struct timespec now;
-    if (points < CPU_CLOCK_POINTS) {
-        return umbd_now_ns();
-    }
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
+    return points < CPU_CLOCK_POINTS ? umbu_clock_ns() : umbu_thread_cpu_ns();
 }
 
 /* A view of `count` points from `first` on. */

@@ -8,6 +8,7 @@
  */
 #include "daemon/call_rights.h"
 #include "daemon/job_request.h"
+#include "tool/clock.h"
 #include "wire/volume_queries.h"
 #include "wire/regions.h"
 
@@ -31,7 +32,7 @@ struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id)
     }
     call->conn = conn;
     call->stream_id = stream_id;
-    call->started_ns = umbd_now_ns();
+    call->started_ns = umbu_clock_ns();
     call->started_ms = call->message_ms = call->looked_ms = uv_now(&conn->loop->uv);
     call->method = UMBD_METHOD_UNKNOWN;
     call->watch_last = -1;
@@ -52,7 +53,7 @@ void umbd_call_count(struct umbd_call *call, int code)
     if (call->counted || !call->headers_whole) {
         return;
     }
-    uint64_t duration_ns = umbd_now_ns() - call->started_ns;
+    uint64_t duration_ns = umbu_clock_ns() - call->started_ns;
     call->counted = 1;
     umbd_metrics_handled(&daemon->metrics, call->method, code, duration_ns);
     if (daemon->log.level >= UMB_LOG_DEBUG) {
@@ -135,7 +136,7 @@ size_t umbd_call_unsent(const struct umbd_call *call)
 
 int umbd_call_expired(const struct umbd_call *call)
 {
-    return call->deadline_ns != 0 && umbd_now_ns() >= call->deadline_ns;
+    return call->deadline_ns != 0 && umbu_clock_ns() >= call->deadline_ns;
 }
 
 static int equals(const uint8_t *bytes, size_t size, const char *text)

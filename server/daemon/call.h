@@ -60,7 +60,7 @@ struct umbd_call {
     struct umbd_conn *conn;
     struct umbd_call *next, *previous;
     int32_t stream_id;
-    uint64_t started_ns;  /* umbd_now_ns */
+    uint64_t started_ns;  /* umbu_clock_ns */
     uint64_t deadline_ns; /* 0 = none */
     uint64_t started_ms;  /* uv_now */
     size_t charged;       /* bytes counted for this call, besides UMBD_CALL_BYTES */

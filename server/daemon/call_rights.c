@@ -13,6 +13,7 @@
 #include "base/compat.h"
 #include "common/sha256.h"
 #include "jobs/service.h"
+#include "tool/clock.h"
 
 static enum umbd_scope scope_of(enum umbd_method method)
 {
@@ -183,7 +184,7 @@ static int refuse_rate(struct umbd_call *call, const char *whose, const char *wh
 static int open_rate_holds(struct umbd_call *call, uint64_t *wait_ns)
 {
     struct umbd_conn *conn = call->conn;
-    const uint64_t now_ns = umbd_now_ns();
+    const uint64_t now_ns = umbu_clock_ns();
     if (umbd_conn_is_local(conn) ||
         umbd_rate_take(&conn->open_until_ns, UMBD_OPEN_CALLS_OF_ONE, 1, now_ns, wait_ns) ||
         umbd_rate_take(&conn->account->open_until_ns, UMBD_OPEN_CALLS_PER_SECOND, 1, now_ns,
@@ -224,7 +225,7 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
     if (options->address_rate == 0 && conn->token == NULL) {
         return 1;
     }
-    uint64_t now_ns = umbd_now_ns();
+    uint64_t now_ns = umbu_clock_ns();
     if (!umbd_rate_take(&conn->account->paid_until_ns, options->address_rate, points, now_ns,
                         &wait_ns)) {
         return refuse_rate(call, "the address", "points", options->address_rate, wait_ns);
@@ -241,7 +242,7 @@ int umbd_call_take_points(struct umbd_call *call, uint64_t points)
 void umbd_call_owe_points(struct umbd_call *call, uint64_t points)
 {
     struct umbd_token *token = NULL;
-    const uint64_t now_ns = umbd_now_ns();
+    const uint64_t now_ns = umbu_clock_ns();
     struct umbd_conn *conn = call->conn;
     struct umbd_daemon *daemon = conn->loop->daemon;
     if (daemon->tokens != NULL && call->has_token) {

@@ -9,6 +9,7 @@
 #include "daemon/call_rights.h"
 #include "daemon/conn_tls.h"
 #include "daemon/loop_group.h"
+#include "tool/clock.h"
 
 #include <fcntl.h>
 #include <stdlib.h>
@@ -113,7 +114,7 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     umbd_conn_tls_finish(conn);
     umbd_conn_forget_rights(conn);
     umbd_conn_leave(conn);
-    umbd_peers_release(conn->loop->daemon->peers, conn->account, umbd_now_ns());
+    umbd_peers_release(conn->loop->daemon->peers, conn->account, umbu_clock_ns());
     umbd_loop_forget(conn);
     unlink_conn(conn);
     uv_close(&conn->socket.handle, on_closed);
@@ -208,7 +209,7 @@ static int may_shake_hands(struct umbd_conn *conn, const char **reason)
     uint64_t wait_ns = 0;
     *reason = "too many TLS handshakes of one address";
     if (umbd_rate_take(&conn->account->handshake_until_ns, daemon->options.address_handshakes, 1,
-                       umbd_now_ns(), &wait_ns)) {
+                       umbu_clock_ns(), &wait_ns)) {
         return 1;
     }
     umbd_count(&daemon->metrics.handshakes_refused, 1);
@@ -229,7 +230,7 @@ static int admit(struct newcomer *newcomer)
         admitted = 0;
     }
     if (!admitted) {
-        umbd_peers_release(conn->loop->daemon->peers, conn->account, umbd_now_ns());
+        umbd_peers_release(conn->loop->daemon->peers, conn->account, umbu_clock_ns());
     }
     return admitted;
 }

@@ -15,7 +15,7 @@
 #include <malloc.h>
 #endif
 
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/standard_streams.h"
 #include "daemon/admin.h"
 #include "daemon/listener.h"
@@ -106,33 +106,33 @@ static int complain(enum umb_status status, const struct umb_error *error)
 static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_error *error)
 {
     const char *path = loop->daemon->options.address_file;
-    struct umbs_file file;
+    struct umbu_output file;
     if (path == NULL) {
         return UMB_OK;
     }
-    enum umb_status status = umbs_file_begin(path, &file, error);
+    enum umb_status status = umbu_output_begin(path, 0, &file, error);
     if (status != UMB_OK) {
         return status;
     }
     const struct umbd_listener *listener = loop->listeners;
     while (status == UMB_OK && listener != NULL) {
-        status = umbs_file_write(&file, listener->text, strlen(listener->text), error);
+        status = umbu_output_write(&file, listener->text, strlen(listener->text), error);
         if (status == UMB_OK) {
-            status = umbs_file_write(&file, "\n", 1, error);
+            status = umbu_output_write(&file, "\n", 1, error);
         }
         listener = listener->next;
     }
     const char *admin = umbd_admin_text(loop);
     if (status == UMB_OK && admin != NULL) {
-        status = umbs_file_write(&file, admin, strlen(admin), error);
+        status = umbu_output_write(&file, admin, strlen(admin), error);
         if (status == UMB_OK) {
-            status = umbs_file_write(&file, "\n", 1, error);
+            status = umbu_output_write(&file, "\n", 1, error);
         }
     }
     if (status == UMB_OK) {
-        return umbs_file_commit(&file, error);
+        return umbu_output_commit(&file, error);
     }
-    umbs_file_abandon(&file);
+    umbu_output_abandon(&file);
     return status;
 }
 

@@ -7,9 +7,9 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
 #include "wire/grpc.h"
 #include "umbrage/version.h"
 
@@ -323,11 +323,9 @@ static unsigned long long resident_bytes(void)
 
 static void write_process(FILE *out)
 {
-    struct timespec cpu = {0};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
     single(out, "process_resident_memory_bytes", "gauge", "Resident memory.", resident_bytes());
     head(out, "process_cpu_seconds_total", "counter", "CPU time, user and system.");
-    fprintf(out, "process_cpu_seconds_total %lld.%09ld\n", (long long)cpu.tv_sec, cpu.tv_nsec);
+    fprintf(out, "process_cpu_seconds_total %.9f\n", umbu_process_cpu_s());
 }
 
 enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umbd_gauges *gauges,

@@ -19,6 +19,7 @@
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/loop_reserve.h"
+#include "tool/clock.h"
 
 #define LOG_BURST 20 /* warnings about peers at once */
 #define LOG_RATE  5  /* warnings a second after the burst */
@@ -148,7 +149,7 @@ uint64_t umbd_conn_began(struct umbd_conn *conn)
     struct umbd_loop *loop = conn->loop;
     begin_turn(conn);
     if (loop->clock_ns == 0) {
-        loop->clock_ns = umbd_now_ns();
+        loop->clock_ns = umbu_clock_ns();
     }
     return loop->clock_ns;
 }
@@ -157,7 +158,7 @@ void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns)
 {
     struct umbd_loop *loop = conn->loop;
     begin_turn(conn);
-    loop->clock_ns = umbd_now_ns();
+    loop->clock_ns = umbu_clock_ns();
     loop->inline_ns += loop->clock_ns - began_ns;
     conn->turn_ns += loop->clock_ns - began_ns;
 }
@@ -212,7 +213,7 @@ static void on_tick(uv_timer_t *timer)
     struct umbd_loop *loop = timer->data;
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *conn = loop->first_conn;
-    atomic_store(&loop->ticked_ms, umbd_now_ns() / 1000000);
+    atomic_store(&loop->ticked_ms, umbu_clock_ns() / 1000000);
     umbd_optimistic_reads_revalidate(loop); /* reads of connections that ended early */
     umbs_reader_refresh(loop->reader);
     loop->tls_looks = 0;

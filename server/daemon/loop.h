@@ -50,7 +50,7 @@ struct umbd_loop {
     uint32_t index;                 /* 0: the loop that listens and takes signals */
     pthread_t thread;               /* thread of the other loops */
     atomic_size_t load;             /* number of connections, with those being handed over */
-    atomic_uint_fast64_t ticked_ms; /* umbd_now_ns of the last tick, in milliseconds; 0: none yet */
+    atomic_uint_fast64_t ticked_ms; /* Time of the last tick; 0: none yet */
     atomic_uint drain_orders;       /* number of drain orders from the first loop */
     unsigned drain_obeyed;
     struct umbd_handed *handed; /* sockets from the first loop, under done_mutex */
@@ -75,7 +75,7 @@ struct umbd_loop {
     size_t sealed_size;
     uint64_t inline_ns;            /* time spent on small batches in this wake-up */
     uint64_t inline_at_ms;         /* uv_now of that wake-up */
-    uint64_t clock_ns;             /* umbd_now_ns as last read in this event, 0 = not yet */
+    uint64_t clock_ns;             /* umbu_clock_ns as last read in this event, 0 = not yet */
     struct umbd_conn *first_dirty; /* connections to be flushed */
     struct umbd_optimistic_reads optimistic; /* reads of small batches in this event */
     struct umbd_batch *spare;                /* memory of the last small batch, for the next */

@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "daemon/conn.h"
+#include "tool/clock.h"
 
 struct umbd_handed {
     struct umbd_handed *next;
@@ -156,7 +157,7 @@ void umbd_loops_drain(struct umbd_loop *from)
 
 uint64_t umbd_loops_tick_age_ms(struct umbd_daemon *daemon)
 {
-    uint64_t now_ms = umbd_now_ns() / 1000000;
+    uint64_t now_ms = umbu_clock_ns() / 1000000;
     uint64_t oldest = 0;
     for (uint32_t i = 0; i < daemon->loop_count; i++) {
         uint64_t ticked = atomic_load(&daemon->loops[i].ticked_ms);

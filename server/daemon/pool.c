@@ -19,6 +19,8 @@
 
 #include "daemon/batch_slice.h"
 
+#include "tool/clock.h"
+
 struct umbd_pool {
     pthread_mutex_t mutex;
     pthread_cond_t wake;
@@ -153,7 +155,7 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t
 static int is_due(const struct umbd_batch *head)
 {
     return head->waited + 1 >= head->slice_turns ||
-           (head->deadline_ns != 0 && umbd_now_ns() >= head->deadline_ns);
+           (head->deadline_ns != 0 && umbu_clock_ns() >= head->deadline_ns);
 }
 
 /* Moves the lane whose turn it is to the front of the ring, which is not empty. */
@@ -194,7 +196,7 @@ static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size
     batch->waited = 0;
     *first = batch->next_point;
     *count = 0;
-    if (batch->deadline_ns != 0 && umbd_now_ns() >= batch->deadline_ns) {
+    if (batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns) {
         stop_batch(pool, batch, UMB_E_DEADLINE);
         return batch->in_flight == 0 ? batch : NULL;
     }
@@ -205,7 +207,7 @@ static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size
     if (!batch->begun) {
         batch->begun = 1;
         umbd_count(&pool->metrics->batches_started, 1);
-        umbd_observe(&pool->metrics->queued, umbd_now_ns() - batch->queued_ns);
+        umbd_observe(&pool->metrics->queued, umbu_clock_ns() - batch->queued_ns);
     }
     if (batch->next_point == batch->points.count) {
         unlink_batch(pool, batch);
@@ -369,7 +371,7 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
         status = umb_fail(error, UMB_E_ARGUMENT, "points: an empty batch needs no worker");
     } else {
         umbd__batch_set_slice(batch);
-        batch->queued_ns = umbd_now_ns();
+        batch->queued_ns = umbu_clock_ns();
         batch->next_point = 0;
         batch->in_flight = 0;
         batch->status = UMB_OK;

@@ -166,7 +166,4 @@ size_t umbd_pool_depth(struct umbd_pool *pool);
 /* 1 once half of the queue is free: refused clients may try again. */
 int umbd_pool_has_room(struct umbd_pool *pool);
 
-/* CLOCK_MONOTONIC in nanoseconds. */
-uint64_t umbd_now_ns(void);
-
 #endif

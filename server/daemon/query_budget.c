@@ -8,7 +8,8 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
+
+#include "tool/clock.h"
 
 /* Points that a calibration costs on the rates. They are taken together with the call's own points,
  * which would otherwise fail because of the calibration's debt. */
@@ -31,13 +32,6 @@ struct detour {
     struct umb_error error;
 };
 
-static double cpu_now_s(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
 /* Calibrates. If the asset's file is cut meanwhile, the calibration's memory (2 MiB) is lost: at
  * most once an asset, since the asset is then taken out of use. */
 static void measure(void *user)
@@ -46,8 +40,9 @@ static void measure(void *user)
     const struct umb_asset *asset = umbs_entry_asset(detour->entry);
     detour->status =
         detour->kind == UMBD_POINTS_FEW
-            ? umb_calibrate(asset, detour->light, cpu_now_s, &detour->calibration, &detour->error)
-            : umb_calibrate_points(asset, detour->light, &detour->points, cpu_now_s,
+            ? umb_calibrate(asset, detour->light, umbu_thread_cpu_s, &detour->calibration,
+                            &detour->error)
+            : umb_calibrate_points(asset, detour->light, &detour->points, umbu_thread_cpu_s,
                                    &detour->calibration, &detour->error);
 }
 

@@ -10,6 +10,7 @@
 
 #include "daemon/call_rights.h"
 #include "daemon/loop.h"
+#include "tool/clock.h"
 #include "wire/regions.h"
 
 #define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
@@ -70,7 +71,7 @@ static int is_given_up(void *user)
 {
     const struct deriving *d = user;
     return atomic_load_explicit(&d->batch->given_up, memory_order_relaxed) ||
-           (d->batch->deadline_ns != 0 && umbd_now_ns() > d->batch->deadline_ns);
+           (d->batch->deadline_ns != 0 && umbu_clock_ns() > d->batch->deadline_ns);
 }
 
 /* Reads voxels; may be left midway. */

@@ -9,10 +9,10 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "daemon/daemon_options.h"
+#include "tool/clock.h"
 
 /* Socket of the process, as its environment is the process's, kept open: a sign of life then needs
  * no descriptor when there is none left. Otherwise the manager would end a healthy daemon. */
@@ -42,12 +42,9 @@ void umbd_notify(const char *state)
 
 void umbd_notify_reloading(void)
 {
-    struct timespec now;
     char state[80];
-    clock_gettime(CLOCK_MONOTONIC, &now);
     (void)snprintf(state, sizeof state, "RELOADING=1\nMONOTONIC_USEC=%llu",
-                   (unsigned long long)now.tv_sec * 1000000U +
-                       (unsigned long long)now.tv_nsec / 1000U);
+                   (unsigned long long)(umbu_clock_ns() / 1000));
     umbd_notify(state);
 }
 

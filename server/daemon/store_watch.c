@@ -23,7 +23,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 
 #define FOLDER_EVENTS                                                                              \
     (IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE | IN_CREATE | IN_ATTRIB |            \
@@ -97,8 +97,8 @@ static void scan(struct umbd_store_watch *watch)
                        "loaded=%zu failed=%zu removed=%zu unchanged=%zu", report.loaded,
                        report.failed, report.removed, report.unchanged);
     }
-    watch->rescan_at_ms =
-        (uint64_t)umbs_now_ms() + (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
+    watch->rescan_at_ms = (uint64_t)umbu_clock_ms() +
+                          (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
 }
 
 /* Checks one asset if one is due; schedules the next so that the disk gets a rest. */
@@ -110,7 +110,7 @@ static void scrub(struct umbd_store_watch *watch)
     if (interval_ms > 0 && umbs_store_scrub(watch->store, interval_ms, &bytes)) {
         pause_ms = 1 + bytes / UMBD_SCRUB_BYTES_PER_MS;
     }
-    watch->scrub_at_ms = (uint64_t)umbs_now_ms() + pause_ms;
+    watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + pause_ms;
 }
 
 /* Sleeps until woken, until a folder changes or until an action is due. Returns 1 if a folder
@@ -122,7 +122,7 @@ static int wait_for_work(struct umbd_store_watch *watch)
                                 {.fd = watch->folders, .events = POLLIN}};
     uint64_t next_ms =
         watch->rescan_at_ms < watch->scrub_at_ms ? watch->rescan_at_ms : watch->scrub_at_ms;
-    uint64_t at_ms = (uint64_t)umbs_now_ms();
+    uint64_t at_ms = (uint64_t)umbu_clock_ms();
     int changed = 0;
     if (poll(sources, 2, next_ms > at_ms ? (int)(next_ms - at_ms) : 0) <= 0) {
         return 0;
@@ -142,7 +142,7 @@ static void *watch_thread(void *argument)
         int changed = wait_for_work(watch);
         int retired = atomic_exchange(&watch->retired, 0);
         int rescan = changed || atomic_load(&watch->kicked) ||
-                     (uint64_t)umbs_now_ms() >= watch->rescan_at_ms;
+                     (uint64_t)umbu_clock_ms() >= watch->rescan_at_ms;
         stopping = atomic_load(&watch->stopping);
         if (stopping) {
             break;
@@ -157,7 +157,7 @@ static void *watch_thread(void *argument)
             atomic_store(&watch->kicked, 0);
             watch_folders(watch); /* before the scan, which then sees files in new folders */
             scan(watch);
-        } else if ((uint64_t)umbs_now_ms() >= watch->scrub_at_ms) {
+        } else if ((uint64_t)umbu_clock_ms() >= watch->scrub_at_ms) {
             scrub(watch);
         }
     }
@@ -207,8 +207,8 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     watch->paths = folders;
     umbd_store_watch_set_scrub(watch, scrub_interval_ms);
     watch->rescan_at_ms =
-        (uint64_t)umbs_now_ms(); /* at once: for changes between the first scan and now */
-    watch->scrub_at_ms = (uint64_t)umbs_now_ms() + UMBD_SCRUB_PAUSE_MS;
+        (uint64_t)umbu_clock_ms(); /* at once: for changes between the first scan and now */
+    watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + UMBD_SCRUB_PAUSE_MS;
     enum umb_status status = umbs_store_lane_start(store, UMBD_LANE_BYTES, error);
     if (status != UMB_OK) {
         return status;
@@ -250,9 +250,7 @@ void umbd_store_watch_faulted(void *user)
 /* Tells the thread to end and waits for it up to a limit. */
 static int end_thread(struct umbd_store_watch *watch)
 {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += UMBD_WATCH_END_MS / 1000;
+    const struct timespec until = umbu_clock_deadline(UMBD_WATCH_END_MS);
     tell(watch, &watch->stopping);
     pthread_mutex_lock(&watch->mutex);
     while (!watch->finished &&

@@ -7,10 +7,10 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "store/store.h"
 #include "query/volume_parts.h"
+#include "tool/clock.h"
 
 #define CHUNK 64
 
@@ -24,20 +24,14 @@ struct slice {
     struct umb_volume_stats stats;
 };
 
-static uint64_t cpu_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (uint64_t)now.tv_sec * 1000000000U + (uint64_t)now.tv_nsec;
-}
-
 /* UMB_OK while the call waits for the answers; else the status that ended the wait. */
 static enum umb_status stopped(const struct umbd_batch *batch)
 {
     if (atomic_load_explicit(&batch->given_up, memory_order_relaxed)) {
         return UMB_E_CANCELLED;
     }
-    return batch->deadline_ns != 0 && umbd_now_ns() >= batch->deadline_ns ? UMB_E_DEADLINE : UMB_OK;
+    return batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns ? UMB_E_DEADLINE
+                                                                            : UMB_OK;
 }
 
 struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request)
@@ -203,7 +197,7 @@ enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t fir
                           .first = first,
                           .count = count,
                           .error = error};
-    const uint64_t from = cpu_ns();
+    const uint64_t from = umbu_thread_cpu_ns();
     enum umb_status status = check(&volume_query->request, first, count, error);
     if (status == UMB_OK) {
         status = umbs_entry_read(volume_query->entry, run_slice, &slice, error);
@@ -218,7 +212,8 @@ enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t fir
     }
     atomic_fetch_add_explicit(&volume_query->nodes, slice.stats.nodes, memory_order_relaxed);
     atomic_fetch_add_explicit(&volume_query->bricks, slice.stats.bricks, memory_order_relaxed);
-    atomic_fetch_add_explicit(&volume_query->nanoseconds, cpu_ns() - from, memory_order_relaxed);
+    atomic_fetch_add_explicit(&volume_query->nanoseconds, umbu_thread_cpu_ns() - from,
+                              memory_order_relaxed);
     return status;
 }
 

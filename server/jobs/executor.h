@@ -12,7 +12,7 @@
  * Threads: start, cancel and destroy are called by the service's thread; reports may come from any
  * thread, never from inside these calls.
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "jobs/job.h"
 
 #define UMBJ_PHASE_SIZE 32
@@ -56,7 +56,7 @@ struct umbj_report {
     int64_t bake_ms;
     /* File ready to be committed into the store, proven; the receiver's. Not begun (temporary NULL)
      * if the asset is there already. */
-    struct umbs_file staged;
+    struct umbu_output staged;
 };
 
 /* Takes a report; copies it. */

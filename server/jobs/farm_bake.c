@@ -20,7 +20,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "jobs/folder.h"
 
 #define LOOK_MS     500    /* between reads of the stage's folder, at most */
@@ -190,10 +190,10 @@ static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum 
                                       const struct umb_error *error)
 {
     if (stage->refused_ms == 0) {
-        stage->refused_ms = umbs_now_ms();
+        stage->refused_ms = umbu_clock_ms();
         tell_task(stage, first, UMBJ_TEMPORARY, error->message);
     }
-    return !has_any(stage) && umbs_now_ms() - stage->refused_ms > PATIENCE_MS
+    return !has_any(stage) && umbu_clock_ms() - stage->refused_ms > PATIENCE_MS
                ? umbj_try_fail_status(stage->try, status, error)
                : UMBJ_NO_FAILURE;
 }
@@ -226,7 +226,7 @@ static enum umbj_failure submit(struct stage *stage)
                         : farm->submit_merge(farm, &stage->farm, &error);
     if (status == UMB_OK) {
         memset(stage->wanted, 0, stage->farm.count);
-        stage->answered_ms = umbs_now_ms();
+        stage->answered_ms = umbu_clock_ms();
         stage->refused_ms = 0;
     }
     note_taken(stage);
@@ -244,14 +244,14 @@ static enum umbj_failure ask(struct stage *stage)
     const enum umb_status status = farm->status(farm, &stage->farm, stage->known, &error);
     stage->heard = status == UMB_OK;
     if (status != UMB_OK) {
-        return umbs_now_ms() - stage->answered_ms > PATIENCE_MS
+        return umbu_clock_ms() - stage->answered_ms > PATIENCE_MS
                    ? umbj_try_fail_status(stage->try, status, &error)
                    : UMBJ_NO_FAILURE;
     }
     if (memchr(stage->known, UMBJ_TASK_RUNS, stage->farm.count) != NULL) {
-        stage->ran_ms += umbs_now_ms() - stage->answered_ms;
+        stage->ran_ms += umbu_clock_ms() - stage->answered_ms;
     }
-    stage->answered_ms = umbs_now_ms();
+    stage->answered_ms = umbu_clock_ms();
     tell_count(stage);
     for (uint32_t i = 0; i < stage->farm.count; i++) {
         if (stage->refused_ms != 0 && stage->wanted[i] && stage->known[i]) {
@@ -273,10 +273,10 @@ static void end_orphans(struct stage *stage)
 {
     const struct umbj_try_options *options = stage->try->options;
     struct umb_error ignored;
-    if (umbs_now_ms() >= stage->orphans_ms &&
+    if (umbu_clock_ms() >= stage->orphans_ms &&
         options->farm->reconcile(options->farm, options->work, stage->try->stop, &ignored) ==
             UMB_OK) {
-        stage->orphans_ms = umbs_now_ms() + ORPHANS_MS;
+        stage->orphans_ms = umbu_clock_ms() + ORPHANS_MS;
     }
 }
 
@@ -297,14 +297,14 @@ static int step(struct stage *stage, enum umbj_failure *failure)
                                  "the bake took longer than the server allows (--job-time)");
         return 1;
     }
-    if (umbs_now_ms() >= stage->ask_ms) {
+    if (umbu_clock_ms() >= stage->ask_ms) {
         *failure = ask(stage);
         /* Else some tasks may be there already. */
         if (*failure == UMBJ_NO_FAILURE && stage->heard) {
             *failure = submit(stage);
         }
         end_orphans(stage);
-        stage->ask_ms = umbs_now_ms() + (int64_t)try->options->interval_ms;
+        stage->ask_ms = umbu_clock_ms() + (int64_t)try->options->interval_ms;
     }
     return *failure != UMBJ_NO_FAILURE;
 }
@@ -314,7 +314,7 @@ static enum umbj_failure run_stage(struct stage *stage)
     enum umbj_failure failure = submit(stage);
     const int64_t interval = (int64_t)stage->try->options->interval_ms;
     const int look_ms = (int)(interval / 4 < LOOK_MS ? interval / 4 : LOOK_MS);
-    stage->ask_ms = umbs_now_ms() + interval;
+    stage->ask_ms = umbu_clock_ms() + interval;
     while (failure == UMBJ_NO_FAILURE && !step(stage, &failure)) {
         if (is_stopped(stage, look_ms)) {
             return umbj_try_fail(stage->try, UMBJ_CANCELLED, "stopped");
@@ -337,7 +337,7 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
                           .kind = kind,
                           .is_array = texels > 0,
                           .texels = texels,
-                          .answered_ms = umbs_now_ms()};
+                          .answered_ms = umbu_clock_ms()};
     uint8_t *block = calloc(count, 6);
     enum umbj_failure failure = UMBJ_NO_FAILURE;
     snprintf(stage.folder, sizeof stage.folder, "%s/%s", work->folder, kind);

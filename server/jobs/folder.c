@@ -11,6 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "tool/output.h"
+
 void umbj_names_finish(struct umbj_names *names)
 {
     for (size_t i = 0; i < names->count; i++) {
@@ -106,16 +108,11 @@ static int sync_parent(int parent, const char *name)
     char *above = slash == NULL   ? strdup(".")
                   : slash == name ? strdup("/")
                                   : strndup(name, (size_t)(slash - name));
-    const int folder =
-        above != NULL ? openat(parent, above, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
-    free(above);
-    const int failed = folder < 0 || (fsync(folder) != 0 && errno != EINVAL && errno != ENOTSUP);
+    const int result = above != NULL ? umbu_folder_sync_at(parent, above) : -1;
     const int cause = errno;
-    if (folder >= 0) {
-        close(folder);
-    }
+    free(above);
     errno = cause;
-    return failed ? -1 : 0;
+    return result;
 }
 
 enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)

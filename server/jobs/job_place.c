@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "base/open_status.h"
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "common/private_folder.h"
 
 void umbj_place_init(struct umbj_place *place)
@@ -123,7 +123,7 @@ enum umb_status umbj_place_take(const char *folder, const char *table, struct um
 
 enum umb_status umbj_place_beat(struct umbj_place *place, struct umb_error *error)
 {
-    const int64_t now = umbs_now_ms();
+    const int64_t now = umbu_clock_ms();
     if (now < place->beat_at_ms) {
         return UMB_OK;
     }

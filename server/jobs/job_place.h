@@ -17,7 +17,7 @@
 struct umbj_place {
     struct umbs_owner_lock folder, table; /* Locks; table: not held if the table is in the folder */
     char table_path[4200];
-    int64_t beat_at_ms; /* on umbs_now_ms's clock */
+    int64_t beat_at_ms; /* on umbu_clock_ms's clock */
 };
 
 /*

@@ -16,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "common/private_folder.h"
 #include "jobs/folder.h"
 #include "jobs/slurm_farm.h"
@@ -31,16 +31,14 @@
 
 static int64_t system_unix_ms(void *user)
 {
-    struct timespec t;
     (void)user;
-    clock_gettime(CLOCK_REALTIME, &t);
-    return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
+    return umbu_unix_ms();
 }
 
 static int64_t system_steady_ms(void *user)
 {
     (void)user;
-    return umbs_now_ms();
+    return umbu_clock_ms();
 }
 
 int64_t umbj__unix_ms(const struct umbj_service *service)
@@ -97,7 +95,7 @@ static void end_report(struct umbj_request *request)
 {
     struct report_request *message = (struct report_request *)request;
     if (request->skipped) {
-        umbs_file_abandon(&message->report.staged);
+        umbu_output_abandon(&message->report.staged);
     }
     free(message);
 }
@@ -108,8 +106,8 @@ static void on_report(void *user, const struct umbj_report *report)
 {
     struct report_request *message = malloc(sizeof *message);
     if (message == NULL) {
-        struct umbs_file staged = report->staged;
-        umbs_file_abandon(&staged);
+        struct umbu_output staged = report->staged;
+        umbu_output_abandon(&staged);
         return;
     }
     message->request = (struct umbj_request){.run = run_report, .done = end_report};
@@ -209,14 +207,7 @@ static void housekeeping(struct umbj_service *service)
 /* Takes the next request; sleeps if there is none. NULL: woken, or the service ends. */
 static struct umbj_request *next_request(struct umbj_service *service, int64_t wait_ms)
 {
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += wait_ms / 1000;
-    until.tv_nsec += wait_ms % 1000 * 1000000;
-    if (until.tv_nsec >= 1000000000) {
-        until.tv_sec++;
-        until.tv_nsec -= 1000000000;
-    }
+    const struct timespec until = umbu_clock_deadline(wait_ms);
     pthread_mutex_lock(&service->mutex);
     if (service->first == NULL && !service->closing && wait_ms > 0) {
         pthread_cond_timedwait(&service->wake, &service->mutex, &until);
@@ -241,11 +232,11 @@ static int is_closing(struct umbj_service *service)
 void umbj__service_turn(struct umbj_service *service, int64_t wait_ms)
 {
     struct umbj_request *request = next_request(service, wait_ms);
-    const int64_t until_ms = umbs_now_ms() + REQUESTS_MS;
+    const int64_t until_ms = umbu_clock_ms() + REQUESTS_MS;
     while (request != NULL && !is_closing(service)) {
         request->run(request, service);
         request->done(request);
-        request = umbs_now_ms() < until_ms ? next_request(service, 0) : NULL;
+        request = umbu_clock_ms() < until_ms ? next_request(service, 0) : NULL;
     }
     if (request != NULL) {
         request->skipped = 1;

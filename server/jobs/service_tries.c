@@ -171,11 +171,8 @@ void umbj__collect_assets(struct umbj_service *service)
             umbj__log_error(service, "asset_remove", &error);
             break;
         }
-        int folder = open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        if (folder >= 0) {
-            (void)fsync(folder); /* if a crash brings the file back, its row comes back too */
-            close(folder);
-        }
+        /* If the file comes back with a crash, its row does too. */
+        (void)umbu_folder_sync_at(AT_FDCWD, service->assets_path);
         if (umbj_table_forget(service->table, asset, &error) != UMB_OK) {
             umbj__log_error(service, "asset_forget", &error);
             break;
@@ -367,7 +364,7 @@ static enum umb_status give_name(struct umbj_service *service, struct umbj_repor
     if (options->replacing != NULL) {
         options->replacing(options->user, report->asset, 1);
     }
-    enum umb_status status = umbs_file_commit(&report->staged, error);
+    enum umb_status status = umbu_output_commit(&report->staged, error);
     if (status != UMB_OK && options->replacing != NULL) {
         options->replacing(options->user, report->asset, 0);
     }
@@ -446,7 +443,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         if (report->kind != UMBJ_REPORT_ENDED) {
             service->executor->cancel(service->executor, report->job, report->epoch);
         }
-        umbs_file_abandon(&report->staged);
+        umbu_output_abandon(&report->staged);
         return;
     }
     enum umb_status status = umbj_table_get(service->table, report->job, NULL, &job, &error);
@@ -476,7 +473,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         umbs_log_event(service->options.log, UMB_LOG_INFO, "job_late", "job=%s epoch=%lld now=%lld",
                        report->job, (long long)report->epoch, (long long)job.epoch);
     }
-    umbs_file_abandon(&report->staged); /* no effect if it was committed */
+    umbu_output_abandon(&report->staged); /* no effect if it was committed */
     if (status != UMB_OK && status != UMB_E_NOT_FOUND) {
         umbj__log_error(service, "job_report", &error);
     }

@@ -86,11 +86,11 @@ void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], c
 }
 
 /* Writes the file, syncs it, reads it again and compares. */
-static enum umb_status write_checked(const struct block *block, struct umbs_file *file,
+static enum umb_status write_checked(const struct block *block, struct umbu_output *file,
                                      struct umb_error *error)
 {
     struct block again = {NULL, 0};
-    enum umb_status status = umbs_file_write(file, block->bytes, block->size, error);
+    enum umb_status status = umbu_output_write(file, block->bytes, block->size, error);
     if (status == UMB_OK && fsync(file->fd) != 0) {
         status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the asset");
     }
@@ -106,21 +106,21 @@ static enum umb_status write_checked(const struct block *block, struct umbs_file
 }
 
 enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
-                           struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
+                           struct umbu_output *staged, uint8_t asset[UMBJ_HASH_BYTES],
                            struct umb_error *error)
 {
     char target[4096];
     struct block block = {NULL, 0};
-    *staged = (struct umbs_file){.fd = -1};
+    *staged = (struct umbu_output){.fd = -1};
     enum umb_status status = read_proven(path, most, &block, asset, error);
     if (status == UMB_OK) {
         umbj_asset_path(folder, asset, target, sizeof target);
-        status = umbs_file_begin(target, staged, error);
+        status = umbu_output_begin(target, 0, staged, error);
         if (status == UMB_OK) {
             status = write_checked(&block, staged, error);
         }
         if (status != UMB_OK) {
-            umbs_file_abandon(staged);
+            umbu_output_abandon(staged);
         }
     }
     free(block.bytes);

@@ -6,7 +6,7 @@
  * final place, synced, read again and proven (SHA-256 of head and pages against the id); then it
  * may get its name, ID.umb. Nothing that a worker wrote is trusted, not even its id.
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "jobs/job.h"
 
 /*
@@ -19,7 +19,7 @@
  * Cost:  reads the file twice, writes it once.
  */
 UMB_CHECKED enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,
-                                       struct umbs_file *staged, uint8_t asset[UMBJ_HASH_BYTES],
+                                       struct umbu_output *staged, uint8_t asset[UMBJ_HASH_BYTES],
                                        struct umb_error *error);
 
 /* Path of an asset in the folder of jobs' assets. */

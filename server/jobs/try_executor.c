@@ -19,7 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "jobs/bake_try.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
@@ -66,7 +66,7 @@ static enum umbj_failure bake(struct umbj_try *try, struct umbj_report *ended)
 /* Waits as long as the bake took that gave the asset. */
 static enum umbj_failure wait_as_known(struct umbj_try *try)
 {
-    const int64_t start = umbs_now_ms();
+    const int64_t start = umbu_clock_ms();
     int64_t passed = 0;
     while (passed < try->work->known_ms) {
         umbj_try_tell_phase(try, "bake"); /* a sign of life: the lease may be shorter */
@@ -76,7 +76,7 @@ static enum umbj_failure wait_as_known(struct umbj_try *try)
         if (stop.revents != 0) {
             return umbj_try_fail(try, UMBJ_CANCELLED, "stopped");
         }
-        passed = umbs_now_ms() - start;
+        passed = umbu_clock_ms() - start;
     }
     return UMBJ_NO_FAILURE;
 }
@@ -103,7 +103,7 @@ static void *run_try(void *user)
     struct slot *slot = user;
     struct umbj_try try = {
         .options = &slot->owner->options, .work = &slot->work, .stop = slot->stop};
-    const int64_t start = umbs_now_ms();
+    const int64_t start = umbu_clock_ms();
     struct umbj_report ended = umbj_try_report(&try, UMBJ_REPORT_ENDED);
     if (slot->work.is_known) {
         ended.failure = wait_as_known(&try);
@@ -111,13 +111,13 @@ static void *run_try(void *user)
         memcpy(ended.asset, slot->work.known_asset, sizeof ended.asset);
     } else {
         ended.failure = bake(&try, &ended);
-        ended.bake_ms = umbs_now_ms() - start;
+        ended.bake_ms = umbu_clock_ms() - start;
         drop_folder(slot->work.folder);
     }
     memcpy(ended.text, try.cause, sizeof ended.text);
     const int closing = atomic_load(&slot->owner->closing);
     if (closing) {
-        umbs_file_abandon(&ended.staged);
+        umbu_output_abandon(&ended.staged);
     }
     /* Before the report: its receiver may start the next try at once. */
     atomic_store(&slot->ended, 1);

@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "jobs/folder.h"
+#include "tool/output.h"
 #include "umbrage/asset.h"
 
 #define NAME_SIZE     40
@@ -278,7 +279,7 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
 static int sync_folders(int folder)
 {
     struct umbj_names names;
-    int failed = fsync(folder) != 0 && errno != EINVAL;
+    int failed = umbu_folder_sync(folder) != 0;
     if (umbj_names_read(folder, &names) != 0) {
         close(folder);
         return -1;
@@ -307,15 +308,8 @@ static int sync_bundle(const struct umbj_upload *upload)
  */
 static enum umb_status sync_names(const struct umbj_upload *upload, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    const int bundles = openat(upload->jobs, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (bundles < 0 || (fsync(bundles) != 0 && errno != EINVAL)) {
-        status = fail_io(error, "sync", "bundles");
-    }
-    if (bundles >= 0) {
-        close(bundles);
-    }
-    return status;
+    return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK
+                                                             : fail_io(error, "sync", "bundles");
 }
 
 enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error)

@@ -17,7 +17,7 @@
 #include <unistd.h>
 
 #include "common/child_process.h"
-#include "common/clock.h"
+#include "tool/clock.h"
 
 #define NOT_STARTED 127
 #define STEP_MS     20   /* between checks for its end */
@@ -103,7 +103,7 @@ static void become_program(const struct umbj_process *process, char *const *envi
 static void attend(const struct umbj_process *process, pid_t child, struct line_reader *said,
                    struct line_reader *progress, struct umbj_process_end *end)
 {
-    int64_t deadline = umbs_now_ms() + (int64_t)process->timeout_ms;
+    int64_t deadline = umbu_clock_ms() + (int64_t)process->timeout_ms;
     while (!umbs_child_has_ended(child)) {
         struct pollfd wanted[3] = {{.fd = end->stopped ? -1 : process->stop, .events = POLLIN},
                                    {.fd = said->fd, .events = POLLIN},
@@ -117,9 +117,9 @@ static void attend(const struct umbj_process *process, pid_t child, struct line_
         }
         if (wanted[0].revents != 0) {
             end->stopped = 1;
-            deadline = umbs_now_ms() + GRACE_MS;
+            deadline = umbu_clock_ms() + GRACE_MS;
             (void)kill(child, SIGTERM);
-        } else if (umbs_now_ms() > deadline) {
+        } else if (umbu_clock_ms() > deadline) {
             end->timed_out = !end->stopped;
             (void)kill(child, SIGKILL); /* it may have no group yet */
             return;

@@ -7,27 +7,22 @@
 
 #include <math.h>
 #include <pthread.h>
-#include <stdatomic.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/memory.h"
 #include "rays/verify_block.h"
+#include "tool/threads.h"
 
 enum {
     BLOCK_POINTS = 2048,
     DEFAULT_POINTS = 1000000,
-    THREADS_MAX = 256,
 };
 
 /* The job and its sums. */
 struct crew {
     struct umbr_verify_job job;
     const struct umbr_exact *exact; /* NULL: no frustum needs it */
-    uint64_t points, block_count;
-    atomic_uint_least64_t next_block;
-    atomic_int stopped, failed; /* Flags; failed: no memory for rays in doubles */
-    pthread_mutex_t lock;       /* guards total, worst_block and calls of progress */
+    pthread_mutex_t lock;           /* guards total, worst_block and calls of progress */
     struct umbr_verify_result total;
     uint64_t worst_block;
 };
@@ -52,15 +47,6 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
                                     total->records > 0 ? total->records : total->points);
     }
     (void)pthread_mutex_unlock(&crew->lock);
-}
-
-static int is_stopped(struct crew *crew)
-{
-    const struct umbr_verify_options *options = crew->job.options;
-    if (options->cancelled != NULL && options->cancelled()) {
-        atomic_store(&crew->stopped, 1);
-    }
-    return atomic_load(&crew->stopped);
 }
 
 /* Compares `count` records. */
@@ -88,60 +74,30 @@ static void run_block(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-static void *work(void *user)
+static enum umb_status compare_block(void *user, size_t first, size_t count,
+                                     struct umb_error *error)
 {
     struct crew *crew = user;
     const struct umbr_verify_job *job = &crew->job;
-    while (!is_stopped(crew) && !atomic_load(&crew->failed)) {
-        const uint64_t number = atomic_fetch_add(&crew->next_block, 1);
-        if (number >= crew->block_count) {
-            break;
-        }
-        const uint64_t left = crew->points - number * BLOCK_POINTS;
-        const uint64_t count = left < BLOCK_POINTS ? left : BLOCK_POINTS;
-        struct umbr_verify_block block = {
-            .job = job,
-            .light_frame = &job->frames[number % job->light.frustum_count],
-            .random = job->options->seed,
-        };
-        block.exact = umbr_verify_needs_exact(block.light_frame, job->rays) ? crew->exact : NULL;
-        /* Two steps of the generator keep neighbouring seeds and blocks apart. */
-        block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
-        block.random = umbr_next_random(&block);
-        run_block(&block, count);
-        if (block.status != UMB_OK) {
-            atomic_store(&crew->failed, 1);
-            break;
-        }
-        add_result(crew, number, &block.result);
+    const uint64_t number = first / BLOCK_POINTS;
+    if (job->options->cancelled != NULL && job->options->cancelled()) {
+        return umb_fail(error, UMB_E_CANCELLED, "verification: cancelled");
     }
-    return NULL;
-}
-
-static unsigned thread_count(const struct crew *crew)
-{
-    uint64_t wanted = crew->job.options->threads;
-    if (wanted == 0) {
-        const long online = sysconf(_SC_NPROCESSORS_ONLN);
-        wanted = online > 0 ? (uint64_t)online : 1;
+    struct umbr_verify_block block = {
+        .job = job,
+        .light_frame = &job->frames[number % job->light.frustum_count],
+        .random = job->options->seed,
+    };
+    block.exact = umbr_verify_needs_exact(block.light_frame, job->rays) ? crew->exact : NULL;
+    /* Two steps of the generator keep neighbouring seeds and blocks apart. */
+    block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
+    block.random = umbr_next_random(&block);
+    run_block(&block, count);
+    if (block.status != UMB_OK) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "verification: memory for rays in doubles refused");
     }
-    wanted = wanted > THREADS_MAX ? THREADS_MAX : wanted;
-    return (unsigned)(wanted > crew->block_count ? crew->block_count : wanted);
-}
-
-/* Runs all blocks. The caller's thread works too, so a thread that cannot start costs only time. */
-static void run(struct crew *crew)
-{
-    pthread_t threads[THREADS_MAX];
-    const unsigned wanted = thread_count(crew);
-    unsigned started = 0;
-    while (started + 1 < wanted && pthread_create(&threads[started], NULL, work, crew) == 0) {
-        started++;
-    }
-    (void)work(crew);
-    for (unsigned i = 0; i < started; i++) {
-        (void)pthread_join(threads[i], NULL);
-    }
+    add_result(crew, number, &block.result);
+    return UMB_OK;
 }
 
 /* Makes the light local, and computes the distance from a lamp within which nothing casts. A bake
@@ -230,11 +186,9 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
     struct crew crew = {.job = {.asset = asset, .rays = rays}};
     *result = (struct umbr_verify_result){0};
     crew.job.options = options != NULL ? options : &defaults;
-    crew.points = crew.job.options->points > 0 ? crew.job.options->points : DEFAULT_POINTS;
-    crew.block_count = crew.points / BLOCK_POINTS + (crew.points % BLOCK_POINTS != 0);
-    atomic_init(&crew.next_block, 0);
-    atomic_init(&crew.stopped, 0);
-    atomic_init(&crew.failed, 0);
+    const unsigned threads = crew.job.options->threads;
+    const uint64_t points =
+        crew.job.options->points > 0 ? crew.job.options->points : DEFAULT_POINTS;
     enum umb_status status = prepare(&crew.job, light, error);
     if (status == UMB_OK) {
         status = prepare_exact(&crew, error);
@@ -243,16 +197,12 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
         status = umb_fail(error, UMB_E_NO_MEMORY, "no memory for a mutex");
     }
     if (status == UMB_OK) {
-        run(&crew);
+        status = umbu_range_run(threads > 0 ? threads : umbu_processor_count(), (size_t)points,
+                                BLOCK_POINTS, compare_block, &crew, error);
         (void)pthread_mutex_destroy(&crew.lock);
-        if (atomic_load(&crew.stopped)) {
-            status = umb_fail(error, UMB_E_CANCELLED, "verification: cancelled");
-        } else if (atomic_load(&crew.failed)) {
-            status = umb_fail(error, UMB_E_NO_MEMORY,
-                              "verification: memory for rays in doubles refused");
-        } else {
-            *result = crew.total;
-        }
+    }
+    if (status == UMB_OK) {
+        *result = crew.total;
     }
     umb__free(NULL, crew.job.frames);
     return status;

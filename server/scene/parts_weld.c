@@ -11,9 +11,9 @@
 #include "scene/parts_weld.h"
 
 #include <string.h>
-#include <time.h>
 
 #include "base/memory.h"
+#include "tool/clock.h"
 
 enum {
     GROUP = 48,         /* corners hashed and prefetched before they are looked up */
@@ -62,10 +62,7 @@ static uint32_t hash_of(const struct key *key, uint64_t seed)
 
 static uint64_t run_seed(const void *block)
 {
-    struct timespec now = {0};
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)(uintptr_t)block * UINT64_C(0x9e3779b97f4a7c15) ^ (uint64_t)now.tv_nsec << 20 ^
-           (uint64_t)now.tv_sec;
+    return (uint64_t)(uintptr_t)block * UINT64_C(0x9e3779b97f4a7c15) ^ umbu_clock_ns() << 20;
 }
 
 static int table_init(struct table *table, size_t slots)

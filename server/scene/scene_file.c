@@ -14,8 +14,8 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
-#include "common/file.h"
 #include "common/private_folder.h"
+#include "tool/output.h"
 
 #define HEAD_BYTES ((size_t)16)
 
@@ -25,19 +25,19 @@ enum umb_status umbs_scene_save(const struct umbs_scene *scene, const char *path
     uint8_t head[HEAD_BYTES];
     memcpy(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES);
     umb__store64(head + 8, XXH3_64bits(scene->map, scene->map_bytes));
-    struct umbs_file file;
-    enum umb_status status = umbs_file_begin_private(path, &file, error);
+    struct umbu_output file;
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error);
     if (status != UMB_OK) {
         return status;
     }
-    status = umbs_file_write(&file, head, sizeof head, error);
+    status = umbu_output_write(&file, head, sizeof head, error);
     if (status == UMB_OK) {
-        status = umbs_file_write(&file, scene->map, scene->map_bytes, error);
+        status = umbu_output_write(&file, scene->map, scene->map_bytes, error);
     }
     if (status == UMB_OK) {
-        status = umbs_file_commit(&file, error);
+        status = umbu_output_commit(&file, error);
     }
-    umbs_file_abandon(&file);
+    umbu_output_abandon(&file);
     return status;
 }
 

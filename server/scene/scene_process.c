@@ -23,7 +23,7 @@
 #include <unistd.h>
 
 #include "common/child_process.h"
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
@@ -122,10 +122,10 @@ static int watch(pid_t child, struct lines *lines, const struct umbs_process *pr
                  struct umbs_process_end *end)
 {
     char talk[UMBS_PROCESS_TALK_BYTES];
-    int64_t deadline_ms = umbs_now_ms() + (int64_t)process->timeout_s * 1000;
+    int64_t deadline_ms = umbu_clock_ms() + (int64_t)process->timeout_s * 1000;
     struct watched watched = {process, lines, end, 0, process->max_files};
     while (!umbs_child_has_ended(child)) {
-        int64_t left_ms = deadline_ms - umbs_now_ms();
+        int64_t left_ms = deadline_ms - umbu_clock_ms();
         end->timed_out = left_ms <= 0;
         if (end->timed_out || end->asked_too_often) {
             (void)kill(child, SIGKILL); /* it may have no group yet */

@@ -12,7 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/private_folder.h"
 #include "store/store_internal.h"
 
@@ -105,23 +105,13 @@ static enum umb_status read_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
 static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
                                 struct umb_error *error)
 {
-    struct umbs_file file;
     if (getrandom(key, UMBS_KEY_BYTES, 0) != (ssize_t)UMBS_KEY_BYTES) {
         return umb_fail_errno(error, UMB_E_IO, errno, "no random bytes for a key");
     }
     if (unlink(path) != 0 && errno != ENOENT) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot replace '%.200s'", path);
     }
-    enum umb_status status = umbs_file_begin_private(path, &file, error);
-    if (status == UMB_OK) {
-        status = umbs_file_write(&file, key, UMBS_KEY_BYTES, error);
-        if (status == UMB_OK) {
-            status = umbs_file_commit(&file, error);
-        } else {
-            umbs_file_abandon(&file);
-        }
-    }
-    return status;
+    return umbu_output_replace(path, UMBU_OUTPUT_PRIVATE, key, UMBS_KEY_BYTES, error);
 }
 
 /* Reads the key. The daemon with write access makes a new one if there is no usable key. */

@@ -24,7 +24,7 @@ struct umbs_entry {
     size_t folder; /* index of its folder in the store */
     /* Serial of the scan that last loaded it or tried to replace it; under store->scan. */
     uint64_t tried;
-    atomic_uint_fast64_t checked_ms; /* time of the last full check, umbs__now_ms; 0 = never */
+    atomic_uint_fast64_t checked_ms; /* of the last full check, umbu_clock_ms; 0 = before */
     int has_id;                      /* item.id was read from its head */
     atomic_int faulted;  /* 1 once its map was found cut or changed; error has the reason */
     atomic_int replaced; /* 1 if its file is being replaced: umbs_store_replacing */
@@ -173,9 +173,6 @@ char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *
 
 /* Takes an entry out of use and calls the owner, once. */
 void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error);
-
-/* CLOCK_MONOTONIC in milliseconds, never 0. */
-uint64_t umbs__now_ms(void);
 
 /* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
  * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */

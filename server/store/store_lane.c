@@ -12,6 +12,8 @@
 
 #include "store/store_internal.h"
 
+#include "tool/clock.h"
+
 static void *run_lane(void *user)
 {
     struct umbs_store *store = user;
@@ -23,11 +25,11 @@ static void *run_lane(void *user)
             continue;
         }
         pthread_mutex_unlock(&lane->mutex);
-        const uint64_t from_ms = umbs__now_ms();
+        const uint64_t from_ms = (uint64_t)umbu_clock_ms();
         struct umbs_entry *entry = lane->load(store, &lane->name, lane->rebuild);
         pthread_mutex_lock(&lane->mutex);
         lane->entry = entry;
-        lane->load_ms = umbs__now_ms() - from_ms;
+        lane->load_ms = (uint64_t)umbu_clock_ms() - from_ms;
         lane->state = UMBS_LANE_DONE;
         if (store->faulted != NULL && !lane->stopping) {
             store->faulted(store->owner);
@@ -72,15 +74,10 @@ enum umb_status umbs_store_lane_start(struct umbs_store *store, uint64_t from_by
 int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms)
 {
     struct umbs_lane *lane = &store->lane;
-    struct timespec until;
     if (!lane->running) {
         return 1;
     }
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    until.tv_sec += wait_ms / 1000;
-    until.tv_nsec += (long)(wait_ms % 1000) * 1000000;
-    until.tv_sec += until.tv_nsec / 1000000000;
-    until.tv_nsec %= 1000000000;
+    const struct timespec until = umbu_clock_deadline(wait_ms);
     pthread_mutex_lock(&lane->mutex);
     lane->stopping = 1;
     pthread_cond_broadcast(&lane->changed);

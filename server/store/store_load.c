@@ -16,7 +16,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "common/file.h"
+#include "tool/clock.h"
+#include "tool/output.h"
 #include "common/sha256.h"
 #include "format/head.h"
 
@@ -138,12 +139,12 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
                                    uint8_t digest[UMB_ID_BYTES], struct umb_error *error)
 {
     struct umb_asset *asset = NULL;
-    struct umbs_file file = {.fd = -1};
-    enum umb_status status = umbs_file_begin_private(path, &file, error);
+    struct umbu_output file = {.fd = -1};
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error);
     if (status != UMB_OK) {
         return status;
     }
-    struct hashing hashing = {.to = umbs_file_sink(&file)};
+    struct hashing hashing = {.to = umbu_output_sink(&file)};
     umbs_sha256_begin(&hashing.run);
     status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
@@ -155,14 +156,14 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
     if (status == UMB_OK) {
         const int synced = umbs__cache_syncs(cache);
         file.unsynced = !synced;
-        status = umbs_file_commit(&file, error);
+        status = umbu_output_commit(&file, error);
         umbs__cache_made(cache, synced);
         return status;
     }
     if (file.system_error != 0) {
         status = umb_fail_errno(error, UMB_E_IO, file.system_error, "cannot write '%.200s'", path);
     }
-    umbs_file_abandon(&file);
+    umbu_output_abandon(&file);
     return status;
 }
 
@@ -360,13 +361,13 @@ static void log_loaded(struct umbs_entry *entry, const char *how, uint64_t from_
                    "asset=%s id=%s bytes=%llu memory=%llu how=%s dur_ms=%llu", entry->item.name, id,
                    (unsigned long long)entry->item.packed_bytes,
                    (unsigned long long)entry->item.memory_bytes, how,
-                   (unsigned long long)(umbs__now_ms() - from_ms));
+                   (unsigned long long)((uint64_t)umbu_clock_ms() - from_ms));
 }
 
 struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
                                     int rebuild)
 {
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     char *path = umbs__packed_path(store, name);
     struct umbs_entry *entry = path != NULL ? entry_create(store, name) : NULL;
     if (entry == NULL) {
@@ -374,7 +375,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
         return NULL;
     }
     entry->item.status = load(store, entry, path, rebuild, &entry->error);
-    entry->checked_ms = umbs__now_ms();
+    entry->checked_ms = (uint64_t)umbu_clock_ms();
     free(path);
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
@@ -394,7 +395,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed)
 {
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     struct umbs_cache *cache = store->folders[name->folder].cache;
     struct umbs_record known;
     struct umbs_entry *entry =
@@ -417,7 +418,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     entry->asset = umbs_asset_map_asset(entry->map);
     /* The opening checked a changed mapped file in full, as it checks a copy. */
     if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
-        entry->checked_ms = umbs__now_ms();
+        entry->checked_ms = (uint64_t)umbu_clock_ms();
     }
     describe(entry);
     log_loaded(entry, "known", from_ms);

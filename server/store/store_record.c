@@ -11,7 +11,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/private_folder.h"
 
 #define TITLE          "umbrage proven 2\n"
@@ -332,20 +332,12 @@ enum umb_status umbs__records_write(const char *path, const uint8_t key[UMBS_KEY
                                     const struct umbs_records *records, struct umb_error *error)
 {
     size_t size = 0;
-    struct umbs_file file;
     char *text = print(records, key, &size);
     if (text == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the list of proven files");
     }
-    enum umb_status status = umbs_file_begin_private(path, &file, error);
-    if (status == UMB_OK) {
-        status = umbs_file_write(&file, text, size, error);
-        if (status == UMB_OK) {
-            status = umbs_file_commit(&file, error);
-        } else {
-            umbs_file_abandon(&file);
-        }
-    }
+    const enum umb_status status =
+        umbu_output_replace(path, UMBU_OUTPUT_PRIVATE, text, size, error);
     free(text);
     return status;
 }

@@ -59,7 +59,7 @@ UMB_CHECKED enum umb_status umbs__records_read(const char *path, const uint8_t k
                                                struct umbs_records *records, size_t *refused,
                                                struct umb_error *error);
 
-/* Replaces the file. Fails: as umbs_file_*. */
+/* Replaces the file. Fails: as umbu_output_replace. */
 UMB_CHECKED enum umb_status umbs__records_write(const char *path, const uint8_t key[UMBS_KEY_BYTES],
                                                 const struct umbs_records *records,
                                                 struct umb_error *error);

@@ -19,6 +19,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "tool/clock.h"
+
 #define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
 
 /* One pass over the names. */
@@ -48,10 +50,9 @@ static void sort_by_id(struct umbs_entry **list, size_t count)
 
 static int is_fresh(const struct stat *file)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    int64_t age_ms = ((int64_t)now.tv_sec - file->st_mtim.tv_sec) * 1000 +
-                     (now.tv_nsec - file->st_mtim.tv_nsec) / 1000000;
+    const int64_t modified_ms =
+        (int64_t)file->st_mtim.tv_sec * 1000 + file->st_mtim.tv_nsec / 1000000;
+    const int64_t age_ms = umbu_unix_ms() - modified_ms;
     return age_ms >= 0 && age_ms < UMBS_STORE_SETTLE_MS;
 }
 
@@ -144,7 +145,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
         *out = old;
         return UMB_OK;
     }
-    uint64_t from_ms = umbs__now_ms();
+    uint64_t from_ms = (uint64_t)umbu_clock_ms();
     uint64_t lane_ms = 0;
     struct umbs_entry *fresh = faulted ? NULL : umbs__entry_recall(store, name, &stamp);
     enum umbs_lane_answer lane =
@@ -162,13 +163,13 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     }
     if (fresh == NULL && lane == UMBS_LANE_NOT_FOR_IT) {
         fresh = umbs__entry_load(store, name, faulted);
-        pass->load_ms += umbs__now_ms() - from_ms;
+        pass->load_ms += (uint64_t)umbu_clock_ms() - from_ms;
         pass->may_load = pass->load_ms < LOAD_MS;
     }
     if (fresh == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for asset '%.64s'", name->text);
     }
-    pass->report->load_ms += umbs__now_ms() - from_ms + lane_ms;
+    pass->report->load_ms += (uint64_t)umbu_clock_ms() - from_ms + lane_ms;
     *out = choose(pass, old, faulted, fresh, &now);
     return UMB_OK;
 }

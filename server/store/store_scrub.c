@@ -4,17 +4,12 @@
 
 #include "store/store_internal.h"
 
-uint64_t umbs__now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000;
-}
+#include "tool/clock.h"
 
 /* Retains the asset whose mapped file was checked longest ago, if it is due. */
 static struct umbs_entry *take_due(struct umbs_store *store, uint64_t interval_ms)
 {
-    uint64_t now_ms = umbs__now_ms();
+    uint64_t now_ms = (uint64_t)umbu_clock_ms();
     struct umbs_entry *due = NULL;
     struct umbs_table *table = umbs__table_hold(store);
     for (size_t i = 0; i < table->count; i++) {
@@ -48,7 +43,7 @@ int umbs_store_scrub(struct umbs_store *store, uint64_t interval_ms, uint64_t *b
     if (status != UMB_OK && status != UMB_E_NO_MEMORY) {
         umbs__entry_quarantine(entry, &error);
     }
-    atomic_store(&entry->checked_ms, umbs__now_ms());
+    atomic_store(&entry->checked_ms, (uint64_t)umbu_clock_ms());
     if (status == UMB_OK) {
         pthread_mutex_lock(&store->mutex);
         store->scrubbed++;

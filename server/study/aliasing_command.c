@@ -11,10 +11,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "common/json_text.h"
+#include "tool/json.h"
 #include "study/gbuffer.h"
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/picture.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
@@ -302,50 +302,54 @@ static void report_text(FILE *to, const struct aliasing *a)
     }
 }
 
-static void summary_json(const struct summary *s, uint64_t resolution)
+/* A light that grazes more than the share of points has no resolution that would do: null. */
+static void put_summary(struct umbu_json *json, const struct summary *s, uint64_t resolution)
 {
-    printf("\"points\":%zu,\"undersampled\":%.9g", s->count, s->under);
-    /* If the light grazes more than this share of the points, no resolution is sufficient. */
-    const struct {
-        const char *name;
-        double value;
-    } numbers[] = {{"median", s->median},
-                   {"p95", s->p95},
-                   {"p99", s->p99},
-                   {"perspective", s->perspective},
-                   {"projection", s->projection},
-                   {"resolution_for_p99", ceil((double)resolution * s->p99)}};
-    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
-        if (isfinite(numbers[i].value)) {
-            printf(",\"%s\":%.9g", numbers[i].name, numbers[i].value);
-        } else {
-            printf(",\"%s\":null", numbers[i].name);
-        }
+    umbu_json_integer(json, "points", s->count);
+    umbu_json_rounded(json, "undersampled", s->under, 9);
+    umbu_json_rounded(json, "median", s->median, 9);
+    umbu_json_rounded(json, "p95", s->p95, 9);
+    umbu_json_rounded(json, "p99", s->p99, 9);
+    umbu_json_rounded(json, "perspective", s->perspective, 9);
+    umbu_json_rounded(json, "projection", s->projection, 9);
+    umbu_json_rounded(json, "resolution_for_p99", ceil((double)resolution * s->p99), 9);
+}
+
+static void put_way(struct umbu_json *json, const struct aliasing *a, int way)
+{
+    umbu_json_text(json, "way", way_names[way]);
+    put_summary(json, &a->summaries[way], a->resolution);
+    umbu_json_signed(json, "histogram_from_log2", BIN_LOW);
+    umbu_json_begin(json, "histogram", '[');
+    for (int bin = 0; bin < BINS; bin++) {
+        umbu_json_integer(json, NULL, a->summaries[way].bins[bin]);
     }
+    umbu_json_end(json, ']');
+    umbu_json_begin(json, "slices", '[');
+    for (uint32_t i = 0; i < a->plans[way].count; i++) {
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_rounded(json, "to_m", a->plans[way].splits[i + 1], 9);
+        put_summary(json, &a->slices[way][i], a->resolution);
+        umbu_json_end(json, '}');
+    }
+    umbu_json_end(json, ']');
 }
 
 static void report_json(const struct aliasing *a)
 {
-    printf("{\"scene\":");
-    umbs_json_text(stdout, a->scene_path);
-    printf(",\"width\":%u,\"height\":%u,\"resolution\":%" PRIu64 ",\"ways\":[", a->options.size[0],
-           a->options.size[1], a->resolution);
+    struct umbu_json json = {.file = stdout};
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "scene", a->scene_path);
+    umbu_json_integer(&json, "width", a->options.size[0]);
+    umbu_json_integer(&json, "height", a->options.size[1]);
+    umbu_json_integer(&json, "resolution", a->resolution);
+    umbu_json_begin(&json, "ways", '[');
     for (int way = 0; way < WAYS; way++) {
-        printf("%s{\"way\":\"%s\",", way > 0 ? "," : "", way_names[way]);
-        summary_json(&a->summaries[way], a->resolution);
-        printf(",\"histogram_from_log2\":%d,\"histogram\":[", BIN_LOW);
-        for (int bin = 0; bin < BINS; bin++) {
-            printf("%s%zu", bin > 0 ? "," : "", a->summaries[way].bins[bin]);
-        }
-        printf("],\"slices\":[");
-        for (uint32_t i = 0; i < a->plans[way].count; i++) {
-            printf("%s{\"to_m\":%.9g,", i > 0 ? "," : "", a->plans[way].splits[i + 1]);
-            summary_json(&a->slices[way][i], a->resolution);
-            printf("}");
-        }
-        printf("]}");
+        umbu_json_begin(&json, NULL, '{');
+        put_way(&json, a, way);
+        umbu_json_end(&json, '}');
     }
-    printf("]}\n");
+    umbu_json_close(&json);
 }
 
 int umbt_aliasing_command(int argc, char **argv)
@@ -357,7 +361,7 @@ int umbt_aliasing_command(int argc, char **argv)
         return umbu_exit_code(UMB_E_NO_MEMORY);
     }
     struct umbu_parsed parsed;
-    a->threads = umbt_processor_count();
+    a->threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, a);
     if (code >= 0) {
         free(a);
@@ -370,7 +374,7 @@ int umbt_aliasing_command(int argc, char **argv)
     if (status == UMB_OK && a->json) {
         report_json(a);
     } else if (status == UMB_OK && !a->quiet) {
-        report_text(umbt_output_talk(a->output), a);
+        report_text(umbu_output_talk(a->output), a);
     } else if (status != UMB_OK) {
         fprintf(stderr, "umbrage aliasing: %s\n", error.message);
     }

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "rays/verify_light_frame.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 
 enum {
     BLOCK = 256,
@@ -254,7 +254,7 @@ enum umb_status umbt_bound_check(const struct umbt_bound_job *job, struct umbt_b
     if (pthread_mutex_init(&check.lock, NULL) != 0) {
         return umb_fail(error, UMB_E_NO_MEMORY, "bounds: no lock");
     }
-    status = umbt_parallel_for(job->threads, job->points->count, BLOCK, check_block, &check, error);
+    status = umbu_range_run(job->threads, job->points->count, BLOCK, check_block, &check, error);
     (void)pthread_mutex_destroy(&check.lock);
     *result = check.result;
     return status;

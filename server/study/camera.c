@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 #include "study/study_vec.h"
-#include "tool/options.h"
+#include "tool/keys.h"
 
 #define PI              3.14159265358979323846
 #define DEFAULT_FOV     35.0
@@ -25,38 +25,8 @@
 #define FIT_MARGIN      1.04
 #define VERTICAL_SINE   0.99985 /* cosine of 1 degree */
 
-struct key {
-    const char *name;
-    int *has;
-    double *values;
-    int count;
-    double limit;
-};
-
-static enum umb_status key_read(const struct key *key, const char **at, struct umb_error *error)
-{
-    if (*key->has) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--camera: %s is given twice", key->name);
-    }
-    *key->has = 1;
-    *at += strlen(key->name) + 1;
-    for (int i = 0; i < key->count; i++) {
-        if (i > 0 && *(*at)++ != ',') {
-            return umb_fail(error, UMB_E_ARGUMENT, "--camera: %s needs %d numbers, has %d",
-                            key->name, key->count, i);
-        }
-        const char *from = *at;
-        if (!umbu_read_number(at, &key->values[i]) || fabs(key->values[i]) > key->limit) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--camera: %s: '%.40s' is not a number from -%g to %g", key->name, from,
-                            key->limit, key->limit);
-        }
-    }
-    return UMB_OK;
-}
-
 /* Checks combinations of keys. */
-static enum umb_status request_check(const struct umbt_camera_request *request, int has_fov,
+static enum umb_status request_check(const struct umbt_camera_request *request, bool has_fov,
                                      struct umb_error *error)
 {
     if (has_fov && (request->fov_deg < FOV_MIN || request->fov_deg > FOV_MAX)) {
@@ -84,41 +54,20 @@ enum umb_status umbt_camera_parse(const char *text, struct umbt_camera_request *
                                   struct umb_error *error)
 {
     struct umbt_camera_request parsed = {0};
-    int has_fov = 0;
-    const struct key keys[] = {
+    bool has_fov = false;
+    const struct umbu_key keys[] = {
         {"eye", &parsed.has_eye, parsed.eye, 3, COORDINATE_MAX},
         {"target", &parsed.has_target, parsed.target, 3, COORDINATE_MAX},
         {"fov", &has_fov, &parsed.fov_deg, 1, FOV_MAX},
         {"az", &parsed.has_azimuth, &parsed.azimuth_deg, 1, 360.0},
         {"el", &parsed.has_elevation, &parsed.elevation_deg, 1, 90.0},
     };
-    const char *at = text;
-    for (;;) {
-        size_t k = 0;
-        for (; k < sizeof keys / sizeof keys[0]; k++) {
-            const size_t length = strlen(keys[k].name);
-            if (strncmp(at, keys[k].name, length) == 0 && at[length] == '=') {
-                break;
-            }
-        }
-        if (k == sizeof keys / sizeof keys[0]) {
-            return umb_fail(
-                error, UMB_E_ARGUMENT,
-                "--camera: '%.40s' is none of eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", at);
-        }
-        enum umb_status status = key_read(&keys[k], &at, error);
-        if (status != UMB_OK) {
-            return status;
-        }
-        if (*at == '\0') {
-            break;
-        }
-        if (*at++ != ',') {
-            return umb_fail(error, UMB_E_ARGUMENT, "--camera: '%.40s' where a comma was expected",
-                            at - 1);
-        }
+    enum umb_status status =
+        umbu_read_keys("--camera", text, "eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", keys,
+                       sizeof keys / sizeof keys[0], error);
+    if (status == UMB_OK) {
+        status = request_check(&parsed, has_fov, error);
     }
-    const enum umb_status status = request_check(&parsed, has_fov, error);
     if (status == UMB_OK) {
         *request = parsed;
     }

@@ -13,6 +13,7 @@
  * Compass: azimuth in degrees clockwise from north (+y in z-up scenes, -z in y-up ones), elevation
  * above the horizon, as for suns. All positions in metres, world space.
  */
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/geom.h"
@@ -20,7 +21,7 @@
 
 /* The request of --camera; zeroed means the default view. */
 struct umbt_camera_request {
-    int has_eye, has_target, has_azimuth, has_elevation;
+    bool has_eye, has_target, has_azimuth, has_elevation;
     double eye[3], target[3];
     double azimuth_deg;   /* compass direction of the fitted camera, seen from the scene */
     double elevation_deg; /* -90..90 */

@@ -10,12 +10,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include "common/json_text.h"
+#include "tool/json.h"
 #include "study/light_hits.h"
 #include "study/moment_rows.h"
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/clock.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 #include "study/technique_view.h"
 #include "study/view_options.h"
@@ -128,13 +128,6 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
                                  &d->hits, error);
 }
 
-static double cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
 /* The points, without normals: a hair's own strands shadow it by their depth alone. */
 static struct umb_points points_of(const struct deep *d)
 {
@@ -170,9 +163,10 @@ static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_setting
     status = umb_map_prepare(map, &filter, &query, error);
     result->query_ns = INFINITY;
     for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
-        const double start = cpu_s();
+        const double start = umbu_thread_cpu_s();
         umb_map_run(&query, &points, 0, points.count, values);
-        result->query_ns = fmin(result->query_ns, 1e9 * (cpu_s() - start) / (double)points.count);
+        result->query_ns =
+            fmin(result->query_ns, 1e9 * (umbu_thread_cpu_s() - start) / (double)points.count);
     }
     umb_map_get_info(map, &result->info);
     umb_map_destroy(map);
@@ -318,8 +312,8 @@ static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_e
     struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
     enum umb_status status = scene_open(d, error);
     if (status == UMB_OK) {
-        status = umbt_parallel_for((unsigned)d->threads, d->buffer.receiver_count, 1024,
-                                   truth_block, d, error);
+        status = umbu_range_run((unsigned)d->threads, d->buffer.receiver_count, 1024, truth_block,
+                                d, error);
     }
     if (status == UMB_OK) {
         status = sheet_begin(d, error);
@@ -385,36 +379,54 @@ static void print_text(FILE *to, const struct deep *d, const struct findings *f)
     }
 }
 
-static void json_map(const char *name, const struct result *map)
+static void put_map(struct umbu_json *json, const char *name, const struct result *map)
 {
-    printf(",\"%s\":{\"nodes\":%" PRIu64 ",\"bytes\":%" PRIu64 ",\"ns_per_point\":%.6g}", name,
-           map->info.fragments, map->info.bytes, map->query_ns);
+    umbu_json_begin(json, name, '{');
+    umbu_json_integer(json, "nodes", map->info.fragments);
+    umbu_json_integer(json, "bytes", map->info.bytes);
+    umbu_json_rounded(json, "ns_per_point", map->query_ns, 6);
+    umbu_json_end(json, '}');
+}
+
+static void put_moments(struct umbu_json *json, const char *name,
+                        const struct umbt_moment_result *r)
+{
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_text(json, "name", name);
+    umbu_json_rounded(json, "mean", r->mean, 9);
+    umbu_json_rounded(json, "lighter", r->lighter, 9);
+    umbu_json_rounded(json, "darker", r->darker, 9);
+    umbu_json_rounded(json, "most", r->most, 9);
+    umbu_json_rounded(json, "slack", r->info.slack, 9);
+    umbu_json_integer(json, "bytes", r->info.bytes);
+    umbu_json_rounded(json, "build_s", r->build_s, 6);
+    umbu_json_rounded(json, "ns_per_point", r->query_ns, 6);
+    umbu_json_end(json, '}');
 }
 
 static void print_json(const struct deep *d, const struct findings *f)
 {
-    fputs("{\"scene\":", stdout);
-    umbs_json_text(stdout, d->scene_path);
-    printf(",\"resolution\":%" PRIu64 ",\"taps\":%" PRIu64
-           ",\"epsilon\":%.9g,\"fragments\":%" PRIu64 ",\"lists\":%zu,\"points\":%zu",
-           d->resolution, d->taps, d->epsilon, d->hits.first[d->resolution * d->resolution],
-           d->hits.occupied, d->buffer.receiver_count);
-    printf(",\"exact_error\":%.6g,\"error\":%.6g", f->exact_error, f->error);
-    json_map("exact", &f->exact);
-    json_map("searched", &f->searched);
-    json_map("linked", &f->linked);
-    json_map("streamed", &f->streamed);
-    printf(",\"same_bits\":%s,\"moments\":[",
-           f->linked_same && f->streamed_same ? "true" : "false");
+    struct umbu_json json = {.file = stdout};
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "scene", d->scene_path);
+    umbu_json_integer(&json, "resolution", d->resolution);
+    umbu_json_integer(&json, "taps", d->taps);
+    umbu_json_rounded(&json, "epsilon", d->epsilon, 9);
+    umbu_json_integer(&json, "fragments", d->hits.first[d->resolution * d->resolution]);
+    umbu_json_integer(&json, "lists", d->hits.occupied);
+    umbu_json_integer(&json, "points", d->buffer.receiver_count);
+    umbu_json_rounded(&json, "exact_error", f->exact_error, 6);
+    umbu_json_rounded(&json, "error", f->error, 6);
+    put_map(&json, "exact", &f->exact);
+    put_map(&json, "searched", &f->searched);
+    put_map(&json, "linked", &f->linked);
+    put_map(&json, "streamed", &f->streamed);
+    umbu_json_bool(&json, "same_bits", f->linked_same && f->streamed_same);
+    umbu_json_begin(&json, "moments", '[');
     for (size_t i = 0; i < umbt_moment_row_count; i++) {
-        const struct umbt_moment_result *r = &f->moments[i];
-        printf("%s{\"name\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g,\"darker\":%.9g,"
-               "\"most\":%.9g,\"slack\":%.9g,\"bytes\":%" PRIu64
-               ",\"build_s\":%.6f,\"ns_per_point\":%.6g}",
-               i > 0 ? "," : "", umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most,
-               r->info.slack, r->info.bytes, r->build_s, r->query_ns);
+        put_moments(&json, umbt_moment_rows[i].name, &f->moments[i]);
     }
-    printf("]}\n");
+    umbu_json_close(&json);
 }
 
 int umbt_deep_command(int argc, char **argv)
@@ -424,7 +436,7 @@ int umbt_deep_command(int argc, char **argv)
     struct umb_error error = {0};
     memset(&d, 0, sizeof d);
     struct umbu_parsed parsed;
-    d.threads = umbt_processor_count();
+    d.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &d);
     if (code >= 0) {
         return code;
@@ -437,7 +449,7 @@ int umbt_deep_command(int argc, char **argv)
     if (status == UMB_OK && d.json) {
         print_json(&d, &findings);
     } else if (status == UMB_OK && !d.quiet) {
-        print_text(umbt_output_talk(d.output), &d, &findings);
+        print_text(umbu_output_talk(d.output), &d, &findings);
     }
     umbt_light_hits_finish(&d.hits);
     free(d.values);

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 
 struct fill {
@@ -163,8 +163,7 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
     const size_t count = (size_t)buffer->width * row_count * buffer->aa * buffer->aa;
     buffer->first_row = first_row;
     buffer->row_count = row_count;
-    const enum umb_status status =
-        umbt_parallel_for(threads, count, 4096, block_trace, &fill, error);
+    const enum umb_status status = umbu_range_run(threads, count, 4096, block_trace, &fill, error);
     if (status == UMB_OK) {
         hits_gather(buffer, scene, camera->eye, count);
     }

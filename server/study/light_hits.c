@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 
 #define STEP_SHARE 1e-7 /* step beyond a hit, to find the next, as a share of the depth range */
@@ -90,7 +90,7 @@ enum umb_status umbt_light_hits_trace(const struct umbt_scene *scene,
     *hits = (struct umbt_light_hits){.first = calloc(texels + 1, sizeof *hits->first)};
     enum umb_status status =
         trace.found != NULL && trace.counts != NULL && hits->first != NULL
-            ? umbt_parallel_for(threads, texels, 1024, texel_block, &trace, error)
+            ? umbu_range_run(threads, texels, 1024, texel_block, &trace, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     if (status == UMB_OK) {
         hits_gather(&trace, texels, hits);

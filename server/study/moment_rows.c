@@ -3,7 +3,8 @@
 #include "study/moment_rows.h"
 
 #include <math.h>
-#include <time.h>
+
+#include "tool/clock.h"
 
 #define REPEATS 3
 
@@ -26,13 +27,6 @@ const struct umbt_moment_row umbt_moment_rows[] = {
 };
 
 const size_t umbt_moment_row_count = sizeof umbt_moment_rows / sizeof umbt_moment_rows[0];
-
-static double cpu_s(void)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 static void compare(const double *truth, const float *values, size_t count,
                     struct umbt_moment_result *result)
@@ -57,18 +51,19 @@ enum umb_status umbt_moment_row_run(const struct umbt_moment_row *row,
     struct umb_map_query query;
     settings.blur = question->taps;
     *result = (struct umbt_moment_result){.query_ns = INFINITY};
-    const double start = cpu_s();
+    const double start = umbu_thread_cpu_s();
     enum umb_status status = umb_map_build_translucent(question->frustum, question->fragments,
                                                        &settings, NULL, &map, error);
     if (status != UMB_OK) {
         return status;
     }
-    result->build_s = cpu_s() - start;
+    result->build_s = umbu_thread_cpu_s() - start;
     status = umb_map_prepare(map, &filter, &query, error);
     for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
-        const double asked = cpu_s();
+        const double asked = umbu_thread_cpu_s();
         umb_map_run(&query, question->points, 0, count, values);
-        result->query_ns = fmin(result->query_ns, 1e9 * (cpu_s() - asked) / (double)count);
+        result->query_ns =
+            fmin(result->query_ns, 1e9 * (umbu_thread_cpu_s() - asked) / (double)count);
     }
     umb_map_get_info(map, &result->info);
     umb_map_destroy(map);

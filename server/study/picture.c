@@ -8,7 +8,7 @@
 #include <png.h>
 #include <stdlib.h>
 #include <string.h>
-#include "study/output_guard.h"
+#include "tool/output.h"
 
 enum umb_status umbt_picture_init(struct umbt_picture *picture, uint32_t width, uint32_t height,
                                   struct umb_error *error)
@@ -51,7 +51,7 @@ enum umb_status umbt_picture_write(const struct umbt_picture *picture, const cha
     }
     png_image_free(&image);
     if (status == UMB_OK) {
-        status = umbt_output_replace(path, bytes, size, error);
+        status = umbu_output_replace(path, UMBU_OUTPUT_COMMAND, bytes, size, error);
     }
     free(bytes);
     return status;

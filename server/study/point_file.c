@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/bytes.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 
 #define POINT_BYTES_MAX 192U /* longest text of one point: six numbers of at most 25 characters */
 #define BUFFER_BYTES    65536U
@@ -57,11 +57,11 @@ enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
                                       const struct umbt_point_set *set, uint64_t *bytes,
                                       struct umb_error *error)
 {
-    struct umbs_file out;
+    struct umbu_output out;
     uint8_t buffer[BUFFER_BYTES];
     size_t used = 0;
     *bytes = 0;
-    enum umb_status status = umbt_output_begin(file->path, &out, error);
+    enum umb_status status = umbu_output_begin(file->path, UMBU_OUTPUT_COMMAND, &out, error);
     if (status != UMB_OK) {
         return status;
     }
@@ -72,14 +72,14 @@ enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
         }
         used += point_put(file, position, set->normals[i], buffer + used);
         if (used > sizeof buffer - POINT_BYTES_MAX || i + 1 == set->count) {
-            status = umbs_file_write(&out, buffer, used, error);
+            status = umbu_output_write(&out, buffer, used, error);
             *bytes += used;
             used = 0;
         }
     }
     if (status == UMB_OK) {
-        return umbt_output_commit(&out, error);
+        return umbu_output_commit(&out, error);
     }
-    umbt_output_abandon(&out);
+    umbu_output_abandon(&out);
     return status;
 }

@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "study/gbuffer.h"
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
+#include "tool/progress.h"
 #include "study/study_vec.h"
 
 #define ROUND         262144U  /* candidates tried in one round */
@@ -198,22 +198,23 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
                                   struct umb_error *error)
 {
     const struct umbt_point_request *request = sampling->request;
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     enum umb_status status = UMB_OK;
-    umbt_progress_start(&progress, "Mpoints", request->quiet);
+    umbu_progress_begin(&progress, "Mpoints", request->quiet);
     while (status == UMB_OK && set->count < request->count) {
         const size_t missing = request->count - set->count;
         const size_t tried =
             missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK : ROUND;
         sampling->first = set->candidates;
-        status = umbt_parallel_for(request->threads, tried, BLOCK, block_make, sampling, error);
+        status = umbu_range_run(request->threads, tried, BLOCK, block_make, sampling, error);
         for (size_t i = 0; i < tried && set->count < request->count; i++) {
             if (sampling->candidates[i].good) {
                 point_add(set, sampling->candidates[i].position, sampling->candidates[i].normal);
             }
         }
         set->candidates += tried;
-        umbt_progress_show(&progress, (double)set->count, (double)request->count);
+        umbu_progress_show(&progress, 1e-6 * (double)set->count,
+                           (double)set->count / (double)request->count);
         if (status == UMB_OK && set->candidates >= HOPELESS && set->count < request->count &&
             set->count < set->candidates / HOPELESS_RATE) {
             status = umb_fail(error, UMB_E_BAD_SCENE,
@@ -223,7 +224,7 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
                               request->count);
         }
     }
-    umbt_progress_end(&progress);
+    umbu_progress_end(&progress);
     return status;
 }
 

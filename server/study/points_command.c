@@ -12,11 +12,11 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/clock.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/point_file.h"
-#include "common/json_text.h"
-#include "study/study_progress.h"
+#include "tool/json.h"
 #include "study/study_vec.h"
 #include "study/view_options.h"
 #include "tool/exit_code.h"
@@ -173,19 +173,24 @@ static enum umb_status floats_judge(const struct points_run *run, struct umb_err
 static void report(const struct points_run *run)
 {
     if (run->json) {
-        printf("{\"scene\":");
-        umbs_json_text(stdout, run->scene_path);
-        printf(",\"points_file\":");
-        umbs_json_text(stdout, run->file.path);
-        printf(",\"kind\":\"%s\",\"points\":%zu,\"candidates\":%" PRIu64 ",\"seed\":%" PRIu64
-               ",\"format\":\"%s\",\"normals\":%s,\"origin\":[%.17g,%.17g,%.17g],\"bytes\":%" PRIu64
-               ",\"triangles\":%zu,\"load_s\":%.4f,\"sample_s\":%.4f}\n",
-               kind_names[run->kind], run->set.count, run->set.candidates, run->seed,
-               format_names[run->file.format], run->file.normals ? "true" : "false",
-               run->file.origin[0], run->file.origin[1], run->file.origin[2], run->bytes,
-               run->scene.count, run->load_s, run->sample_s);
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "scene", run->scene_path);
+        umbu_json_text(&json, "points_file", run->file.path);
+        umbu_json_text(&json, "kind", kind_names[run->kind]);
+        umbu_json_integer(&json, "points", run->set.count);
+        umbu_json_integer(&json, "candidates", run->set.candidates);
+        umbu_json_integer(&json, "seed", run->seed);
+        umbu_json_text(&json, "format", format_names[run->file.format]);
+        umbu_json_bool(&json, "normals", run->file.normals);
+        umbu_json_vector(&json, "origin", run->file.origin);
+        umbu_json_integer(&json, "bytes", run->bytes);
+        umbu_json_integer(&json, "triangles", run->scene.count);
+        umbu_json_rounded(&json, "load_s", run->load_s, 6);
+        umbu_json_rounded(&json, "sample_s", run->sample_s, 6);
+        umbu_json_close(&json);
     } else if (!run->quiet) {
-        fprintf(umbt_output_talk(run->file.path),
+        fprintf(umbu_output_talk(run->file.path),
                 "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
                 "points %.2f s\n",
                 run->file.path, run->set.count, kind_names[run->kind], run->set.candidates,
@@ -196,16 +201,16 @@ static void report(const struct points_run *run)
 
 static enum umb_status points_make(struct points_run *run, struct umb_error *error)
 {
-    const double start = umbt_now_s();
-    enum umb_status status = umbt_output_check(run->file.path, error);
+    const double start = umbu_clock_s();
+    enum umb_status status = umbu_output_check(run->file.path, UMBU_OUTPUT_COMMAND, error);
     if (status == UMB_OK) {
         status = umbt_scene_init(&run->scene, run->scene_path, error);
     }
-    const double loaded = umbt_now_s();
+    const double loaded = umbu_clock_s();
     run->load_s = loaded - start;
     if (status == UMB_OK) {
         status = run->kind == KIND_GBUFFER ? view_sample(run, error) : random_sample(run, error);
-        run->sample_s = umbt_now_s() - loaded;
+        run->sample_s = umbu_clock_s() - loaded;
     }
     if (status == UMB_OK) {
         status = floats_judge(run, error);
@@ -222,7 +227,7 @@ int umbt_points_command(int argc, char **argv)
     struct umb_error error = {0};
     struct umbu_parsed parsed;
     memset(&run, 0, sizeof run);
-    run.threads = umbt_processor_count();
+    run.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &run);
     if (code >= 0) {
         return code;

@@ -9,8 +9,9 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
-#include "common/json_text.h"
-#include "study/output_guard.h"
+#include "tool/json.h"
+#include "tool/clock.h"
+#include "tool/output.h"
 #include "study/render_options.h"
 #include "study/study_picture.h"
 #include "study/study_vec.h"
@@ -41,7 +42,8 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
     const char *const paths[] = {options->output, options->reference, options->difference};
     enum umb_status status = UMB_OK;
     for (size_t i = 0; i < sizeof paths / sizeof paths[0] && status == UMB_OK; i++) {
-        status = paths[i] != NULL ? umbt_output_check(paths[i], error) : UMB_OK;
+        status =
+            paths[i] != NULL ? umbu_output_check(paths[i], UMBU_OUTPUT_COMMAND, error) : UMB_OK;
     }
     return status;
 }
@@ -49,7 +51,7 @@ static enum umb_status outputs_check(const struct umbt_render_options *options,
 static enum umb_status inputs_open(struct render *render, struct umb_error *error)
 {
     struct umbt_render_options *options = &render->options;
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     options->settings.opaque_only = options->compare; /* rays know only opaque and open */
     enum umb_status status = umbt_source_init(&render->source, options->asset, &options->daemon,
                                               &options->settings, error);
@@ -61,7 +63,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     if (status == UMB_OK && !options->force) {
         status = umbt_scene_match(&render->scene, options->asset, render->source.scene_hash, error);
     }
-    render->load_s = umbt_now_s() - start;
+    render->load_s = umbu_clock_s() - start;
     return status;
 }
 
@@ -218,18 +220,22 @@ static void compare_text(FILE *to, const struct render *render)
             result->picture_difference);
 }
 
-static void compare_json(const struct render *render)
+static void put_compared(struct umbu_json *json, const struct render *render)
 {
     const struct umbt_picture_result *result = &render->result;
-    printf(",\"truth\":\"%s\",\"mean_difference\":%.9g,\"mean_lighter\":%.9g"
-           ",\"mean_darker\":%.9g,\"over_half\":%.9g,\"picture_difference\":%.9g",
-           truth_name(render->options.truth), result->mean_difference, result->mean_lighter,
-           result->mean_darker, result->over_half, result->picture_difference);
-    printf(",\"judged\":%" PRIu64 ",\"false_shadow\":%.9g,\"false_light\":%.9g", result->judged,
-           result->false_shadow, result->false_light);
+    umbu_json_text(json, "truth", truth_name(render->options.truth));
+    umbu_json_rounded(json, "mean_difference", result->mean_difference, 9);
+    umbu_json_rounded(json, "mean_lighter", result->mean_lighter, 9);
+    umbu_json_rounded(json, "mean_darker", result->mean_darker, 9);
+    umbu_json_rounded(json, "over_half", result->over_half, 9);
+    umbu_json_rounded(json, "picture_difference", result->picture_difference, 9);
+    umbu_json_integer(json, "judged", result->judged);
+    umbu_json_rounded(json, "false_shadow", result->false_shadow, 9);
+    umbu_json_rounded(json, "false_light", result->false_light, 9);
     if (undefined_is_known(render)) {
-        printf(",\"undefined\":%" PRIu64 ",\"mean_defined\":%.9g,\"over_half_defined\":%.9g",
-               result->undefined, result->mean_defined, result->over_half_defined);
+        umbu_json_integer(json, "undefined", result->undefined);
+        umbu_json_rounded(json, "mean_defined", result->mean_defined, 9);
+        umbu_json_rounded(json, "over_half_defined", result->over_half_defined, 9);
     }
 }
 
@@ -263,28 +269,36 @@ static void report_json(const struct render *render)
 {
     const struct umbt_render_options *options = &render->options;
     const struct umbt_picture_result *result = &render->result;
+    struct umbu_json json = {.file = stdout};
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(render->source.id, id);
-    printf("{\"asset\":\"%s\",\"scene\":", id);
-    umbs_json_text(stdout, options->scene);
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_text(&json, "scene", options->scene);
     if (options->output != NULL) {
-        printf(",\"picture\":");
-        umbs_json_text(stdout, options->output);
+        umbu_json_text(&json, "picture", options->output);
     }
-    printf(",\"triangles\":%zu,\"width\":%u,\"height\":%u,\"samples\":%" PRIu64
-           ",\"receivers\":%" PRIu64 ",\"facing\":%" PRIu64 ",\"taps\":%u",
-           render->scene.count, options->size[0], options->size[1], result->samples,
-           result->receivers, result->facing, options->settings.taps);
-    printf(",\"load_s\":%.4f,\"surface_s\":%.4f,\"query_s\":%.4f,\"trace_s\":%.4f", render->load_s,
-           result->gbuffer_s, result->query_s, result->trace_s);
-    printf(",\"outside\":%" PRIu64 ",\"before\":%" PRIu64 ",\"behind\":%" PRIu64
-           ",\"facing_away\":%" PRIu64 ",\"nodes\":%" PRIu64 ",\"bricks\":%" PRIu64,
-           result->stats.outside, result->stats.before, result->stats.behind,
-           result->stats.facing_away, result->stats.nodes, result->stats.bricks);
+    umbu_json_integer(&json, "triangles", render->scene.count);
+    umbu_json_integer(&json, "width", options->size[0]);
+    umbu_json_integer(&json, "height", options->size[1]);
+    umbu_json_integer(&json, "samples", result->samples);
+    umbu_json_integer(&json, "receivers", result->receivers);
+    umbu_json_integer(&json, "facing", result->facing);
+    umbu_json_integer(&json, "taps", options->settings.taps);
+    umbu_json_rounded(&json, "load_s", render->load_s, 6);
+    umbu_json_rounded(&json, "surface_s", result->gbuffer_s, 6);
+    umbu_json_rounded(&json, "query_s", result->query_s, 6);
+    umbu_json_rounded(&json, "trace_s", result->trace_s, 6);
+    umbu_json_integer(&json, "outside", result->stats.outside);
+    umbu_json_integer(&json, "before", result->stats.before);
+    umbu_json_integer(&json, "behind", result->stats.behind);
+    umbu_json_integer(&json, "facing_away", result->stats.facing_away);
+    umbu_json_integer(&json, "nodes", result->stats.nodes);
+    umbu_json_integer(&json, "bricks", result->stats.bricks);
     if (options->compare) {
-        compare_json(render);
+        put_compared(&json, render);
     }
-    printf("}\n");
+    umbu_json_close(&json);
 }
 
 static enum umb_status render_run(struct render *render, struct umb_error *error)

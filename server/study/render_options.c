@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The command line of `render`. */
 #include "study/render_options.h"
+#include "tool/exit_code.h"
 
 #include <stdio.h>
 #include <string.h>
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/shadow_source.h"
 #include "study/view_options.h"
 #include "tool/exit_code.h"
@@ -107,9 +108,9 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed,
 /* Refuses a second output to stdout. */
 static enum umb_status stdout_check(struct umbt_render_options *options, struct umb_error *error)
 {
-    const int pictures = umbt_output_is_stdout(options->output) +
-                         umbt_output_is_stdout(options->reference) +
-                         umbt_output_is_stdout(options->difference);
+    const int pictures = umbu_output_is_stdout(options->output) +
+                         umbu_output_is_stdout(options->reference) +
+                         umbu_output_is_stdout(options->difference);
     options->to_stdout = pictures > 0;
     return pictures > 0 && pictures + options->json > 1
                ? umb_fail(error, UMB_E_ARGUMENT,
@@ -145,7 +146,7 @@ int umbt_render_options_parse(int argc, char **argv, struct umbt_render_options 
     struct umbu_parsed parsed;
     struct umb_error error;
     memset(options, 0, sizeof *options);
-    options->threads = umbt_processor_count();
+    options->threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, options);
     if (code >= 0) {
         return code;

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "study/study_progress.h"
+#include "tool/clock.h"
 
 #define TUNE_POINTS 65536U
 #define LARGE_PAGE  ((size_t)2 << 20)
@@ -96,9 +96,9 @@ double umbt_map16_tune(struct umbt_map16_query *query, enum umbt_map16_way way)
     for (size_t d = 0; d < sizeof distances / sizeof distances[0]; d++) {
         part.ahead = distances[d];
         for (int again = 0; again < 2; again++) {
-            const double start = umbt_cpu_s();
+            const double start = umbu_thread_cpu_s();
             umbt_map16_run(&part);
-            const double seconds = umbt_cpu_s() - start;
+            const double seconds = umbu_thread_cpu_s() - start;
             if (seconds < best_s) {
                 best_s = seconds;
                 query->ahead = part.ahead;

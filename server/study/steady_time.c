@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "study/study_progress.h"
+#include "tool/clock.h"
 
 #define RUNS     5
 #define ATTEMPTS 3
@@ -20,11 +20,11 @@ static int by_size(const void *a, const void *b)
 
 static double calls_s(void (*ask)(void *user), void *user, int calls)
 {
-    const double start = umbt_cpu_s();
+    const double start = umbu_thread_cpu_s();
     for (int i = 0; i < calls; i++) {
         ask(user);
     }
-    return umbt_cpu_s() - start;
+    return umbu_thread_cpu_s() - start;
 }
 
 struct umbt_steady_time umbt_steady_time(void (*ask)(void *user), void *user, size_t points,

@@ -3,15 +3,15 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/study_command.h"
-#include "study/study_progress.h"
 #include "study/study.h"
 #include "study/study_pictures.h"
 #include "study/study_report.h"
 #include "study/study_techniques.h"
 #include "study/view_options.h"
+#include "tool/clock.h"
 #include "tool/exit_code.h"
 
 #define RESOLUTION_QUICK 4096
@@ -26,7 +26,7 @@
 static enum umb_status read_folder(const struct umbu_option *option, const char *text, void *field,
                                    struct umb_error *error)
 {
-    if (text[0] == '\0' || umbt_output_is_stdout(text)) {
+    if (text[0] == '\0' || umbu_output_is_stdout(text)) {
         return umbu_refuse(option, text, error);
     }
     memcpy(field, &text, sizeof text);
@@ -146,7 +146,7 @@ static enum umb_status study_run(struct umbt_study *study, struct umb_error *err
     if (status == UMB_OK) {
         status = heat_draw(study, error);
     }
-    study->seconds = umbt_now_s() - study->started_s;
+    study->seconds = umbu_clock_s() - study->started_s;
     return status == UMB_OK ? umbt_study_report(study, error) : status;
 }
 
@@ -166,9 +166,9 @@ int umbt_study_command(int argc, char **argv)
     static struct umbt_study study; /* large: not on the stack */
     struct umb_error error = {0};
     memset(&study, 0, sizeof study);
-    study.started_s = umbt_now_s();
+    study.started_s = umbu_clock_s();
     struct umbu_parsed parsed;
-    study.options.threads = umbt_processor_count();
+    study.options.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study.options);
     if (code >= 0) {
         return code;

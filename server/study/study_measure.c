@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
+#include "tool/progress.h"
 #include "study/study_errors.h"
 #include "study/study_probe.h"
 #include "study/study_truth.h"
@@ -78,8 +78,8 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
     if (status == UMB_OK) {
         judging->probe = probe;
         judging->area = truth->values;
-        status = umbt_parallel_for((unsigned)probe->study->options.threads, surface, BLOCK,
-                                   undefined_block, judging, error);
+        status = umbu_range_run((unsigned)probe->study->options.threads, surface, BLOCK,
+                                undefined_block, judging, error);
     }
     if (status == UMB_OK) {
         const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
@@ -191,10 +191,10 @@ static enum umb_status probes_run(struct umbt_study *study, struct umbt_probe *p
                                   struct judging *judging, struct umb_error *error)
 {
     const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX];
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     enum umb_status status = UMB_OK;
     list_settings(study, &judging->peers, peer_of);
-    umbt_progress_start(&progress, "settings", study->options.quiet);
+    umbu_progress_begin(&progress, "settings", study->options.quiet);
     for (uint32_t i = 0; status == UMB_OK && i < study->result_count; i++) {
         probes[i] = (struct umbt_probe){.study = study,
                                         .result = &study->results[i],
@@ -204,9 +204,9 @@ static enum umb_status probes_run(struct umbt_study *study, struct umbt_probe *p
         if (status == UMB_OK) {
             status = errors_find(judging, &probes[i], error);
         }
-        umbt_progress_show(&progress, i + 1, study->result_count);
+        umbu_progress_show(&progress, i + 1, (i + 1.0) / study->result_count);
     }
-    umbt_progress_end(&progress);
+    umbu_progress_end(&progress);
     return status == UMB_OK ? umbt_study_times(study, probes, error) : status;
 }
 

@@ -1,42 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * report.html (study_report.h): the template of study_page.html with the study's JSON and pictures
- * inserted. The page needs no network; its charts are drawn from the JSON.
- */
+/* report.html (study_report.h): study_page.html with the study's JSON and pictures. */
 #include "study/study_report.h"
 
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
+#include <openssl/evp.h>
 
 #include "study/study_pictures.h"
+#include "tool/report.h"
 
-#define PATH_BYTES 4096
+#define PATH_BYTES  4096
+#define BLOCK_BYTES 3072 /* a multiple of 3: base64 of blocks is base64 of the whole */
 
-/* Made from study_page.html by the Makefile. */
-extern const unsigned char umbt_study_template[];
-extern const size_t umbt_study_template_size;
-
-static void base64(FILE *to, const uint8_t *bytes, size_t size)
-{
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    for (size_t i = 0; i < size; i += 3) {
-        const size_t left = size - i;
-        const uint32_t group = (uint32_t)bytes[i] << 16 |
-                               (left > 1 ? (uint32_t)bytes[i + 1] << 8 : 0U) |
-                               (left > 2 ? (uint32_t)bytes[i + 2] : 0U);
-        putc(digits[group >> 18], to);
-        putc(digits[group >> 12 & 63U], to);
-        putc(left > 1 ? digits[group >> 6 & 63U] : '=', to);
-        putc(left > 2 ? digits[group & 63U] : '=', to);
-    }
-}
+extern const unsigned char umbu_page_study_page[];
+extern const size_t umbu_page_study_page_size;
 
 /* Writes a picture file as an <img>; nothing if the file is missing. */
 static void image(FILE *to, const struct umbt_study *study, const char *name, const char *label)
 {
     char path[PATH_BYTES];
-    uint8_t block[3 * 1024];
+    unsigned char block[BLOCK_BYTES], digits[BLOCK_BYTES / 3 * 4 + 1];
     if (snprintf(path, sizeof path, "%s/%s", study->options.folder, name) >= (int)sizeof path) {
         return;
     }
@@ -47,14 +28,15 @@ static void image(FILE *to, const struct umbt_study *study, const char *name, co
     fprintf(to, "<figure><img alt=\"%s\" src=\"data:image/png;base64,", label);
     size_t got;
     while ((got = fread(block, 1, sizeof block, file)) > 0) {
-        base64(to, block, got);
+        (void)fwrite(digits, 1, (size_t)EVP_EncodeBlock(digits, block, (int)got), to);
     }
     (void)fclose(file);
     fprintf(to, "\"><figcaption>%s</figcaption></figure>\n", label);
 }
 
-static void pictures(FILE *to, const struct umbt_study *study)
+static void put_pictures(FILE *to, const void *user)
 {
+    const struct umbt_study *study = user;
     char name[128], label[160];
     image(to, study, "pictures/traced.png", "traced: one ray a sample");
     image(to, study, "pictures/aliasing.png",
@@ -72,49 +54,20 @@ static void pictures(FILE *to, const struct umbt_study *study)
     }
 }
 
-/* Writes the JSON inside a <script>. '<' is escaped; in JSON it occurs in strings only. */
-static void data(FILE *to, const struct umbt_study *study)
+static void put_data(struct umbu_json *json, const void *user)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *json = open_memstream(&text, &size);
-    if (json == NULL) {
-        fputs("null", to);
-        return;
-    }
-    umbt_study_json(json, study);
-    if (fclose(json) == 0) {
-        for (size_t i = 0; i < size; i++) {
-            if (text[i] == '<') {
-                fputs("\\u003c", to);
-            } else {
-                putc(text[i], to);
-            }
-        }
-    }
-    free(text);
+    umbt_study_put(json, user);
 }
 
 void umbt_study_page(FILE *to, const struct umbt_study *study)
 {
-    static const struct {
-        const char *mark;
-        void (*print)(FILE *to, const struct umbt_study *study);
-    } marks[] = {{"@DATA@", data}, {"@PICTURES@", pictures}};
-    const char *at = (const char *)umbt_study_template;
-    const char *end = at + umbt_study_template_size;
-    while (at < end) {
-        size_t m = 0;
-        while (m < sizeof marks / sizeof marks[0] &&
-               ((size_t)(end - at) < strlen(marks[m].mark) ||
-                memcmp(at, marks[m].mark, strlen(marks[m].mark)) != 0)) {
-            m++;
-        }
-        if (m < sizeof marks / sizeof marks[0]) {
-            marks[m].print(to, study);
-            at += strlen(marks[m].mark);
-        } else {
-            putc(*at++, to);
-        }
-    }
+    const struct umbu_report report = {
+        .title = "umbrage: what accuracy costs",
+        .page = umbu_page_study_page,
+        .page_size = umbu_page_study_page_size,
+        .data = put_data,
+        .pictures = put_pictures,
+        .user = study,
+    };
+    umbu_report_print(to, &report);
 }

@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
+#include "tool/clock.h"
 #include "umbrage/volume.h"
 
 #define MAP_LOG2_MAX    13 /* 8192 texels a side: 128 MiB */
@@ -141,10 +141,9 @@ static enum umb_status map_fill(const struct umbt_study *study, const struct umb
     if (status == UMB_OK) {
         status = umb_volume_check_columns(&columns.volume, error);
     }
-    return status == UMB_OK
-               ? umbt_parallel_for((unsigned)study->options.threads, (size_t)map->size / 8, 4,
-                                   rows_fill, &columns, error)
-               : status;
+    return status == UMB_OK ? umbu_range_run((unsigned)study->options.threads,
+                                             (size_t)map->size / 8, 4, rows_fill, &columns, error)
+                            : status;
 }
 
 /* Keeps the layout that is faster for windows, and frees the other. */
@@ -299,10 +298,10 @@ static enum umb_status derived_add(const struct umbt_study *study, struct umbt_p
                     .blur = rows[i].technique == UMB_MAP_PCF ? 0 : UMBT_PEER_DERIVED_TAPS},
         };
         struct umb_map_info info;
-        const double start = umbt_cpu_s();
+        const double start = umbu_thread_cpu_s();
         status = umb_derive(study->bakes[bake].asset, &settings, NULL, &peer->derived, error);
         if (status == UMB_OK) {
-            peer->build_s = umbt_cpu_s() - start;
+            peer->build_s = umbu_thread_cpu_s() - start;
             umb_map_get_info(peer->derived->maps[0], &info);
             peer->bytes = info.bytes;
             peers->count++;

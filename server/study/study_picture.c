@@ -6,9 +6,11 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
+#include "tool/clock.h"
+#include "tool/progress.h"
 
 #define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
 #define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves during ray tracing */
@@ -30,7 +32,7 @@ struct frame {
     uint32_t height; /* height of the picture */
     float *answers;  /* [capacity] of the asset */
     float *truths;   /* [capacity] of the rays */
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     pthread_mutex_t mutex; /* guards result->stats, sum and picture_sum while blocks run */
     uint64_t picture_sum;  /* sum of |asset - traced| over 8-bit channels */
     struct differences sum;
@@ -282,13 +284,13 @@ static enum umb_status block_shade(void *user, size_t first, size_t count, struc
 }
 
 /* Runs one stage and adds its wall time. */
-static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbt_block_fn fn,
+static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbu_block_fn fn,
                                  double *seconds, struct umb_error *error)
 {
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     const enum umb_status status =
-        umbt_parallel_for(frame->request->threads, count, block, fn, frame, error);
-    *seconds += umbt_now_s() - start;
+        umbu_range_run(frame->request->threads, count, block, fn, frame, error);
+    *seconds += umbu_clock_s() - start;
     return status;
 }
 
@@ -297,11 +299,11 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
 {
     const struct umbt_picture_request *request = frame->request;
     struct umbt_picture_result *result = frame->result;
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     enum umb_status status =
         umbt_gbuffer_fill(&frame->buffer, request->scene, request->camera, frame->height, first_row,
                           row_count, request->threads, error);
-    result->gbuffer_s += umbt_now_s() - start;
+    result->gbuffer_s += umbu_clock_s() - start;
     const size_t receivers = frame->buffer.receiver_count;
     if (status == UMB_OK && request->source != NULL) {
         status = stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error);
@@ -386,14 +388,14 @@ enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
         return umb_fail(error, UMB_E_NO_MEMORY, "a mutex could not be made");
     }
     enum umb_status status = frame_init(&frame, width, rows, error);
-    umbt_progress_start(&frame.progress, "Msamples", request->quiet);
+    umbu_progress_begin(&frame.progress, "Msamples", request->quiet);
     for (uint32_t row = 0; row < height && status == UMB_OK; row += rows) {
         status = band_render(&frame, row, height - row < rows ? height - row : rows, error);
         result->samples += row_samples * frame.buffer.row_count;
-        umbt_progress_show(&frame.progress, 1e-6 * (double)result->samples,
-                           1e-6 * (double)(row_samples * height));
+        umbu_progress_show(&frame.progress, 1e-6 * (double)result->samples,
+                           (double)result->samples / (double)(row_samples * height));
     }
-    umbt_progress_end(&frame.progress);
+    umbu_progress_end(&frame.progress);
     if (status == UMB_OK) {
         result_finish(&frame);
     }

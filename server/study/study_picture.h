@@ -13,7 +13,6 @@
 #include "study/picture.h"
 #include "study/shadow_source.h"
 #include "study/study_fog.h"
-#include "study/study_progress.h"
 #include "study/traced_shadow.h"
 #include "study/gbuffer.h"
 

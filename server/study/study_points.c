@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/point_sampler.h"
 #include "study/study_vec.h"
 
@@ -132,8 +132,8 @@ static enum umb_status trace_range(struct umbt_study *study, size_t first, size_
                                    struct umb_error *error)
 {
     struct tracing tracing = {study, &study->points, first};
-    return umbt_parallel_for((unsigned)study->options.threads, count, BLOCK, trace_block, &tracing,
-                             error);
+    return umbu_range_run((unsigned)study->options.threads, count, BLOCK, trace_block, &tracing,
+                          error);
 }
 
 static enum umb_status room_make(struct umbt_study_points *points, size_t count,

@@ -8,45 +8,30 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/json_text.h"
-#include "study/output_guard.h"
+#include "tool/output.h"
 #include "study/study_techniques.h"
 #include "umbrage/version.h"
 
 #define PATH_BYTES 4096
 
-enum umb_status umbt_study_write(const struct umbt_study *study, const char *name,
-                                 const void *bytes, size_t size, struct umb_error *error)
-{
-    char path[PATH_BYTES];
-    if (snprintf(path, sizeof path, "%s/%s", study->options.folder, name) >= (int)sizeof path) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
-    }
-    return umbt_output_replace(path, bytes, size, error);
-}
-
-/* Writes a number; JSON has no infinities. */
-static void number(FILE *to, const char *name, double value)
-{
-    fprintf(to, isfinite(value) ? ",\"%s\":%.6g" : ",\"%s\":null", name, value);
-}
-
-static void json_bake(FILE *to, const struct umbt_study_bake *bake)
+static void json_bake(struct umbu_json *json, const struct umbt_study_bake *bake)
 {
     char id[UMB_ID_TEXT_SIZE] = "";
     if (bake->asset != NULL) {
         umb_id_to_text(bake->info.id, id);
     }
-    fprintf(to, "{\"name\":\"%s\",\"asset\":\"%s\",\"resolution\":%u,\"closed\":%s,\"reason\":",
-            bake->name, id, bake->resolution,
-            bake->asset != NULL && bake->frustum.closed ? "true" : "false");
-    umbs_json_text(to, bake->reason);
-    fprintf(to, ",\"packed_bytes\":%" PRIu64 ",\"memory_bytes\":%" PRIu64, bake->packed_bytes,
-            bake->info.memory_bytes);
-    number(to, "voxel_m", bake->voxel_m);
-    number(to, "bake_s", bake->wall_s);
-    number(to, "bake_cpu_s", bake->cpu_s);
-    fputs("}", to);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_text(json, "name", bake->name);
+    umbu_json_text(json, "asset", id);
+    umbu_json_integer(json, "resolution", bake->resolution);
+    umbu_json_bool(json, "closed", bake->asset != NULL && bake->frustum.closed);
+    umbu_json_text(json, "reason", bake->reason);
+    umbu_json_integer(json, "packed_bytes", bake->packed_bytes);
+    umbu_json_integer(json, "memory_bytes", bake->info.memory_bytes);
+    umbu_json_rounded(json, "voxel_m", bake->voxel_m, 6);
+    umbu_json_rounded(json, "bake_s", bake->wall_s, 6);
+    umbu_json_rounded(json, "bake_cpu_s", bake->cpu_s, 6);
+    umbu_json_end(json, '}');
 }
 
 /* A column: a number of a result, by name. */
@@ -94,73 +79,89 @@ static void columns_of(const struct umbt_study_result *r, struct column columns[
     memcpy(columns, all, sizeof all);
 }
 
-static void json_result(FILE *to, const struct umbt_study_result *result)
+static void json_result(struct umbu_json *json, const struct umbt_study_result *result)
 {
     struct column columns[COLUMNS];
     columns_of(result, columns);
-    fprintf(to,
-            "{\"method\":\"%s\",\"bake\":%u,\"taps\":%u,\"level\":%u,\"judged\":%" PRIu64
-            ",\"memory_bytes\":%" PRIu64,
-            result->name, result->bake, result->taps, result->level, result->judged, result->bytes);
-    number(to, "build_s", result->build_s);
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_text(json, "method", result->name);
+    umbu_json_integer(json, "bake", result->bake);
+    umbu_json_integer(json, "taps", result->taps);
+    umbu_json_integer(json, "level", result->level);
+    umbu_json_integer(json, "judged", result->judged);
+    umbu_json_integer(json, "memory_bytes", result->bytes);
+    umbu_json_rounded(json, "build_s", result->build_s, 6);
     for (int i = 0; i < COLUMNS; i++) {
-        number(to, columns[i].name, columns[i].value);
+        umbu_json_rounded(json, columns[i].name, columns[i].value, 6);
     }
-    fputs("}", to);
+    umbu_json_end(json, '}');
 }
 
-static void json_head(FILE *to, const struct umbt_study *study)
+static void json_head(struct umbu_json *json, const struct umbt_study *study)
 {
     const struct umbt_study_points *points = &study->points;
-    const double *light = study->bakes[0].light.direction;
-    fputs("{\"scene\":", to);
-    umbs_json_text(to, study->options.scene);
-    fprintf(to, ",\"version\":\"%s\",\"triangles\":%zu,\"seed\":%" PRIu64 ",\"threads\":%" PRIu64,
-            UMB_VERSION_TEXT, study->scene.count, study->options.seed, study->options.threads);
-    fprintf(to, ",\"light\":[%.9g,%.9g,%.9g]", light[0], light[1], light[2]);
-    number(to, "diagonal_m", study->scene.diagonal_m);
-    number(to, "reach_m", points->reach_m);
-    number(to, "study_s", study->seconds);
-    fprintf(to, ",\"truth_rays\":%" PRIu64 ",\"runs\":%d,\"samples\":{",
-            study->options.truth_side * study->options.truth_side, UMBT_STUDY_RUNS);
+    umbu_json_text(json, "scene", study->options.scene);
+    umbu_json_text(json, "version", UMB_VERSION_TEXT);
+    umbu_json_integer(json, "triangles", study->scene.count);
+    umbu_json_integer(json, "seed", study->options.seed);
+    umbu_json_integer(json, "threads", study->options.threads);
+    umbu_json_vector(json, "light", study->bakes[0].light.direction);
+    umbu_json_rounded(json, "diagonal_m", study->scene.diagonal_m, 6);
+    umbu_json_rounded(json, "reach_m", points->reach_m, 6);
+    umbu_json_rounded(json, "study_s", study->seconds, 6);
+    umbu_json_integer(json, "truth_rays", study->options.truth_side * study->options.truth_side);
+    umbu_json_integer(json, "runs", UMBT_STUDY_RUNS);
+    umbu_json_begin(json, "samples", '{');
     for (int s = 0; s < UMBT_STUDY_SET_COUNT; s++) {
-        fprintf(to, "%s\"%s\":%zu", s > 0 ? "," : "", umbt_study_set_names[s],
-                points->first[s + 1] - points->first[s]);
+        umbu_json_integer(json, umbt_study_set_names[s], points->first[s + 1] - points->first[s]);
     }
-    fputs("}", to);
+    umbu_json_end(json, '}');
+    umbu_json_text(json, "plan", study->bakes[0].info.plan);
+}
+
+static void json_rays(struct umbu_json *json, const struct umbt_study *study)
+{
+    const double spread = study->rays.spread;
+    umbu_json_integer(json, "rays", 1);
+    umbu_json_rounded(json, "ns_view", told(study->rays.ns_view, spread), 6);
+    umbu_json_rounded(json, "ns_view8", told(study->rays.ns_view8, spread), 6);
+    umbu_json_rounded(json, "ns_free", told(study->rays.ns_free, spread), 6);
+    umbu_json_rounded(json, "ns_area81", told(study->rays.ns_area, spread), 6);
+    umbu_json_rounded(json, "ns_area81_8", told(study->rays.ns_area8, spread), 6);
+    umbu_json_rounded(json, "spread", spread, 6);
+}
+
+void umbt_study_put(struct umbu_json *json, const struct umbt_study *study)
+{
+    char summary[4096];
+    json_head(json, study);
+    umbu_json_begin(json, "rays", '{');
+    json_rays(json, study);
+    umbu_json_end(json, '}');
+    umbu_json_begin(json, "techniques", '{');
+    umbt_study_techniques_json(json, study);
+    umbu_json_end(json, '}');
+    umbu_json_begin(json, "bakes", '[');
+    for (uint32_t i = 0; i < study->bake_count; i++) {
+        json_bake(json, &study->bakes[i]);
+    }
+    umbu_json_end(json, ']');
+    umbu_json_begin(json, "results", '[');
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        json_result(json, &study->results[i]);
+    }
+    umbu_json_end(json, ']');
+    umbt_study_summary(study, summary, sizeof summary);
+    umbu_json_text(json, "verdict", summary);
+    umbu_json_text(json, "missing", study->missing);
 }
 
 void umbt_study_json(FILE *to, const struct umbt_study *study)
 {
-    char summary[4096];
-    json_head(to, study);
-    fputs(",\"plan\":", to);
-    umbs_json_text(to, study->bakes[0].info.plan);
-    fputs(",\"rays\":{\"rays\":1", to);
-    number(to, "ns_view", told(study->rays.ns_view, study->rays.spread));
-    number(to, "ns_view8", told(study->rays.ns_view8, study->rays.spread));
-    number(to, "ns_free", told(study->rays.ns_free, study->rays.spread));
-    number(to, "ns_area81", told(study->rays.ns_area, study->rays.spread));
-    number(to, "ns_area81_8", told(study->rays.ns_area8, study->rays.spread));
-    number(to, "spread", study->rays.spread);
-    fputs("},\"techniques\":", to);
-    umbt_study_techniques_json(to, study);
-    fputs(",\"bakes\":[", to);
-    for (uint32_t i = 0; i < study->bake_count; i++) {
-        fputs(i > 0 ? "," : "", to);
-        json_bake(to, &study->bakes[i]);
-    }
-    fputs("],\"results\":[", to);
-    for (uint32_t i = 0; i < study->result_count; i++) {
-        fputs(i > 0 ? "," : "", to);
-        json_result(to, &study->results[i]);
-    }
-    umbt_study_summary(study, summary, sizeof summary);
-    fputs("],\"verdict\":", to);
-    umbs_json_text(to, summary);
-    fputs(",\"missing\":", to);
-    umbs_json_text(to, study->missing);
-    fputs("}\n", to);
+    struct umbu_json json = {.file = to};
+    umbu_json_begin(&json, NULL, '{');
+    umbt_study_put(&json, study);
+    umbu_json_close(&json);
 }
 
 static void csv(FILE *to, const struct umbt_study *study)
@@ -193,21 +194,17 @@ static enum umb_status print_file(const struct umbt_study *study, const char *na
                                   void (*print)(FILE *to, const struct umbt_study *study),
                                   struct umb_error *error)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *to = open_memstream(&text, &size);
-    if (to == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    struct umbu_output output;
+    char path[PATH_BYTES];
+    if (snprintf(path, sizeof path, "%s/%s", study->options.folder, name) >= (int)sizeof path) {
+        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
     }
-    print(to, study);
-    const int failed = ferror(to);
-    if (fclose(to) != 0 || failed) {
-        free(text);
-        return umb_fail(error, UMB_E_NO_MEMORY, "%s does not fit in memory", name);
+    const enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
+    if (status != UMB_OK) {
+        return status;
     }
-    const enum umb_status status = umbt_study_write(study, name, text, size, error);
-    free(text);
-    return status;
+    print(output.file, study);
+    return umbu_output_commit(&output, error);
 }
 
 enum umb_status umbt_study_report(const struct umbt_study *study, struct umb_error *error)

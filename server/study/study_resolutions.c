@@ -21,8 +21,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "study/study_progress.h"
 #include "study/study_vec.h"
+#include "tool/clock.h"
 #include "tool/exit_code.h"
 
 #define PATH_BYTES   4096
@@ -137,7 +137,7 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
         return result;
     }
     fill_arguments(study, bake, paths, numbers, arguments);
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     pid_t ended, child = fork();
     if (child == 0) {
         become_bake(program, arguments, paths->talk);
@@ -151,7 +151,7 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
     if (ended != child) {
         return umb_fail_errno(error, UMB_E_INTERNAL, errno, "umbrage-bake's end is lost");
     }
-    bake->wall_s = umbt_now_s() - start;
+    bake->wall_s = umbu_clock_s() - start;
     bake->cpu_s = seconds_of(&usage.ru_utime) + seconds_of(&usage.ru_stime);
     *code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     return UMB_OK;

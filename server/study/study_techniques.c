@@ -2,12 +2,11 @@
 /* See study_techniques.h. */
 #include "study/study_techniques.h"
 
-#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/study_progress.h"
+#include "tool/progress.h"
 #include "study/technique_dag.h"
 #include "study/technique_view.h"
 #include "study/study_pictures.h"
@@ -78,15 +77,16 @@ static enum umb_status all_measure(struct umbt_study *study, const struct umbt_t
                                    float *values, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    struct umbt_progress progress;
-    umbt_progress_start(&progress, "techniques", study->options.quiet);
+    struct umbu_progress progress;
+    umbu_progress_begin(&progress, "techniques", study->options.quiet);
     for (size_t i = 0; status == UMB_OK && i < umbt_technique_row_count &&
                        study->technique_count < UMBT_STUDY_TECHNIQUES_MAX;
          i++) {
         status = row_measure(study, view, &umbt_technique_rows[i], values, error);
-        umbt_progress_show(&progress, (double)(i + 1), (double)umbt_technique_row_count);
+        const double done = (double)(i + 1);
+        umbu_progress_show(&progress, done, done / (double)umbt_technique_row_count);
     }
-    umbt_progress_end(&progress);
+    umbu_progress_end(&progress);
     for (uint32_t i = 0; status == UMB_OK && i < study->bake_count; i++) {
         if (study->bakes[i].asset != NULL && study->technique_count < UMBT_STUDY_TECHNIQUES_MAX) {
             status = dag_measure(study, &study->bakes[i], view, values, error);
@@ -137,19 +137,27 @@ enum umb_status umbt_study_techniques(struct umbt_study *study, struct umb_error
     return status;
 }
 
-void umbt_study_techniques_json(FILE *to, const struct umbt_study *study)
+void umbt_study_techniques_json(struct umbu_json *json, const struct umbt_study *study)
 {
-    fprintf(to, "{\"resolution\":%u,\"taps\":%d,\"points\":%zu,\"rows\":[",
-            study->technique_resolution, TAPS, study->technique_points);
+    umbu_json_integer(json, "resolution", study->technique_resolution);
+    umbu_json_integer(json, "taps", TAPS);
+    umbu_json_integer(json, "points", study->technique_points);
+    umbu_json_begin(json, "rows", '[');
     for (uint32_t i = 0; i < study->technique_count; i++) {
         const struct umbt_study_technique *t = &study->techniques[i];
-        fprintf(to,
-                "%s{\"name\":\"%s\",\"truth\":\"%s\",\"dag\":%s,\"mean\":%.6g,\"lighter\":%.6g,"
-                "\"darker\":%.6g,\"over_half\":%.6g,\"bytes\":%" PRIu64
-                ",\"build_s\":%.6g,\"spread\":%.6g",
-                i > 0 ? "," : "", t->name, t->truth, t->is_dag ? "true" : "false", t->mean,
-                t->lighter, t->darker, t->over_half, t->bytes, t->build_s, t->spread);
-        fprintf(to, t->spread > UMBT_STUDY_SPREAD_MAX ? ",\"ns\":null}" : ",\"ns\":%.6g}", t->ns);
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", t->name);
+        umbu_json_text(json, "truth", t->truth);
+        umbu_json_bool(json, "dag", t->is_dag);
+        umbu_json_rounded(json, "mean", t->mean, 6);
+        umbu_json_rounded(json, "lighter", t->lighter, 6);
+        umbu_json_rounded(json, "darker", t->darker, 6);
+        umbu_json_rounded(json, "over_half", t->over_half, 6);
+        umbu_json_integer(json, "bytes", t->bytes);
+        umbu_json_rounded(json, "build_s", t->build_s, 6);
+        umbu_json_rounded(json, "spread", t->spread, 6);
+        umbu_json_rounded(json, "ns", t->spread > UMBT_STUDY_SPREAD_MAX ? (double)NAN : t->ns, 6);
+        umbu_json_end(json, '}');
     }
-    fputs("]}", to);
+    umbu_json_end(json, ']');
 }

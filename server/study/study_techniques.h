@@ -6,14 +6,14 @@
  * voxel DAG, on the points that one camera sees. Each is compared with traced rays over its own
  * filter.
  */
-#include <stdio.h>
 #include "study/study.h"
+#include "tool/json.h"
 
 /* Measures all techniques. Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing). */
 UMB_CHECKED enum umb_status umbt_study_techniques(struct umbt_study *study,
                                                   struct umb_error *error);
 
-/* Prints the techniques as a JSON object. */
-void umbt_study_techniques_json(FILE *to, const struct umbt_study *study);
+/* Writes them as members of the open JSON object. */
+void umbt_study_techniques_json(struct umbu_json *json, const struct umbt_study *study);
 
 #endif

@@ -9,9 +9,9 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
+#include "tool/clock.h"
 
 #define AREA_RAYS   9 /* rays a side: 81 rays a point */
 #define AREA_POINTS 2000
@@ -79,17 +79,17 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     const struct umbt_study_points *points = &probe->study->points;
     const size_t view = points->first[UMBT_STUDY_BORDER];
     const size_t first_free = points->first[UMBT_STUDY_FREE];
-    double start = umbt_cpu_s();
+    double start = umbu_thread_cpu_s();
     umbt_probe_run(probe, 0, view, values);
-    times->view[run] = 1e9 * (umbt_cpu_s() - start) / (double)view;
-    start = umbt_cpu_s();
+    times->view[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)view;
+    start = umbu_thread_cpu_s();
     umbt_probe_run(probe, first_free, points->count - first_free, values);
-    times->free[run] = 1e9 * (umbt_cpu_s() - start) / (double)(points->count - first_free);
+    times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
     const size_t passes = all_passes(view, times->view[run]);
-    start = umbt_now_s();
-    const enum umb_status status = umbt_parallel_for(
+    start = umbu_clock_s();
+    const enum umb_status status = umbu_range_run(
         (unsigned)probe->study->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
-    times->all[run] = 1e9 * (umbt_now_s() - start) / (double)(passes * view);
+    times->all[run] = 1e9 * (umbu_clock_s() - start) / (double)(passes * view);
     return status;
 }
 
@@ -164,30 +164,30 @@ static int rays_once(const struct umbt_study *study, struct ray_times *times, in
     const double reach = 2.0 * study->scene.diagonal_m;
     int sum = 0;
     for (int set = 0; set < 2; set++) {
-        double start = umbt_cpu_s();
+        double start = umbu_thread_cpu_s();
         for (size_t i = firsts[set]; i < firsts[set] + counts[set]; i++) {
             sum += umbr_occluded(study->scene.rays, points->positions[i], points->to_light,
                                  1e-5 * reach, reach);
         }
         (set == 0 ? times->view : times->free)[run] =
-            1e9 * (umbt_cpu_s() - start) / (double)counts[set];
+            1e9 * (umbu_thread_cpu_s() - start) / (double)counts[set];
     }
-    double start = umbt_cpu_s();
+    double start = umbu_thread_cpu_s();
     sum += rays_by_eight(study, counts[0], reach);
-    times->eight[run] = 1e9 * (umbt_cpu_s() - start) / (double)counts[0];
+    times->eight[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)counts[0];
     const size_t some = counts[0] < AREA_POINTS ? counts[0] : AREA_POINTS;
-    start = umbt_cpu_s();
+    start = umbu_thread_cpu_s();
     for (size_t i = 0; i < some; i++) {
         double normal[3];
         umbt_study_normal(points, i, normal);
         sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
     }
-    times->area[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
-    start = umbt_cpu_s();
+    times->area[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)some;
+    start = umbu_thread_cpu_s();
     for (size_t i = 0; i < some; i++) {
         sum += window_by_eight(study, truth, i);
     }
-    times->area8[run] = 1e9 * (umbt_cpu_s() - start) / (double)some;
+    times->area8[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)some;
     return sum;
 }
 

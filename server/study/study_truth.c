@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 
 #define BLOCK   64
 #define CHECKED 1000 /* samples that are also traced with twice the rays a side */
@@ -81,8 +81,8 @@ enum umb_status umbt_truths_get(struct umbt_study_truths *truths, const struct u
     }
     truths->count++;
     struct tracing tracing = {&probe->study->points, &made->rays, made->values};
-    const enum umb_status status = umbt_parallel_for((unsigned)probe->study->options.threads,
-                                                     surface, BLOCK, trace_block, &tracing, error);
+    const enum umb_status status = umbu_range_run((unsigned)probe->study->options.threads, surface,
+                                                  BLOCK, trace_block, &tracing, error);
     made->error = own_error(&tracing);
     *truth = made;
     return status;

@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
+#include "tool/clock.h"
 
 #define WEIGHT 0.5 /* weight of logarithmic against uniform splits (Zhang et al. 2006) */
 #define BLOCK  512
@@ -62,11 +62,11 @@ static enum umb_status slice_make(struct cascades *c, const struct umbt_techniqu
     const struct umb_map_layer layer = {.depth = c->depth};
     struct umb_map_info info;
     enum umb_status status = umbt_technique_layer(c->view, frustum, c->depth, error);
-    const double start = umbt_cpu_s();
+    const double start = umbu_thread_cpu_s();
     if (status == UMB_OK) {
         status = umb_map_build(frustum, &layer, &settings, NULL, &c->maps[i], error);
     }
-    result->build_s += umbt_cpu_s() - start;
+    result->build_s += umbu_thread_cpu_s() - start;
     if (status == UMB_OK) {
         status = umb_map_prepare(c->maps[i], &filter, &c->queries[i], error);
     }
@@ -123,7 +123,7 @@ static enum umb_status answer(struct cascades *c, const struct umbt_technique_ro
     const float *truth = view->truth[row->truth];
     if (row->truth == UMBT_BOX) {
         const enum umb_status status =
-            umbt_parallel_for(view->threads, points.count, BLOCK, traced_block, c, error);
+            umbu_range_run(view->threads, points.count, BLOCK, traced_block, c, error);
         if (status != UMB_OK) {
             return status;
         }

@@ -5,8 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/parallel_for.h"
-#include "study/study_progress.h"
+#include "tool/threads.h"
 #include "study/study_vec.h"
 
 #define BLOCK    512
@@ -64,8 +63,8 @@ static enum umb_status box_make(const struct umbt_technique_view *view,
     if (status == UMB_OK) {
         status = umb_asset_get_frustum(asset, light.first_frustum, &tracing.truth.frustum);
     }
-    return status == UMB_OK ? umbt_parallel_for(view->threads, view->buffer.receiver_count, BLOCK,
-                                                traced_block, &tracing, error)
+    return status == UMB_OK ? umbu_range_run(view->threads, view->buffer.receiver_count, BLOCK,
+                                             traced_block, &tracing, error)
                             : status;
 }
 

@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include "maps/map_poisson.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/shading.h"
-#include "study/study_progress.h"
 #include "study/study_vec.h"
 #include "study/technique_cascades.h"
+#include "tool/clock.h"
 
 #define DISC_RAYS 64U
 #define AREA_RAYS 11U /* rays a side */
@@ -53,8 +53,8 @@ enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
                                      struct umb_error *error)
 {
     struct layer layer = {view->scene->rays, frustum, depth};
-    return umbt_parallel_for(view->threads, (size_t)frustum->width * frustum->height, 4096,
-                             layer_block, &layer, error);
+    return umbu_range_run(view->threads, (size_t)frustum->width * frustum->height, 4096,
+                          layer_block, &layer, error);
 }
 
 /* The map's texels as voxels of one depth step each, for the traced references. */
@@ -171,7 +171,7 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
         }
     }
     return status == UMB_OK
-               ? umbt_parallel_for(view->threads, receivers, 512, truth_block, view, error)
+               ? umbu_range_run(view->threads, receivers, 512, truth_block, view, error)
                : status;
 }
 
@@ -265,12 +265,12 @@ enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
     const struct umb_map_filter filter = umbt_technique_filter(view, row);
     struct umb_map *map;
     struct umb_map_query query;
-    const double start = umbt_cpu_s();
+    const double start = umbu_thread_cpu_s();
     enum umb_status status = umb_map_build(&view->frustum, &layer, &settings, NULL, &map, error);
     if (status != UMB_OK) {
         return status;
     }
-    result->build_s = umbt_cpu_s() - start;
+    result->build_s = umbu_thread_cpu_s() - start;
     status = umb_map_prepare(map, &filter, &query, error);
     if (status == UMB_OK) {
         struct asking asking = {.query = &query,

@@ -9,9 +9,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "common/json_text.h"
-#include "study/output_guard.h"
-#include "study/parallel_for.h"
+#include "tool/json.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 #include "study/technique_dag.h"
 #include "study/view_options.h"
 #include "tool/exit_code.h"
@@ -171,21 +171,31 @@ static void report_text(FILE *to, const struct study *study)
 static void report_json(const struct study *study)
 {
     const struct umbt_technique_view *view = &study->view;
-    printf("{\"scene\":");
-    umbs_json_text(stdout, study->scene_path);
-    printf(",\"triangles\":%zu,\"resolution\":%u,\"taps\":%u,\"points\":%zu,\"techniques\":[",
-           study->opened.scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+    struct umbu_json json = {.file = stdout};
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "scene", study->scene_path);
+    umbu_json_integer(&json, "triangles", study->opened.scene.count);
+    umbu_json_integer(&json, "resolution", view->resolution);
+    umbu_json_integer(&json, "taps", view->taps);
+    umbu_json_integer(&json, "points", view->buffer.receiver_count);
+    umbu_json_begin(&json, "techniques", '[');
     for (size_t i = 0; i < study->row_count; i++) {
         const struct umbt_technique_result *r = &study->results[i];
         char name[16];
-        printf("%s{\"name\":\"%s\",\"truth\":\"%s\",\"mean\":%.9g,\"lighter\":%.9g"
-               ",\"darker\":%.9g,\"over_half\":%.9g,\"bytes\":%" PRIu64
-               ",\"slack\":%.9g,\"build_s\":%.6f,\"query_ns\":%.1f}",
-               i > 0 ? "," : "", row_name(study, i, name, sizeof name), row_truth(i), r->mean,
-               r->lighter, r->darker, r->over_half, r->info.bytes, r->info.slack, r->build_s,
-               r->query.ns);
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "name", row_name(study, i, name, sizeof name));
+        umbu_json_text(&json, "truth", row_truth(i));
+        umbu_json_rounded(&json, "mean", r->mean, 9);
+        umbu_json_rounded(&json, "lighter", r->lighter, 9);
+        umbu_json_rounded(&json, "darker", r->darker, 9);
+        umbu_json_rounded(&json, "over_half", r->over_half, 9);
+        umbu_json_integer(&json, "bytes", r->info.bytes);
+        umbu_json_rounded(&json, "slack", r->info.slack, 9);
+        umbu_json_rounded(&json, "build_s", r->build_s, 6);
+        umbu_json_rounded(&json, "query_ns", r->query.ns, 6);
+        umbu_json_end(&json, '}');
     }
-    printf("]}\n");
+    umbu_json_close(&json);
 }
 
 int umbt_techniques_command(int argc, char **argv)
@@ -194,7 +204,7 @@ int umbt_techniques_command(int argc, char **argv)
     struct umb_error error = {0};
     memset(&study, 0, sizeof study);
     struct umbu_parsed parsed;
-    study.threads = umbt_processor_count();
+    study.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study);
     if (code >= 0) {
         return code;
@@ -211,7 +221,7 @@ int umbt_techniques_command(int argc, char **argv)
     if (status == UMB_OK && study.json) {
         report_json(&study);
     } else if (status == UMB_OK && !study.quiet) {
-        report_text(umbt_output_talk(study.output), &study);
+        report_text(umbu_output_talk(study.output), &study);
     }
     free(study.values);
     free(study.results);

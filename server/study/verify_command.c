@@ -13,11 +13,12 @@
 #include <string.h>
 #include "rays/verify.h"
 #include "study/bound_check.h"
-#include "study/parallel_for.h"
-#include "common/json_text.h"
-#include "study/study_progress.h"
 #include "study/study_scene.h"
 #include "study/view_options.h"
+#include "tool/clock.h"
+#include "tool/json.h"
+#include "tool/progress.h"
+#include "tool/threads.h"
 #include "tool/exit_code.h"
 
 #define BOUND_POINTS_MAX 10000000U
@@ -26,7 +27,8 @@ struct verify {
     const char *file, *scene_path;
     enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
-    int force, json, quiet, bounds;
+    int force, json, quiet, help, bounds;
+    struct umbu_json bounds_json;
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umbt_scene scene;
@@ -127,15 +129,15 @@ static int light_is_closed(const struct umb_asset *asset, uint32_t light)
 
 /* Progress over all lights, in millions of points. */
 struct compared {
-    struct umbt_progress progress;
+    struct umbu_progress progress;
     double before, total;
 };
 
 static void show_compared(void *user, uint64_t points)
 {
     struct compared *compared = user;
-    umbt_progress_show(&compared->progress, compared->before + 1e-6 * (double)points,
-                       compared->total);
+    const double done = compared->before + 1e-6 * (double)points;
+    umbu_progress_show(&compared->progress, done, done / compared->total);
 }
 
 static enum umb_status lights_verify(struct verify *verify, struct umb_error *error)
@@ -146,10 +148,10 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         return umb_fail(error, UMB_E_NO_MEMORY, "%u results do not fit in memory",
                         verify->light_count);
     }
-    const double start = umbt_now_s();
+    const double start = umbu_clock_s();
     struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
     enum umb_status status = UMB_OK;
-    umbt_progress_start(&compared.progress, "Mpoints", verify->quiet);
+    umbu_progress_begin(&compared.progress, "Mpoints", verify->quiet);
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
@@ -157,7 +159,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
             .kind = verify->kind,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
-            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
             .progress = show_compared,
             .progress_user = &compared,
         };
@@ -166,8 +168,8 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
         verify->outside_band += verify->results[i].outside_band;
         compared.before += 1e-6 * (double)verify->points;
     }
-    umbt_progress_end(&compared.progress);
-    verify->seconds = umbt_now_s() - start;
+    umbu_progress_end(&compared.progress);
+    verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         if (verify->results[i].points == 0) { /* no compared points must not pass for agreement */
             status = umb_fail(error, UMB_E_BAD_SCENE,
@@ -217,31 +219,51 @@ static void report_text(const struct verify *verify)
 
 static void report_json(const struct verify *verify)
 {
+    struct umbu_json json = {.file = stdout};
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(verify->info.id, id);
-    printf("{\"asset\":\"%s\",\"scene\":", id);
-    umbs_json_text(stdout, verify->scene_path);
-    printf(",\"triangles\":%zu,\"closed_triangles\":%zu,\"seed\":%" PRIu64
-           ",\"seconds\":%.4f,\"agrees\":%s,\"lights\":[",
-           verify->scene.count, verify->scene.parts.closed_triangles, verify->seed, verify->seconds,
-           verify->outside_band > 0 ? "false" : "true");
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_text(&json, "asset", id);
+    umbu_json_text(&json, "scene", verify->scene_path);
+    umbu_json_integer(&json, "triangles", verify->scene.count);
+    umbu_json_integer(&json, "closed_triangles", verify->scene.parts.closed_triangles);
+    umbu_json_integer(&json, "seed", verify->seed);
+    umbu_json_rounded(&json, "seconds", verify->seconds, 6);
+    umbu_json_bool(&json, "agrees", verify->outside_band == 0);
+    umbu_json_begin(&json, "lights", '[');
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
-        printf("%s{\"light\":%u,\"records\":%" PRIu64 ",\"points\":%" PRIu64
-               ",\"near_boundary\":%" PRIu64 ",\"skipped_inside\":%" PRIu64
-               ",\"inside_band\":%" PRIu64 ",\"outside_band\":%" PRIu64
-               ",\"inside_rate\":%.9g,\"outside_rate\":%.9g",
-               i > 0 ? "," : "", verify->first_light + i, result->records, result->points,
-               result->near_boundary, result->skipped_inside, result->inside_band,
-               result->outside_band, rate(result->inside_band, result->points),
-               rate(result->outside_band, result->points));
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_integer(&json, "light", verify->first_light + i);
+        umbu_json_integer(&json, "records", result->records);
+        umbu_json_integer(&json, "points", result->points);
+        umbu_json_integer(&json, "near_boundary", result->near_boundary);
+        umbu_json_integer(&json, "skipped_inside", result->skipped_inside);
+        umbu_json_integer(&json, "inside_band", result->inside_band);
+        umbu_json_integer(&json, "outside_band", result->outside_band);
+        umbu_json_rounded(&json, "inside_rate", rate(result->inside_band, result->points), 9);
+        umbu_json_rounded(&json, "outside_rate", rate(result->outside_band, result->points), 9);
         if (result->has_worst) {
-            printf(",\"worst_point\":[%.17g,%.17g,%.17g]", result->worst_point[0],
-                   result->worst_point[1], result->worst_point[2]);
+            umbu_json_vector(&json, "worst_point", result->worst_point);
         }
-        printf("}");
+        umbu_json_end(&json, '}');
     }
-    printf("]}\n");
+    umbu_json_close(&json);
+}
+
+static void put_row(struct umbu_json *json, uint32_t light, const struct umb_curve_row *row,
+                    const struct umbt_bound_result *result)
+{
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_integer(json, "light", light);
+    umbu_json_integer(json, "level", row->level);
+    umbu_json_integer(json, "taps", row->taps);
+    umbu_json_rounded(json, "bound_m", row->bound_m, 9);
+    umbu_json_integer(json, "points", result->points);
+    umbu_json_integer(json, "differ", result->differ);
+    umbu_json_integer(json, "undefined", result->undefined);
+    umbu_json_integer(json, "beyond", result->beyond);
+    umbu_json_end(json, '}');
 }
 
 /* Checks one row of a light's curve against rays. */
@@ -256,17 +278,14 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
         .points = points,
         .settings = {.light = light, .taps = row->taps, .level = row->level},
         .bound_m = row->bound_m,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
     };
     const enum umb_status status = umbt_bound_check(&job, &result, error);
     if (status != UMB_OK) {
         return status;
     }
     if (verify->json) {
-        printf("%s{\"light\":%u,\"level\":%u,\"taps\":%u,\"bound_m\":%.9g,\"points\":%" PRIu64
-               ",\"differ\":%" PRIu64 ",\"undefined\":%" PRIu64 ",\"beyond\":%" PRIu64 "}",
-               verify->rows_done > 0 ? "," : "", light, row->level, row->taps, row->bound_m,
-               result.points, result.differ, result.undefined, result.beyond);
+        put_row(&verify->bounds_json, light, row, &result);
     } else if (!verify->quiet) {
         printf("light %u, level %u, %2u taps: within %.4g m: %" PRIu64 " points, %" PRIu64
                " differ from a ray, %" PRIu64 " of them undefined, %" PRIu64 " beyond the bound\n",
@@ -290,13 +309,15 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         .kind = UMBT_POINT_SURFACE,
         .count = (size_t)verify->points,
         .seed = verify->seed,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbt_processor_count(),
+        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
         .quiet = verify->quiet,
     };
     struct umbt_point_set points = {0};
     enum umb_status status = umbt_points_sample(&request, &points, error);
     if (status == UMB_OK && verify->json) {
-        fputs("{\"bounds\":[", stdout);
+        verify->bounds_json.file = stdout;
+        umbu_json_begin(&verify->bounds_json, NULL, '{');
+        umbu_json_begin(&verify->bounds_json, "bounds", '[');
     }
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -307,8 +328,10 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         }
     }
     if (status == UMB_OK && verify->json) {
-        printf("],\"true\":%s}\n", verify->outside_band > 0 ? "false" : "true");
+        umbu_json_end(&verify->bounds_json, ']');
+        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
     }
+    umbu_json_close(&verify->bounds_json);
     umbt_point_set_finish(&points);
     if (status == UMB_OK && verify->rows_done == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");

@@ -9,7 +9,7 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/build/tile_loop.h"
 #include "bake/depth/depth_raster.h"
 #include "bench_machine.h"
@@ -68,7 +68,7 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
     uint64_t bytes = 0;
     struct umb_light_info light = scene->light;
     struct umb_frustum_info frustum = scene->frustum;
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     frustum.closed = closed_rule;
     struct umb_content content = {
         .light_count = 1,
@@ -81,12 +81,12 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
         .notes = nothing,
     };
     memcpy(content.origin, scene->origin, sizeof content.origin);
-    bench_must(umbb_slice_pool_create(threads, &jobs, &error), &error, "threads");
+    bench_must(umbu_threads_create(threads, &jobs, &error), &error, "threads");
     const struct umb_sink sink = {count_bytes, &bytes};
-    const struct umb_workers workers = umbb_slice_pool_workers(jobs);
+    const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb_pack_job job = {&content, octree, &umbs_sha256, &sink, &workers, NULL};
     bench_must(umb_pack_run(&job, id, &error), &error, "pack");
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_destroy(jobs);
     return bytes;
 }
 

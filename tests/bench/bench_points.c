@@ -7,7 +7,7 @@
 #include <string.h>
 #include "bench_report.h"
 #include "study/gbuffer.h"
-#include "study/parallel_for.h"
+#include "tool/threads.h"
 #include "study/point_sampler.h"
 #include "study/study_vec.h"
 
@@ -153,7 +153,7 @@ void bench_points_gbuffer(const struct bench_scene *scene, enum bench_view view,
     camera_make(scene, view, width, height, &camera);
     bench_must(umbt_gbuffer_init(&buffer, width, 1, height, &error), &error, "gbuffer");
     bench_must(umbt_gbuffer_fill(&buffer, &scene->study, &camera, height, 0, height,
-                                 umbt_processor_count(), &error),
+                                 umbu_processor_count(), &error),
                &error, "gbuffer");
     *points = (struct bench_points){.name = inside ? "gbuffer" : "gbuffer-overview"};
     arrays_make(points, buffer.receiver_count);
@@ -185,7 +185,7 @@ void bench_points_random(const struct bench_scene *scene, size_t count, struct b
         .kind = UMBT_POINT_SURFACE,
         .count = FACING_SPARE * count,
         .seed = SEED,
-        .threads = umbt_processor_count(),
+        .threads = umbu_processor_count(),
         .quiet = 1,
     };
     bench_must(umbt_points_sample(&request, &set, &error), &error, "points");

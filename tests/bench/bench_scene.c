@@ -7,13 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include "bake/analysis/light_frame.h"
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/build/tile_loop.h"
 #include "bake/depth/depth_raster.h"
 #include "bench_report.h"
 #include "common/sha256.h"
 #include "format/content.h"
-#include "study/parallel_for.h"
 
 #define SUN_AZIMUTH   27.0
 #define SUN_ELEVATION 45.0
@@ -158,7 +157,7 @@ static enum umb_status bytes_count(void *user, const void *data, size_t count)
 static void octree_bake(const struct bench_scene *scene, int closed_rule, struct umb_octree *octree)
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
-    const unsigned threads = umbt_processor_count();
+    const unsigned threads = umbu_processor_count();
     const uint32_t size_log2 = scene->frustum.log2_size;
     const uint32_t tile_log2 = size_log2 < BENCH_TILE_LOG2 ? size_log2 : BENCH_TILE_LOG2;
     const struct umbb_depth_options depth_options = {.tile_log2 = tile_log2, .threads = threads};
@@ -201,12 +200,12 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     };
     memcpy(content.origin, scene->origin, sizeof content.origin);
     const struct umb_sink sink = {bytes_append, bytes};
-    struct umbb_slice_pool *jobs;
-    bench_must(umbb_slice_pool_create(umbt_processor_count(), &jobs, &error), &error, "threads");
-    const struct umb_workers workers = umbb_slice_pool_workers(jobs);
+    struct umbu_threads *jobs;
+    bench_must(umbu_threads_create(umbu_processor_count(), &jobs, &error), &error, "threads");
+    const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
     bench_must(umb_pack_run(&job, id, &error), &error, "pack");
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_destroy(jobs);
     umb_octree_finish(&octree);
     bench_say("%s %s: baked in %.2f s, packed to %zu bytes in %.2f s", scene->name,
               closed_rule ? "closed" : "open", baked - start, bytes->size, bench_wall_s() - baked);

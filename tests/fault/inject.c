@@ -27,7 +27,7 @@
  * does: in signal handlers, between fork and exec, with any lock held. File calls are made as bare
  * system calls and memory calls by glibc's own second names, so that no look-up at run time can
  * allocate. Limits: glibc on Linux; calls that the C library makes inside itself are not seen, but
- * for malloc and for streams made by fdopen (cli_output.c), which become streams whose writes are.
+ * for malloc and for streams made by fdopen (tool/output.c), which become streams whose writes are.
  * Sources: ld.so(8), proc(5), fopencookie(3), glibc manual "Replacing malloc".
  */
 #define _GNU_SOURCE /* O_CLOEXEC and AT_FDCWD on old headers, O_TMPFILE */
@@ -44,11 +44,11 @@
 #include <unistd.h>
 
 static const char *const FUNCTIONS[FUNCTION_COUNT] = {
-    "write",  "pwrite", "fsync",     "fdatasync", "rename", "renameat", "open",
-    "openat", "mmap",   "ftruncate", "close",     "mkdir",  "unlink",   "malloc",
-    "calloc", "realloc", "aligned_alloc", "posix_memalign", "socket", "bind", "listen",
-    "accept4", "getsockname", "getsockopt", "setsockopt", "chmod", "getrlimit", "epoll_create1",
-    "pthread_create", "pread",
+    "write",      "pwrite", "fsync",     "fdatasync",     "rename",         "renameat",
+    "open",       "openat", "mmap",      "ftruncate",     "close",          "mkdir",
+    "unlink",     "malloc", "calloc",    "realloc",       "aligned_alloc",  "posix_memalign",
+    "socket",     "bind",   "listen",    "accept4",       "getsockname",    "getsockopt",
+    "setsockopt", "chmod",  "getrlimit", "epoll_create1", "pthread_create", "pread",
 };
 
 static const struct {
@@ -328,8 +328,8 @@ static void trace(const struct call *call, int failed)
     used = append(line, used, sizeof line - 1, call->path);
     used = append(line, used, sizeof line, "\n");
     int saved = errno;
-    long fd = syscall(SYS_openat, AT_FDCWD, trace_path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC,
-                      0600);
+    long fd =
+        syscall(SYS_openat, AT_FDCWD, trace_path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
     if (fd >= 0) {
         (void)!syscall(SYS_write, fd, line, used);
         (void)syscall(SYS_close, fd);

@@ -5,16 +5,16 @@
 `umbrage load` against a daemon on a Unix socket: what it counts is what the daemon counts, latencies
 of an open loop count from when calls were due, failures have their names, the page stands alone.
 """
-import html.parser
 import json
 import os
 import re
+import shutil
 import signal
 import socket
+import subprocess
 import sys
 import threading
 import time
-import xml.etree.ElementTree
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
@@ -162,40 +162,80 @@ with test.check("a test that cannot begin or gets no answer at all says why"):
         assert "load:" in load(*wrong, code=2), wrong
 
 
-class Page(html.parser.HTMLParser):
-    """What a page consists of."""
-
-    def __init__(self):
-        super().__init__()
-        self.tags = []
-        self.links = []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.links += [value for key, value in attrs if key in ("src", "href")]
+def draw(report):
+    """What a report's scripts draw: the element of each id (tests/harness/draw_page.js)."""
+    done = subprocess.run(["node", os.path.join(ut.ROOT, "tests/harness/draw_page.js"), report],
+                          capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr.decode()[-2000:]
+    return json.loads(done.stdout)["ids"]
 
 
-with test.check("the page has its plots inside and loads nothing"):
+def below(node):
+    """The node and all below it."""
+    yield node
+    for child in node["children"]:
+        yield from below(child)
+
+
+def plots(ids):
+    """(caption, texts, paths, marks) of each chart."""
+    found = []
+    for figure in ids["charts"]["children"]:
+        nodes = list(below(figure))
+        found.append((next(n["text"] for n in nodes if n["tag"] == "figcaption"),
+                      [n["text"] for n in nodes if n["tag"] == "text"],
+                      [n["attributes"]["d"] for n in nodes if n["tag"] == "path"],
+                      [n for n in nodes if n["tag"] == "circle"]))
+    return found
+
+
+with test.check("the page holds its data and loads nothing"):
     report = test.path("report.html")
     load("--rate", 300, *BRIEF, *ADMIN, "--report", report)
     with open(report, encoding="utf-8") as file:
         text = file.read()
-    page = Page()
-    page.feed(text)
-    assert page.tags.count("svg") == 4 and not page.links, (page.tags, page.links)
-    assert "script" not in page.tags and "http" not in text.replace("http-equiv", "")
+    assert not re.search(r"\s(src|href)=", text) and "http" not in text.replace("http://www.w3.org/2000/svg", "")
     assert "prefers-color-scheme: dark" in text and "width=device-width" in text
-    for svg in re.findall(r"<svg.*?</svg>", text, re.S):
-        plot = xml.etree.ElementTree.fromstring(svg)
-        for path in plot.iter("path"):
-            assert re.fullmatch(r"([ML]-?\d+\.\d -?\d+\.\d)*", path.get("d")), path.get("d")
-        assert len(list(plot.iter("text"))) >= 5
-    trace = test.path("<b>&\".txt")  # names of files are anything
+    assert not re.search("@[A-Z]+@", text)
+    data = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1])
+    assert data["calls"] > 0 and len(data["curve"]) == 121 and data["moments"], data
+    shares, times = zip(*data["curve"])
+    assert shares[0] == 0 and sorted(times) == list(times) and times[-1] <= data["latency"]["max_ms"]
+
+if shutil.which("node") is None:
+    ut.left_out("pages of load tests", "node is not installed")
+else:
+    with test.check("the page draws its plots, figures and tables"):
+        ids = draw(report)
+        charts = plots(ids)
+        assert [c[0].split(".")[0] for c in charts] == ["Latency by percentile", "Throughput",
+                                                        "Latency over time", "Memory of the daemon"]
+        for caption, texts, paths, _ in charts:
+            assert len(texts) >= 5 and paths, caption
+            for path in paths:
+                assert re.fullmatch(r"([ML]-?\d+\.\d -?\d+\.\d)+", path), path
+        assert "300asked, calls a second" in ids["figures"]["text"], ids["figures"]["text"]
+        assert "daemon, ns a point" in ids["figures"]["text"] and ids["sweep"]["hidden"]
+        assert f"{data['latency']['count']}" in ids["latency"]["text"], ids["latency"]["text"]
+
+    with test.check("a sweep's page has a mark a step"):
+        swept = load("--sweep", "--rate", 200, "--warm-up", 0, "--duration", 0.1, "--bound", 1000,
+                     "--in-flight", 8, "--report", report)["sweep"]
+        ids = draw(report)
+        marks = plots(ids)[0][3]
+        assert len(marks) == sum(step["p99_ms"] > 0 for step in swept["steps"]), (marks, swept)
+        kept = [mark for mark in marks if mark["attributes"]["class"].startswith("dot")]
+        assert len(kept) == sum(step["kept"] for step in swept["steps"]), (kept, swept)
+        assert not ids["sweep"]["hidden"]
+
+with test.check("names in the page are text, whatever they hold"):
+    trace = test.path("<b>&\".txt")
     with open(trace, "w", encoding="ascii") as file:
         file.write("1 2 3\n")
     load("--trace", trace, "--rate", 100, *BRIEF, "--report", report)
     with open(report, encoding="utf-8") as file:
-        assert "&lt;b>&amp;&quot;.txt" in file.read()
+        text = file.read()
+    assert "\\u003cb>&\\\".txt" in text and "<b>&" not in text
 
 with test.check("a page that cannot be made is known before the run, and one that stands is replaced whole"):
     done = ut.run("umbrage", "load", "city", *UNIX, *BRIEF, "--report", "/nowhere/x.html", code=73)

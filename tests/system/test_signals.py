@@ -98,7 +98,7 @@ def interrupt_boxes(folder):
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     left = [name for name in os.listdir(folder) if "tmp" in name or "shares" in name]
     print("boxes, interrupted:", code, left)
-    return int(b"s left" not in shown or code != -signal.SIGINT or left != [])
+    return int(b" left" not in shown or code != -signal.SIGINT or left != [])
 
 
 def bake_without_streams(folder):

@@ -78,6 +78,37 @@ check "the page holds the data and the pictures" sh -c '
     ! grep -q "@DATA@\|@PICTURES@" first/report.html &&
     [ "$(grep -c "data:image/png;base64," first/report.html)" -eq 18 ] &&
     ! grep -qE "(src|href)=\"(https?:)?//" first/report.html'
+if command -v node >/dev/null; then
+    check "its scripts run" sh -c 'node "$1/tests/harness/draw_page.js" first/report.html >drawn.json' sh "$root"
+    cat >drawn.py <<'PY'
+import json
+ids = json.load(open("drawn.json"))["ids"]
+report = json.load(open("first/report.json"))
+
+
+def below(node):
+    yield node
+    for child in node["children"]:
+        yield from below(child)
+
+
+for place, least in (("charts", 4), ("technique-charts", 2)):
+    assert len(ids[place]["children"]) == least, place
+    for figure in ids[place]["children"]:
+        kinds = [n["tag"] for n in below(figure)]
+        assert kinds.count("circle") > 5 and kinds.count("text") > 5, (place, kinds)
+        front = next(n for n in below(figure) if n["attributes"].get("class") == "front")
+        assert "," in front["attributes"]["points"] and "NaN" not in front["attributes"]["points"]
+for table, rows in (("settings", report["results"]), ("techniques", report["techniques"]["rows"]),
+                    ("assets", report["bakes"])):
+    found = [n for n in below(ids[table]) if n["tag"] == "tr"]
+    assert len(found) == 1 + len(rows), (table, len(found))
+assert report["verdict"].split(":")[0] in ids["verdict"]["text"]
+PY
+    check "they draw every chart and list every setting" /usr/bin/python3 drawn.py
+else
+    left_out "scripts of the study's page" "node is not installed"
+fi
 browser=$(command -v chromium || true)
 if [ -n "$browser" ]; then
     timeout 300 "$browser" --headless --no-sandbox --disable-gpu --enable-logging=stderr --virtual-time-budget=2000 \

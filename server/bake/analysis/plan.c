@@ -9,7 +9,6 @@
 
 #include "bake/effect_options.h"
 #include "bake/print_text.h"
-#include "common/json_text.h"
 #include "format/receiver_mask.h"
 
 /* Relative rounding error of a coordinate stored as a float. */
@@ -397,47 +396,59 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_
     fputs(plan, to);
 }
 
-void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint32_t count)
+void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights, uint32_t count)
 {
-    fputs("\"lights\":[", to);
+    umbu_json_begin(json, "lights", '[');
     for (uint32_t i = 0; i < count; i++) {
-        const double *d = lights[i].direction, *p = lights[i].position;
-        fputs(i == 0 ? "{\"name\":" : ",{\"name\":", to);
-        umbs_json_text(to, lights[i].name);
-        fprintf(to,
-                ",\"kind\":\"%s\",\"direction\":[%.17g,%.17g,%.17g],\"position\":[%.17g,%.17g,"
-                "%.17g],\"extent\":%.17g,\"frusta\":%u}",
-                umbb_light_kind_text(lights[i].kind), d[0], d[1], d[2], p[0], p[1], p[2],
-                lights[i].extent, lights[i].frustum_count);
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", lights[i].name);
+        umbu_json_text(json, "kind", umbb_light_kind_text(lights[i].kind));
+        umbu_json_vector(json, "direction", lights[i].direction);
+        umbu_json_vector(json, "position", lights[i].position);
+        umbu_json_number(json, "extent", lights[i].extent);
+        umbu_json_integer(json, "frusta", lights[i].frustum_count);
+        umbu_json_end(json, '}');
     }
-    fputs("]", to);
+    umbu_json_end(json, ']');
+}
+
+/* The plan's lines. */
+static void put_lines(struct umbu_json *json, const char *key, const char *line)
+{
+    umbu_json_begin(json, key, '[');
+    while (*line != '\0') {
+        const size_t length = strcspn(line, "\n");
+        umbu_json_bytes(json, NULL, line, length);
+        line += length + (line[length] == '\n');
+    }
+    umbu_json_end(json, ']');
 }
 
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const char *plan, uint64_t tiles)
 {
-    const struct umb_box *b = &a->bounds;
-    fprintf(to,
-            "{\"triangles\":%zu,\"degenerate\":%zu,\"duplicate\":%zu,\"unusable_faces\":%u,"
-            "\"parts\":%zu,\"closed_parts\":%zu,\"closed\":%s,\"up\":\"%c\",",
-            a->count, a->degenerate_count, a->duplicate_count, view->dropped_faces, a->part_count,
-            a->closed_part_count, a->closed_rule ? "true" : "false", a->z_up ? 'z' : 'y');
-    fprintf(to, "\"bounds\":{\"min\":[%.17g,%.17g,%.17g],\"max\":[%.17g,%.17g,%.17g]},", b->min[0],
-            b->min[1], b->min[2], b->max[0], b->max[1], b->max[2]);
-    fprintf(to, "\"origin\":[%.17g,%.17g,%.17g],", a->origin[0], a->origin[1], a->origin[2]);
-    umbb_lights_print_json(to, a->choice.lights, a->choice.count);
+    struct umbu_json json = {.file = to};
     double edges[3];
     umb_frustum_voxel_edges(&a->frusta[0], edges);
-    fprintf(
-        to,
-        ",\"frusta\":%u,\"resolution\":%u,\"tiles\":%llu,\"voxel_m\":[%.9g,%.9g,%.9g],\"plan\":[",
-        a->frustum_count, 1U << a->frusta[0].log2_size, (unsigned long long)tiles, edges[0],
-        edges[1], edges[2]);
-    for (const char *line = plan; *line != '\0';) {
-        const size_t length = strcspn(line, "\n");
-        fputs(line == plan ? "" : ",", to);
-        umbs_json_bytes(to, line, length);
-        line += length + (line[length] == '\n');
-    }
-    fputs("]}\n", to);
+    umbu_json_begin(&json, NULL, '{');
+    umbu_json_integer(&json, "triangles", a->count);
+    umbu_json_integer(&json, "degenerate", a->degenerate_count);
+    umbu_json_integer(&json, "duplicate", a->duplicate_count);
+    umbu_json_integer(&json, "unusable_faces", view->dropped_faces);
+    umbu_json_integer(&json, "parts", a->part_count);
+    umbu_json_integer(&json, "closed_parts", a->closed_part_count);
+    umbu_json_bool(&json, "closed", a->closed_rule);
+    umbu_json_text(&json, "up", a->z_up ? "z" : "y");
+    umbu_json_begin(&json, "bounds", '{');
+    umbu_json_vector(&json, "min", a->bounds.min);
+    umbu_json_vector(&json, "max", a->bounds.max);
+    umbu_json_end(&json, '}');
+    umbu_json_vector(&json, "origin", a->origin);
+    umbb_lights_put(&json, a->choice.lights, a->choice.count);
+    umbu_json_integer(&json, "frusta", a->frustum_count);
+    umbu_json_integer(&json, "resolution", 1U << a->frusta[0].log2_size);
+    umbu_json_integer(&json, "tiles", tiles);
+    umbu_json_vector(&json, "voxel_m", edges);
+    put_lines(&json, "plan", plan);
+    umbu_json_close(&json);
 }

@@ -7,6 +7,7 @@
  */
 #include <stdio.h>
 #include "bake/analysis/analysis.h"
+#include "tool/json.h"
 
 /* Version of the bake's voxels. It changes when equal settings would give other voxels, undefined
  * ones included; it is in every asset and in the keys of tile results. */
@@ -36,7 +37,7 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
 
 /* Prints "lights":[...], an object a light: name, kind, direction, and for spot and point lights
  * position; extent in radians or metres. */
-void umbb_lights_print_json(FILE *to, const struct umb_light_info *lights, uint32_t count);
+void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights, uint32_t count);
 
 /* Prints the content of umbb_plan_print as one JSON object. */
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *analysis,

@@ -236,12 +236,12 @@ static void survey_job(void *user, uint32_t job, unsigned thread)
 }
 
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
-                        struct umbb_slice_pool *jobs, int (*cancelled)(void))
+                        struct umbu_threads *jobs, int (*cancelled)(void))
 {
     struct survey survey = {rule, tile, cancelled};
     const size_t count = (rule->casters->count + SURVEY_SHARE - 1) / SURVEY_SHARE;
-    umbb_slice_pool_start(jobs, survey_job, &survey, (uint32_t)count);
-    umbb_slice_pool_wait(jobs, NULL, NULL);
+    umbu_threads_start(jobs, survey_job, &survey, (uint32_t)count);
+    umbu_threads_wait(jobs, NULL, NULL);
 }
 
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile)

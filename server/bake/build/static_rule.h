@@ -23,7 +23,7 @@
  * Source: Arvo and Hirvikorpi 2005; Sintorn et al. 2014, section 6.1 (between first and second
  * caster). The condition that windows must find all voxels they read is our own.
  */
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/tile.h"
 
 #define UMBB_STATIC_BAND 64 /* rows of texels of a tile in one slice */
@@ -53,7 +53,7 @@ void umbb_static_finish(struct umbb_static *rule);
  * background need not be set. In: jobs: idle; all its threads help. cancelled: called from any
  * thread, or NULL. Once it returns 1, as it must from then on, the rest is skipped. */
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
-                        struct umbb_slice_pool *jobs, int (*cancelled)(void));
+                        struct umbu_threads *jobs, int (*cancelled)(void));
 
 /* Lists the asked triangles that reach a tile. Survey all tiles first. */
 void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);

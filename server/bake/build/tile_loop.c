@@ -11,13 +11,13 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "base/page_alloc.h"
 #include "bake/build/columns.h"
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/build/tile_occluder_depth.h"
 #include "bake/build/tile_squares.h"
+#include "tool/clock.h"
 
 /* Share of the unallocated budget that a tile's squares may use: one part in this. */
 #define SQUARES_SHARE 8U
@@ -26,7 +26,7 @@ struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
     struct umb_pool *pool; /* shared by all frusta */
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     struct umbb_tile tiles[2];
     struct umbb_squares *squares;
     struct umbb_runs runs;       /* working stack */
@@ -43,13 +43,6 @@ struct loop {
     uint32_t square_jobs; /* slices of the tile that is built meanwhile */
     struct umbb_bake_figures figures;
 };
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static int is_cancelled(const struct loop *loop)
 {
@@ -71,7 +64,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     loop->pool->max_bytes = o->octree_max_bytes;
-    enum umb_status status = umbb_slice_pool_create(o->threads, &loop->jobs, error);
+    enum umb_status status = umbu_threads_create(o->threads, &loop->jobs, error);
     if (status == UMB_OK) {
         status = umbb_squares_create(o->tile_log2, &loop->squares, error);
     }
@@ -99,7 +92,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 
 static void loop_finish(struct loop *loop)
 {
-    umbb_slice_pool_destroy(loop->jobs);
+    umbu_threads_destroy(loop->jobs);
     umbb_squares_destroy(loop->squares);
     umbb_tile_finish(&loop->tiles[0]);
     umbb_tile_finish(&loop->tiles[1]);
@@ -310,8 +303,8 @@ static int static_bands(struct loop *loop, int slot)
     struct umbb_tile *tile = &loop->tiles[slot];
     umbb_static_begin(loop->options->rule, tile);
     loop->ruled_slot = slot;
-    umbb_slice_pool_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
-    umbb_slice_pool_wait(loop->jobs, NULL, NULL);
+    umbu_threads_start(loop->jobs, static_job, loop, (uint32_t)tile->size / UMBB_STATIC_BAND);
+    umbu_threads_wait(loop->jobs, NULL, NULL);
     return !atomic_load_explicit(&loop->failed, memory_order_relaxed);
 }
 
@@ -340,7 +333,7 @@ static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t ne
     umbb_tile_pyramid(&loop->tiles[slot]);
     umbb_squares_begin(loop->squares, &loop->tiles[slot]);
     loop->square_jobs = UMBB_SQUARE_COUNT;
-    umbb_slice_pool_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
+    umbu_threads_start(loop->jobs, run_job, loop, loop->square_jobs + blocks);
     return tile_build(loop, number, slot, error);
 }
 
@@ -356,13 +349,13 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         status = depth_begin(loop, number, slot, &blocks, error);
     }
     if (status == UMB_OK) {
-        umbb_slice_pool_start(loop->jobs, run_job, loop, blocks);
+        umbu_threads_start(loop->jobs, run_job, loop, blocks);
     }
     while (number < end && status == UMB_OK) {
-        const double start = now_s();
-        umbb_slice_pool_wait(loop->jobs, show_progress, loop);
+        const double start = umbu_clock_s();
+        umbu_threads_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
-        const double depth_done = now_s();
+        const double depth_done = umbu_clock_s();
         loop->figures.seconds_depth += depth_done - start;
         if (is_cancelled(loop)) {
             return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
@@ -376,7 +369,7 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
         }
         number = next;
         slot = 1 - slot;
-        loop->figures.seconds_build += now_s() - depth_done;
+        loop->figures.seconds_build += umbu_clock_s() - depth_done;
     }
     atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
     return status;
@@ -394,8 +387,8 @@ static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
         }
         status = depth_begin(loop, number, 0, &blocks, error);
         if (status == UMB_OK) {
-            umbb_slice_pool_start(loop->jobs, run_job, loop, blocks);
-            umbb_slice_pool_wait(loop->jobs, NULL, NULL);
+            umbu_threads_start(loop->jobs, run_job, loop, blocks);
+            umbu_threads_wait(loop->jobs, NULL, NULL);
             umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
                                loop->options->cancelled);
         }
@@ -474,9 +467,9 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
         status = all_tiles(&loop, error);
     }
     if (status == UMB_OK && !loop.only) {
-        const double start = now_s();
+        const double start = umbu_clock_s();
         status = build_root(&loop, root, error);
-        loop.figures.seconds_build += now_s() - start;
+        loop.figures.seconds_build += umbu_clock_s() - start;
     }
     loop.figures.texels = atomic_load(&loop.texels_done);
     if (figures != NULL) {

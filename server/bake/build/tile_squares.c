@@ -36,7 +36,7 @@ struct umbb_squares {
     unsigned idle_count;
     struct umb_pool_numbers numbers;
     /* While a column is built: */
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     struct umb_pool *pool;
     struct umbb_runs *runs;
 };
@@ -207,7 +207,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
 {
     struct umbb_squares *squares = user;
     struct square *square = &squares->squares[job_of(x, y)];
-    umbb_slice_pool_wait_until(squares->jobs, square_is_done, square);
+    umbu_threads_wait_until(squares->jobs, square_is_done, square);
     if (square->status == UMB_OK) {
         const enum umb_status status = square_merge(squares, square, column, error);
         square_give_back(squares, square);
@@ -220,7 +220,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
                                  error);
 }
 
-enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbb_slice_pool *jobs,
+enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbu_threads *jobs,
                                     struct umb_pool *pool, struct umbb_runs *runs,
                                     struct umbb_column *column, struct umb_error *error)
 {
@@ -243,7 +243,7 @@ enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbb_sl
         umbb_column_of_tree(&tree, tile->log2_size, whole, column, error);
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) { /* squares that were not waited for */
         struct square *square = &squares->squares[i];
-        umbb_slice_pool_wait_until(jobs, square_is_done, square);
+        umbu_threads_wait_until(jobs, square_is_done, square);
         if (square->work != NULL) { /* an error came first */
             square_give_back(squares, square);
         }

@@ -17,7 +17,7 @@
  * numbers depend on the order of squares alone, not on threads.
  */
 #include "bake/build/columns.h"
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 
 #define UMBB_SQUARES_ACROSS_LOG2 3U
 #define UMBB_SQUARE_COUNT        (1U << (2 * UMBB_SQUARES_ACROSS_LOG2))
@@ -51,7 +51,7 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job);
  * Fails: as umb_pool_brick.
  */
 UMB_CHECKED enum umb_status umbb_squares_column(struct umbb_squares *squares,
-                                                struct umbb_slice_pool *jobs, struct umb_pool *pool,
+                                                struct umbu_threads *jobs, struct umb_pool *pool,
                                                 struct umbb_runs *runs, struct umbb_column *column,
                                                 struct umb_error *error);
 

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth_cells.h"
@@ -50,7 +50,7 @@ struct raster {
     struct umbb_bins tiles;               /* the whole map by tile */
     struct umbb_bins blocks[2];           /* a tile by block, one a slot */
     int32_t *layers;                      /* [threads][LAYERS_STRIDE] */
-    struct umbb_slice_pool *jobs;         /* threads for preparation; idle while blocks are drawn */
+    struct umbu_threads *jobs;            /* threads for preparation; idle while blocks are drawn */
     struct umb_workers workers;
 };
 
@@ -362,7 +362,7 @@ static void raster_destroy(void *state)
         umbb_bins_finish(&raster->tiles);
         umbb_bins_finish(&raster->blocks[0]);
         umbb_bins_finish(&raster->blocks[1]);
-        umbb_slice_pool_destroy(raster->jobs);
+        umbu_threads_destroy(raster->jobs);
         free(raster->layers);
         free(raster->cells);
         free(raster->marks);
@@ -399,11 +399,11 @@ enum umb_status umbb_depth_raster_create(const struct umbb_casters *casters,
     raster->find_far = quick_far != NULL ? quick_far : umbb_canvas_far;
     const umbb_store_fn quick_store = options->plain ? NULL : umbb_store_avx2();
     raster->store = quick_store != NULL ? quick_store : umbb_store_plain;
-    enum umb_status status = umbb_slice_pool_create(options->threads, &raster->jobs, error);
+    enum umb_status status = umbu_threads_create(options->threads, &raster->jobs, error);
     if (status != UMB_OK) {
         goto fail;
     }
-    raster->workers = umbb_slice_pool_workers(raster->jobs);
+    raster->workers = umbu_threads_workers(raster->jobs);
     raster->layers = layers_alloc(options->threads);
     raster->steps = options->plain ? NULL : umbb_cells_avx512();
     if (raster->steps != NULL) {

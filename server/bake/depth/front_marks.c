@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 
 /* A projected area below this share of its products may be rounding error alone. */
 #define AREA_DOUBT 1e-9
@@ -263,7 +263,7 @@ enum umb_status umbb_front_marks_make(const struct umbb_casters *casters, enum u
     struct finder finder = {.casters = casters, .marks = malloc(casters->count)};
     atomic_init(&finder.fronts, 0);
     if (finder.marks != NULL) {
-        umbb_workers_run(workers, front_job, &finder, job_count(casters));
+        umbu_workers_run(workers, front_job, &finder, job_count(casters));
     }
     const size_t fronts = atomic_load(&finder.fronts), slots = slot_count(fronts);
     finder.last = slots - 1;
@@ -274,8 +274,8 @@ enum umb_status umbb_front_marks_make(const struct umbb_casters *casters, enum u
         return umb_fail(error, UMB_E_NO_MEMORY, "edges of %zu triangles: memory refused", fronts);
     }
     memset((void *)finder.slots, 0xff, slots * sizeof *finder.slots);
-    umbb_workers_run(workers, pair_job, &finder, job_count(casters));
-    umbb_workers_run(workers, border_job, &finder, job_count(casters));
+    umbu_workers_run(workers, pair_job, &finder, job_count(casters));
+    umbu_workers_run(workers, border_job, &finder, job_count(casters));
     free((void *)finder.slots);
     *marks = finder.marks;
     return UMB_OK;

@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/front_marks.h"
 
@@ -293,5 +293,5 @@ void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list
     /* Two strips for each thread, because their work differs. */
     const unsigned threads = workers == NULL ? 1 : workers->count;
     proof.strips = threads == 1 ? 1 : least(proof.across, (int32_t)(2 * threads));
-    umbb_workers_run(workers, strip_job, &proof, (uint32_t)proof.strips);
+    umbu_workers_run(workers, strip_job, &proof, (uint32_t)proof.strips);
 }

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth_perspective.h"
@@ -230,15 +230,15 @@ static void row_job(void *user, uint32_t row, unsigned thread)
 
 static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_error *error)
 {
-    struct umbb_slice_pool *jobs;
-    const enum umb_status status = umbb_slice_pool_create(m->threads, &jobs, error);
+    struct umbu_threads *jobs;
+    const enum umb_status status = umbu_threads_create(m->threads, &jobs, error);
     if (status != UMB_OK) {
         return status;
     }
     atomic_store(&m->total, 0);
-    umbb_slice_pool_start(jobs, row_job, m, rows);
-    umbb_slice_pool_wait(jobs, NULL, NULL);
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_start(jobs, row_job, m, rows);
+    umbu_threads_wait(jobs, NULL, NULL);
+    umbu_threads_destroy(jobs);
     for (uint32_t i = 0; i < rows; i++) {
         if (m->statuses[i] != UMB_OK) {
             return umb_fail(error, m->statuses[i], "%s", m->errors[i].message);

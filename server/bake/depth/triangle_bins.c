@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/front_marks.h"
 
 /* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */
@@ -302,12 +302,12 @@ enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_in
                           fill.count, fill.cells);
         goto done;
     }
-    umbb_workers_run(input->workers, count_job, &fill, (uint32_t)fill.chunks);
+    umbu_workers_run(input->workers, count_job, &fill, (uint32_t)fill.chunks);
     places_find(&fill, bins->first);
     status = reserve(bins, input, bins->first[fill.cells], used, error);
     if (status == UMB_OK && bins->first[fill.cells] > 0) {
         fill.entries = bins->entries;
-        umbb_workers_run(input->workers, write_job, &fill, (uint32_t)fill.chunks);
+        umbu_workers_run(input->workers, write_job, &fill, (uint32_t)fill.chunks);
     }
 done:
     free(fill.numbers);

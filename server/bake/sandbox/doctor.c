@@ -11,8 +11,8 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
-#include "common/json_text.h"
 #include "tool/exit_code.h"
+#include "tool/json.h"
 #include "tool/options.h"
 
 #define EXIT_UNAVAILABLE 69
@@ -76,19 +76,28 @@ static long long limit_of(int resource)
     return value.rlim_cur == RLIM_INFINITY ? -1 : (long long)value.rlim_cur;
 }
 
-static void print_machine(int json)
+/* In: json: NULL = text, here and below. */
+static void print_machine(struct umbu_json *json)
 {
     struct utsname kernel;
     if (uname(&kernel) != 0) {
         memset(&kernel, 0, sizeof(kernel));
     }
     const long long memory = (long long)sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE);
-    printf(json ? "\"kernel\":\"%s\",\"machine\":\"%s\",\"processors\":%ld,\"avx2\":%s,"
-                  "\"memory_bytes\":%lld,\"limit_address_space\":%lld,\"limit_files\":%lld,"
-                : "kernel      %s\nmachine     %s\nprocessors  %ld\navx2        %s\n"
-                  "memory      %lld bytes; address space limit %lld, descriptors %lld (-1: none)\n",
-           kernel.release, kernel.machine, processors(), has_avx2() ? "true" : "false", memory,
-           limit_of(RLIMIT_AS), limit_of(RLIMIT_NOFILE));
+    if (json == NULL) {
+        printf("kernel      %s\nmachine     %s\nprocessors  %ld\navx2        %s\n"
+               "memory      %lld bytes; address space limit %lld, descriptors %lld (-1: none)\n",
+               kernel.release, kernel.machine, processors(), has_avx2() ? "true" : "false", memory,
+               limit_of(RLIMIT_AS), limit_of(RLIMIT_NOFILE));
+        return;
+    }
+    umbu_json_text(json, "kernel", kernel.release);
+    umbu_json_text(json, "machine", kernel.machine);
+    umbu_json_signed(json, "processors", processors());
+    umbu_json_bool(json, "avx2", has_avx2());
+    umbu_json_signed(json, "memory_bytes", memory);
+    umbu_json_signed(json, "limit_address_space", limit_of(RLIMIT_AS));
+    umbu_json_signed(json, "limit_files", limit_of(RLIMIT_NOFILE));
 }
 
 static const char *truth(int value)
@@ -96,29 +105,49 @@ static const char *truth(int value)
     return value ? "true" : "false";
 }
 
-static void print_layers(const struct umbb_sandbox *layers, int json)
+static void print_layers(const struct umbb_sandbox *layers, const struct umbb_bake_sandbox *bake,
+                         struct umbu_json *json)
 {
-    printf(json ? "\"sandbox\":\"%s\",\"seccomp\":%s,\"landlock_abi\":%d,\"namespaces\":%s,"
-                : "sandbox     %s: seccomp %s, Landlock ABI %d, namespaces %s\n",
-           umbb_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi,
-           truth(layers->namespaces));
+    if (json == NULL) {
+        printf("sandbox     %s: seccomp %s, Landlock ABI %d, namespaces %s\n",
+               umbb_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi,
+               truth(layers->namespaces));
+        printf("bake        %s: seccomp %s, Landlock ABI %d\n", umbb_bake_sandbox_level(bake),
+               truth(bake->seccomp), bake->landlock_abi);
+        return;
+    }
+    umbu_json_text(json, "sandbox", umbb_sandbox_level(layers));
+    umbu_json_bool(json, "seccomp", layers->seccomp);
+    umbu_json_signed(json, "landlock_abi", layers->landlock_abi);
+    umbu_json_bool(json, "namespaces", layers->namespaces);
+    umbu_json_text(json, "bake_sandbox", umbb_bake_sandbox_level(bake));
+    umbu_json_bool(json, "bake_seccomp", bake->seccomp);
+    umbu_json_signed(json, "bake_landlock_abi", bake->landlock_abi);
 }
 
-static void print_bake_layers(const struct umbb_bake_sandbox *layers, int json)
+static void print_line(const char *name, const char *word, struct umbu_json *json)
 {
-    printf(json ? "\"bake_sandbox\":\"%s\",\"bake_seccomp\":%s,\"bake_landlock_abi\":%d,"
-                : "bake        %s: seccomp %s, Landlock ABI %d\n",
-           umbb_bake_sandbox_level(layers), truth(layers->seccomp), layers->landlock_abi);
-}
-
-static void print_line(const char *name, const char *word, int json, int first)
-{
-    if (json) {
-        printf("%s", first ? "" : ",");
-        umbs_json_text(stdout, name);
-        printf(":\"%s\"", word);
+    if (json != NULL) {
+        umbu_json_text(json, name, word);
     } else {
         printf("  %-32s %s\n", name, word);
+    }
+}
+
+/* Begins a table: an object, or a line of words above. */
+static void begin_table(const char *title, const char *words, struct umbu_json *json)
+{
+    if (json != NULL) {
+        umbu_json_begin(json, title, '{');
+    } else {
+        printf("%s\n", words);
+    }
+}
+
+static void end_table(struct umbu_json *json)
+{
+    if (json != NULL) {
+        umbu_json_end(json, '}');
     }
 }
 
@@ -133,60 +162,58 @@ struct series {
 };
 
 /* Out: acts that are not denied. */
-static unsigned try_series(const struct series *series, const struct umbb_ground *ground, int json)
+static unsigned try_series(const struct series *series, const struct umbb_ground *ground,
+                           struct umbu_json *json)
 {
     unsigned allowed = 0;
-    int first = 1;
-    printf(json ? "\"%s\":{" : "%s\n", json ? series->title : series->words);
+    begin_table(series->title, series->words, json);
     for (size_t i = 0; i < series->count; i++) {
         const struct umbb_act *act = &series->acts[i];
-        if ((act->places & series->place) == 0) {
-            continue;
+        if ((act->places & series->place) != 0) {
+            const int verdict = umbb_doctor_try(act, series->cage, ground);
+            allowed += verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED;
+            print_line(act->name, verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
         }
-        const int verdict = umbb_doctor_try(act, series->cage, ground);
-        allowed += verdict != UMBB_ACT_REFUSED && verdict != UMBB_ACT_KILLED;
-        print_line(act->name, verdict < 0 ? "UNKNOWN" : verdicts[verdict], json, first);
-        first = 0;
     }
-    printf(json ? "}," : "");
+    end_table(json);
     return allowed;
 }
 
 /* Out: files that can be read. */
-static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground)
+static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground,
+                              struct umbu_json *json)
 {
     unsigned allowed = 0;
-    printf(request->json                ? "\"forbidden\":{"
-           : request->forbid[0] != NULL ? "bake, files of --forbid\n"
-                                        : "");
+    if (json != NULL || request->forbid[0] != NULL) {
+        begin_table("forbidden", "bake, files of --forbid", json);
+    }
     for (size_t i = 0; request->forbid[i] != NULL; i++) {
         umbb_bake_acts_forbid(request->forbid[i]);
         const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
         allowed += verdict != UMBB_ACT_REFUSED;
-        print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], request->json,
-                   i == 0);
+        print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
     }
-    printf(request->json ? "}," : "");
+    end_table(json);
     return allowed;
 }
 
 /* Out: needs that are not met. */
-static unsigned try_needs(const struct umbb_ground *ground, int json)
+static unsigned try_needs(const struct umbb_ground *ground, struct umbu_json *json)
 {
     unsigned broken = 0;
-    printf(json ? "\"needs\":{" : "bake, what it needs\n");
+    begin_table("needs", "bake, what it needs", json);
     for (size_t i = 0; i < umbb_bake_need_count; i++) {
         const int works =
             umbb_doctor_try(&umbb_bake_needs[i], UMBB_CAGE_BAKE, ground) == UMBB_ACT_ALLOWED;
         broken += !works;
-        print_line(umbb_bake_needs[i].name, works ? "works" : "BROKEN", json, i == 0);
+        print_line(umbb_bake_needs[i].name, works ? "works" : "BROKEN", json);
     }
-    printf(json ? "}," : "");
+    end_table(json);
     return broken;
 }
 
 static unsigned try_all(const struct request *request, const struct umbb_ground *ground,
-                        int landlock)
+                        int landlock, struct umbu_json *json)
 {
     const struct series all[] = {
         {"acts", "importer", umbb_acts, umbb_act_count, UMBB_IN_IMPORTER, UMBB_CAGE_IMPORTER},
@@ -202,15 +229,16 @@ static unsigned try_all(const struct request *request, const struct umbb_ground 
     const size_t count = landlock ? sizeof all / sizeof all[0] : 1;
     unsigned allowed = 0;
     for (size_t i = 0; i < count; i++) {
-        allowed += try_series(&all[i], ground, request->json);
+        allowed += try_series(&all[i], ground, json);
     }
-    return landlock ? allowed + try_forbidden(request, ground) + try_needs(ground, request->json)
+    return landlock ? allowed + try_forbidden(request, ground, json) + try_needs(ground, json)
                     : allowed;
 }
 
 static int examine(const struct request *request, const struct umbb_ground *ground)
 {
-    const int json = request->json;
+    struct umbu_json writer = {.file = stdout};
+    struct umbu_json *json = request->json ? &writer : NULL;
     struct umbb_sandbox layers;
     struct umbb_bake_sandbox bake;
     unsigned allowed = 0;
@@ -218,16 +246,22 @@ static int examine(const struct request *request, const struct umbb_ground *grou
     const int baker =
         umbb_doctor_probe_bake(ground, &bake) == 0 && bake.seccomp && bake.landlock_abi > 0;
     int code = umbb_sandbox_exempt() || (importer && baker) ? 0 : EXIT_UNAVAILABLE;
-    printf(json ? "{" : "");
+    if (json != NULL) {
+        umbu_json_begin(json, NULL, '{');
+    }
     print_machine(json);
-    print_layers(&layers, json);
-    print_bake_layers(&bake, json);
+    print_layers(&layers, &bake, json);
     if (importer && !umbb_sandbox_exempt()) {
         umbb_bake_acts_on(ground);
-        allowed = try_all(request, ground, baker);
+        allowed = try_all(request, ground, baker, json);
         code = allowed > 0 ? 1 : code;
     }
-    printf(json ? "\"allowed\":%u}\n" : "allowed     %u\n", allowed);
+    if (json != NULL) {
+        umbu_json_integer(json, "allowed", allowed);
+        umbu_json_close(json);
+    } else {
+        printf("allowed     %u\n", allowed);
+    }
     return fflush(stdout) != 0 ? 74 : code;
 }
 

@@ -16,7 +16,7 @@
 #include "bake/tiles/tile_key.h"
 #include "bake/tiles/tile_sweep.h"
 #include "base/bytes.h"
-#include "common/file.h"
+#include "tool/output.h"
 
 #define MAGIC      "UMBTIL1\n"
 #define HEAD_BYTES ((size_t)56)
@@ -194,22 +194,6 @@ static uint8_t *pack(const uint8_t *key, const uint8_t *bytes, size_t size, size
     return file;
 }
 
-static enum umb_status write_file(const char *path, const uint8_t *bytes, size_t size,
-                                  struct umb_error *error)
-{
-    struct umbs_file file;
-    enum umb_status status = umbs_file_begin(path, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbs_file_write(&file, bytes, size, error);
-    if (status == UMB_OK) {
-        status = umbs_file_commit(&file, error);
-    }
-    umbs_file_abandon(&file);
-    return status;
-}
-
 enum umb_status umbb_tile_cache_write(struct umbb_tile_cache *cache,
                                       const uint8_t key[UMB_ID_BYTES], const uint8_t *bytes,
                                       size_t size, struct umb_error *error)
@@ -227,7 +211,7 @@ enum umb_status umbb_tile_cache_write(struct umbb_tile_cache *cache,
             status = umbb_tile_sweep(cache->folder, keep, keep, &cache->bytes, error);
         }
         if (status == UMB_OK) {
-            status = write_file(path, file, file_size, error);
+            status = umbu_output_replace(path, 0, file, file_size, error);
         }
         cache->bytes += status == UMB_OK ? file_size : 0;
     }

@@ -34,7 +34,7 @@ static int is_result(const char *name, size_t length)
                0;
 }
 
-/* 1 if the name is a result's temporary (common/file.h). */
+/* 1 if the name is a result's temporary (tool/output.h). */
 static int is_temporary(const char *name)
 {
     return strncmp(name, ".tmp.", 5) == 0 && strlen(name) > 5 + NAME_LENGTH &&

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "base/page_alloc.h"
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/interrupt.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 #include "common/sha256.h"
 
 /* Seed of the compared points: fixed, so that a failure can be repeated. */
@@ -20,7 +20,7 @@ enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *pat
 {
     memset(publish, 0, sizeof *publish);
     publish->threads = 1;
-    return umbs_file_begin(path, &publish->file, error);
+    return umbu_output_begin(path, 0, &publish->file, error);
 }
 
 /* A sink that counts bytes, checks for signals, and passes bytes on to the file's sink. */
@@ -42,17 +42,17 @@ static enum umb_status counted_write(void *user, const void *bytes, size_t count
 enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct umb_content *content,
                                    const struct umb_octree *octree, struct umb_error *error)
 {
-    struct counter counter = {.file = umbs_file_sink(&publish->file)};
+    struct counter counter = {.file = umbu_output_sink(&publish->file)};
     const struct umb_sink sink = {counted_write, &counter};
     if (error != NULL) {
         error->message[0] = '\0';
     }
-    struct umbb_slice_pool *jobs;
-    enum umb_status status = umbb_slice_pool_create(publish->threads, &jobs, error);
+    struct umbu_threads *jobs;
+    enum umb_status status = umbu_threads_create(publish->threads, &jobs, error);
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_workers workers = umbb_slice_pool_workers(jobs);
+    const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb_pack_job job = {.content = content,
                                      .octree = octree,
                                      .sha256 = &umbs_sha256,
@@ -60,21 +60,12 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                      .workers = &workers,
                                      .cancelled = umbb_interrupted};
     status = umb_pack_run(&job, publish->id, error);
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {
         return umb_fail(error, status, "interrupted: nothing was written");
     }
-    /* The core knows only that a write failed; errno has the reason. */
-    if (publish->file.system_error != 0) {
-        return umb_fail_errno(error, UMB_E_IO, publish->file.system_error, "cannot write '%.200s'",
-                              publish->file.path);
-    }
-    if (status != UMB_OK && (error == NULL || error->message[0] == '\0')) {
-        return umb_fail(error, status, "cannot write '%.200s': %s", publish->file.path,
-                        umb_status_text(status));
-    }
-    return status;
+    return status == UMB_OK ? UMB_OK : umbu_output_explain(&publish->file, status, error);
 }
 
 static void add_result(struct umbr_verify_result *sum, const struct umbr_verify_result *one)
@@ -141,7 +132,7 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     }
     const uint64_t points = points_a_light(check, publish->info.light_count);
     struct compared compared = {.before = 0};
-    umbb_progress_start(&compared.progress, stderr, check->quiet, "Mpoint",
+    umbb_progress_start(&compared.progress, check->quiet, "Mpoint",
                         points * publish->info.light_count);
     const struct umbr_verify_options options = {
         .points = points,
@@ -216,10 +207,10 @@ enum umb_status umbb_publish_check(struct umbb_publish *publish, const struct um
 
 enum umb_status umbb_publish_commit(struct umbb_publish *publish, struct umb_error *error)
 {
-    return umbs_file_commit(&publish->file, error);
+    return umbu_output_commit(&publish->file, error);
 }
 
 void umbb_publish_abandon(struct umbb_publish *publish)
 {
-    umbs_file_abandon(&publish->file);
+    umbu_output_abandon(&publish->file);
 }

@@ -11,13 +11,13 @@
  *     umbb_publish_commit(&publish, &error);
  *     umbb_publish_abandon(&publish);                       no effect after commit
  */
-#include "common/file.h"
+#include "tool/output.h"
 #include "scene/scene_alpha.h"
 #include "format/content.h"
 #include "rays/verify.h"
 
 struct umbb_publish {
-    struct umbs_file file;
+    struct umbu_output file;
     unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;                     /* size of the file */

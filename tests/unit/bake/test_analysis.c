@@ -14,7 +14,7 @@
 #include "bake/depth/tile.h"
 #include "bake/memory_plan.h"
 #include "bake/print_text.h"
-#include "bake/progress.h"
+#include "bake/bake_progress.h"
 
 /* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
 struct small_scene {
@@ -584,18 +584,6 @@ static void foreign_text_is_escaped(void **state)
     assert_string_equal(out, "\xc3\xa9");
 }
 
-static void progress_tells_share_rate_and_time_left(void **state)
-{
-    (void)state;
-    char text[160];
-    umbb_progress_text(text, sizeof text, "Mtexel", 50000000, 200000000, 2.0);
-    assert_string_equal(text, "[######..................]  25 %  25 Mtexel/s  0:06 left");
-    umbb_progress_text(text, sizeof text, "Mtexel", 0, 100, 5.0);
-    assert_non_null(strstr(text, "  0 %"));
-    umbb_progress_text(text, sizeof text, "Mpoint", 100, 100, 100.0);
-    assert_non_null(strstr(text, "100 %"));
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -614,7 +602,6 @@ int main(void)
         cmocka_unit_test(corners_out_of_reach_are_refused_and_not_dropped),
         cmocka_unit_test(memory_is_divided_within_the_limit),
         cmocka_unit_test(foreign_text_is_escaped),
-        cmocka_unit_test(progress_tells_share_rate_and_time_left),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "bake/build/slice_pool.h"
+#include "tool/threads.h"
 #include "bake/depth/depth_raster.h"
 #include "bake/depth/front_marks.h"
 #include "bake/depth/triangle_bins.h"
@@ -35,15 +35,15 @@ static void soup_town(struct soup *soup)
 }
 
 struct threads {
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     struct umb_workers workers;
 };
 
 static void threads_start(struct threads *threads)
 {
     struct umb_error error;
-    assert_int_equal(umbb_slice_pool_create(THREADS, &threads->jobs, &error), UMB_OK);
-    threads->workers = umbb_slice_pool_workers(threads->jobs);
+    assert_int_equal(umbu_threads_create(THREADS, &threads->jobs, &error), UMB_OK);
+    threads->workers = umbu_threads_workers(threads->jobs);
 }
 
 static void borders_are_the_same_for_all_numbers_of_threads(void **state)
@@ -71,7 +71,7 @@ static void borders_are_the_same_for_all_numbers_of_threads(void **state)
         free(many);
     }
     free(one);
-    umbb_slice_pool_destroy(threads.jobs);
+    umbu_threads_destroy(threads.jobs);
     soup_finish(&soup);
 }
 
@@ -139,7 +139,7 @@ static void lists_are_the_same_for_all_numbers_of_threads(void **state)
         umbb_bins_finish(&one);
         umbb_bins_finish(&many);
     }
-    umbb_slice_pool_destroy(threads.jobs);
+    umbu_threads_destroy(threads.jobs);
     soup_finish(&soup);
 }
 

@@ -331,7 +331,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     (void)state;
     struct soup soup;
     struct umb_error error;
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     make_soup(&soup, 341);
     struct ruled r = {.soup = &soup, .edge = {1, 1, 1}};
     r.open = calloc(soup.count, 1);
@@ -339,7 +339,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     bake(&r, 7, 1);
     const struct umbb_casters casters = soup_casters(&soup, 1);
     r.rule.casters = &casters;
-    assert_int_equal(umbb_slice_pool_create(2, &jobs, &error), UMB_OK);
+    assert_int_equal(umbu_threads_create(2, &jobs, &error), UMB_OK);
     memset(r.rule.met, 0, soup.count);
     /* No texel is looked at, or this tile without any would be read out of bounds. */
     const struct umbb_tile tile = {.size = SIZE, .background = SIZE};
@@ -347,7 +347,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     for (size_t i = 0; i < soup.count; i++) {
         assert_int_equal(r.rule.met[i], 0);
     }
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_destroy(jobs);
     release(&r);
     free(r.open);
     soup_finish(&soup);

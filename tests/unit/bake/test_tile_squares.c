@@ -101,14 +101,14 @@ static void squares_read_nothing_below_a_proven_one(void **state)
                      UMB_OK);
 
     struct umbb_squares *squares;
-    struct umbb_slice_pool *jobs;
+    struct umbu_threads *jobs;
     assert_int_equal(umbb_squares_create(TILE_LOG2, &squares, &error), UMB_OK);
-    assert_int_equal(umbb_slice_pool_create(1, &jobs, &error), UMB_OK);
+    assert_int_equal(umbu_threads_create(1, &jobs, &error), UMB_OK);
     umbb_squares_begin(squares, &half);
-    umbb_slice_pool_start(jobs, run_square, squares, UMBB_SQUARE_COUNT);
+    umbu_threads_start(jobs, run_square, squares, UMBB_SQUARE_COUNT);
     assert_int_equal(umbb_squares_column(squares, jobs, &pools[1], &runs[1], &columns[1], &error),
                      UMB_OK);
-    umbb_slice_pool_wait(jobs, NULL, NULL);
+    umbu_threads_wait(jobs, NULL, NULL);
 
     assert_true(columns[0].run_count > 1);
     assert_memory_equal(&columns[0], &columns[1], sizeof columns[0]);
@@ -116,7 +116,7 @@ static void squares_read_nothing_below_a_proven_one(void **state)
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= TILE_LOG2; level++) {
         assert_int_equal(pools[0].level[level].count, pools[1].level[level].count);
     }
-    umbb_slice_pool_destroy(jobs);
+    umbu_threads_destroy(jobs);
     umbb_squares_destroy(squares);
     for (size_t i = 0; i < 2; i++) {
         umb_pool_finish(&pools[i]);

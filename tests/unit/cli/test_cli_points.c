@@ -10,7 +10,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/cli_point_sample.h"
 #include "cli/cli_points.h"
 
 static char folder[] = "umbrage-points-XXXXXX";

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the command line writes: JSON that is JSON, text that commands no terminal, whole files. */
+/* What the command line writes: answers, and text that commands no terminal. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "cli/cli_answers.h"
@@ -31,51 +30,6 @@ static void expect_text(FILE *file, const char *wanted)
     assert_string_equal(text, wanted);
     free(text);
     text = NULL;
-}
-
-static void json_puts_commas_and_escapes(void **state)
-{
-    FILE *file = open_text();
-    struct umbc_json json = {.file = file};
-    const double vector[3] = {1, -0.5, NAN};
-    (void)state;
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_text(&json, "a\"b", "line\nbreak \\ \"quoted\" \t\x1b[0m\x7f");
-    umbc_json_begin(&json, "list", '[');
-    umbc_json_end(&json, ']');
-    umbc_json_integer(&json, "big", UINT64_MAX);
-    umbc_json_signed(&json, "low", INT64_MIN);
-    umbc_json_bool(&json, "yes", true);
-    umbc_json_vector(&json, "v", vector);
-    umbc_json_number(&json, "infinite", INFINITY);
-    umbc_json_end(&json, '}');
-    expect_text(file, "{\"a\\\"b\":\"line\\nbreak \\\\ \\\"quoted\\\" \\u0009\\u001b[0m\\u007f\","
-                      "\"list\":[],\"big\":18446744073709551615,\"low\":-9223372036854775808,"
-                      "\"yes\":true,\"v\":[1,-0.5,null],\"infinite\":null}");
-}
-
-static void json_that_is_given_up_is_closed_where_it_stands(void **state)
-{
-    FILE *file = open_text();
-    struct umbc_json json = {.file = file};
-    (void)state;
-    umbc_json_abandon(&json); /* nothing began: nothing is written */
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_begin(&json, "list", '[');
-    umbc_json_integer(&json, NULL, 7);
-    umbc_json_begin(&json, NULL, '{');
-    umbc_json_abandon(&json);
-    umbc_json_abandon(&json);
-    expect_text(file, "{\"list\":[7,{}]}\n");
-}
-
-static void json_is_utf8_whatever_it_is_given(void **state)
-{
-    FILE *file = open_text();
-    struct umbc_json json = {.file = file};
-    (void)state;
-    umbc_json_text(&json, NULL, "caf\xc3\xa9 \xff \xc3 \xed\xa0\x80.");
-    expect_text(file, "\"caf\xc3\xa9 \\ufffd \\ufffd \\ufffd\\ufffd\\ufffd.\"");
 }
 
 static void text_from_strangers_commands_no_terminal(void **state)
@@ -156,42 +110,6 @@ static void several_lights_stand_side_by_side(void **state)
     }
 }
 
-static void outputs_appear_whole_or_not_at_all(void **state)
-{
-    char folder[] = "umbrage-output-XXXXXX", path[64], content[32] = "";
-    struct umbc_output output;
-    struct umb_error error;
-    (void)state;
-    assert_non_null(mkdtemp(folder));
-    (void)snprintf(path, sizeof path, "%s/file", folder);
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    struct umb_sink sink = umbc_output_sink(&output);
-    assert_int_equal(sink.write(sink.user, "old", 3), UMB_OK);
-    assert_int_equal(access(path, F_OK), -1);
-    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
-    assert_int_equal(chmod(path, 0640), 0);
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    assert_int_equal(sink.write(sink.user, "half", 4), UMB_OK);
-    umbc_output_abandon(&output);
-    umbc_output_abandon(&output);
-    FILE *file = fopen(path, "r");
-    assert_non_null(file);
-    assert_non_null(fgets(content, sizeof content, file));
-    assert_string_equal(content, "old");
-    (void)fclose(file);
-    struct stat info;
-    assert_int_equal(umbc_output_begin(path, &output, &error), UMB_OK);
-    assert_int_equal(umbc_output_commit(&output, &error), UMB_OK);
-    assert_int_equal(stat(path, &info), 0);
-    assert_int_equal(info.st_mode & 0777, 0640); /* of the file it replaced */
-    assert_int_equal(info.st_size, 0);
-    assert_int_equal(umbc_output_begin(folder, &output, &error), UMB_E_CANNOT_CREATE);
-    assert_int_equal(umbc_output_begin("no/such/folder/file", &output, &error),
-                     UMB_E_CANNOT_CREATE);
-    (void)unlink(path);
-    assert_int_equal(rmdir(folder), 0); /* no temporary is left */
-}
-
 static void words_mean_files_or_assets(void **state)
 {
     (void)state;
@@ -230,13 +148,9 @@ static void errors_name_the_options_that_people_type(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(json_puts_commas_and_escapes),
-        cmocka_unit_test(json_that_is_given_up_is_closed_where_it_stands),
-        cmocka_unit_test(json_is_utf8_whatever_it_is_given),
         cmocka_unit_test(text_from_strangers_commands_no_terminal),
         cmocka_unit_test(answers_that_are_no_numbers_are_null_in_json),
         cmocka_unit_test(several_lights_stand_side_by_side),
-        cmocka_unit_test(outputs_appear_whole_or_not_at_all),
         cmocka_unit_test(words_mean_files_or_assets),
         cmocka_unit_test(errors_name_the_options_that_people_type),
     };

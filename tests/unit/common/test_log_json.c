@@ -11,7 +11,6 @@
 #include <unistd.h>
 
 #include "common/log.h"
-#include "common/log_json.h"
 
 static void expect(const char *line, const char *json)
 {

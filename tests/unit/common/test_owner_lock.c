@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "common/clock.h"
+#include "tool/clock.h"
 #include "common/owner_lock.h"
 #include "folder_fixture.h"
 
@@ -88,9 +88,9 @@ static void owner_that_was_killed_is_followed_at_once(void **state)
         assert_int_equal(waitpid(child, &status, 0), child);
         assert_int_equal(status, 0);
         assert_true(folder_size(&f->folder, "lock") > 0);
-        const int64_t from = umbs_now_ms();
+        const int64_t from = umbu_clock_ms();
         assert_int_equal(umbs__owner_lock_take(f->path, reaches[i], 600000, &lock, &error), UMB_OK);
-        assert_true(umbs_now_ms() - from < 300000);
+        assert_true(umbu_clock_ms() - from < 300000);
         umbs_owner_lock_release(&lock);
     }
 }
@@ -105,10 +105,10 @@ static void line_of_another_machine_is_believed_only_where_locks_are_not_enough(
                      UMB_OK);
     umbs_owner_lock_release(&lock);
     write_owner(f, 5);
-    const int64_t from = umbs_now_ms();
+    const int64_t from = umbu_clock_ms();
     assert_int_equal(umbs__owner_lock_take(f->path, UMBS_REACH_NETWORK, WATCH_MS, &lock, &error),
                      UMB_OK);
-    assert_true(umbs_now_ms() - from >= WATCH_MS); /* its number stood still for so long */
+    assert_true(umbu_clock_ms() - from >= WATCH_MS); /* its number stood still for so long */
     umbs_owner_lock_release(&lock);
 }
 

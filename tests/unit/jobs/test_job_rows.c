@@ -431,7 +431,8 @@ static void settings_without_a_last_newline_are_read_to_their_end(void **state)
     assert_int_equal(umbj_tile_edge(settings, 2048), 128);
     umbj_words_add_settings(&words, settings, 2048);
     assert_int_equal(words.count, 3);
-    assert_string_equal(words.list[2], "--resolution=128");
+    assert_string_equal(words.list[1], "--resolution=128");
+    assert_string_equal(words.list[2], "--tile=128");
     umbj_words_finish(&words);
     free(settings);
 }

@@ -402,7 +402,7 @@ static void publish(struct fixture *f, uint8_t key, int system_error)
     memcpy(report.job, job.id, sizeof report.job);
     report.epoch = job.epoch;
     umbj_asset_path(f->service->assets_path, report.asset, path, sizeof path);
-    assert_int_equal(umbs_file_begin(path, &report.staged, &f->error), UMB_OK);
+    assert_int_equal(umbu_output_begin(path, 0, &report.staged, &f->error), UMB_OK);
     report.staged.system_error = system_error;
     umbj__take_report(f->service, &report);
 }

@@ -384,13 +384,13 @@ static enum umb_status stage(struct sim *sim, const struct sim_try *try, struct 
     asset_of(try->content, report->asset);
     memset(content, (int)try->content, sizeof content);
     umbj_asset_path(sim->service->assets_path, report->asset, path, sizeof path);
-    enum umb_status status = umbs_file_begin(path, &report->staged, &error);
+    enum umb_status status = umbu_output_begin(path, 0, &report->staged, &error);
     if (status == UMB_OK) {
-        status = umbs_file_write(&report->staged, content, sizeof content, &error);
+        status = umbu_output_write(&report->staged, content, sizeof content, &error);
     }
     if (status != UMB_OK) {
-        umbs_file_abandon(&report->staged);
-        report->staged = (struct umbs_file){.fd = -1};
+        umbu_output_abandon(&report->staged);
+        report->staged = (struct umbu_output){.fd = -1};
     }
     return status;
 }

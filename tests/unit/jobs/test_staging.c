@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What a bake left is taken for an asset only if it is one, whole, and not too large. */
 #undef _FORTIFY_SOURCE /* read is defined here, not taken from its inline form */
-#define _GNU_SOURCE /* syscall */
+#define _GNU_SOURCE    /* syscall */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -107,14 +107,14 @@ static int teardown(void **state)
 
 static enum umb_status stage(const struct fixture *f, uint64_t most, struct umb_error *error)
 {
-    struct umbs_file staged;
+    struct umbu_output staged;
     uint8_t asset[UMBJ_HASH_BYTES];
     const enum umb_status status = umbj_stage(f->path, most, f->folder, &staged, asset, error);
     assert_int_equal(staged.temporary != NULL, status == UMB_OK);
     if (status == UMB_OK) {
         assert_memory_equal(asset, f->packed.data + 48, sizeof asset); /* umb-format.md: head */
     }
-    umbs_file_abandon(&staged);
+    umbu_output_abandon(&staged);
     return status;
 }
 

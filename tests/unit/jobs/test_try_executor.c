@@ -246,9 +246,9 @@ static void what_a_bake_made_is_staged_and_what_it_said_is_told(void **state)
         assert_int_equal(f->ended.failure, UMBJ_NO_FAILURE);
         assert_non_null(f->ended.staged.temporary);
         if (i == 0) { /* a second one is staged all the same, whether or not the first is there */
-            assert_int_equal(umbs_file_commit(&f->ended.staged, &f->error), UMB_OK);
+            assert_int_equal(umbu_output_commit(&f->ended.staged, &f->error), UMB_OK);
         }
-        umbs_file_abandon(&f->ended.staged);
+        umbu_output_abandon(&f->ended.staged);
         assert_int_equal(names_in(f->assets), 1);
         assert_int_equal(f->told[UMBJ_REPORT_PLAN], 1);
         assert_int_equal(f->told[UMBJ_REPORT_TILES], 1);
@@ -386,8 +386,8 @@ static void what_is_missing_is_told(void **state)
         assert_true(status == UMB_E_NO_MEMORY || has_ended);
         assert_true(!has_ended || f->ended.failure == UMBJ_NO_FAILURE ||
                     strlen(f->ended.text) > 5); /* the program itself may lack some */
-        umbs_file_abandon(&f->ended.staged);
-        f->ended.staged = (struct umbs_file){.fd = -1};
+        umbu_output_abandon(&f->ended.staged);
+        f->ended.staged = (struct umbu_output){.fd = -1};
         (void)f->executor->free_slots(f->executor);
         umbj_folder_remove(-1, f->work);
         assert_int_equal(mkdir(f->work, 0700), 0);

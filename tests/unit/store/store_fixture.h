@@ -5,7 +5,7 @@
 #include <time.h>
 
 #include "../common/folder_fixture.h"
-#include "common/file.h"
+#include "tool/output.h"
 #include "common/sha256.h"
 #include "store/store.h"
 #include "make_asset.h"
@@ -26,13 +26,13 @@ static inline void folder_asset(struct folder *folder, const char *file_name, ui
     const double origin[3] = {0, 0, 0};
     struct umb_octree octree;
     struct umb_content content;
-    struct umbs_file file;
+    struct umbu_output file;
     make_octree(&voxels, &octree);
     make_content(&voxels, 1.0, origin, &content);
-    assert_int_equal(umbs_file_begin(folder_file(folder, file_name), &file, NULL), UMB_OK);
-    struct umb_sink sink = umbs_file_sink(&file);
+    assert_int_equal(umbu_output_begin(folder_file(folder, file_name), 0, &file, NULL), UMB_OK);
+    struct umb_sink sink = umbu_output_sink(&file);
     assert_int_equal(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
-    assert_int_equal(umbs_file_commit(&file, NULL), UMB_OK);
+    assert_int_equal(umbu_output_commit(&file, NULL), UMB_OK);
     umb_octree_finish(&octree);
 }
 
