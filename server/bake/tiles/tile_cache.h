@@ -13,8 +13,8 @@
  * (uint64), XXH3-64 of those 48 bytes followed by the rest (uint64), then the result (tile_code.h)
  * as one zstd frame. All little-endian.
  *
- * A file appears whole or not at all (tool/output.h). So a killed bake leaves only whole results and
- * at most one temporary, which the next opening of the folder removes after a minute. Damage is
+ * A file appears whole or not at all (tool/output.h). So a killed bake leaves only whole results
+ * and at most one temporary, which the next opening of the folder removes after a minute. Damage is
  * found by the checksum: the file is removed and the tile baked again. The content of results is
  * trusted: give write access only to users who may decide what is baked.
  *
