@@ -14,7 +14,7 @@
 #include "bake/bake_progress.h"
 #include "format/receiver_mask.h"
 
-/* What all frusta share. */
+/* State that all frusta share. */
 struct series {
     const struct umbb_frusta_job *job;
     const struct umbb_options *options;
@@ -28,7 +28,7 @@ struct series {
     struct umbb_bake_figures figures;
 };
 
-/* What was found is taken off the total: it says nothing about the rate. */
+/* Progress without the tiles found in the cache, which say nothing about the rate. */
 static void series_progress(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found)
 {
     struct series *series = user;
@@ -62,7 +62,7 @@ uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log
     return (uint64_t)analysis->frustum_count << (2 * (analysis->frusta[0].log2_size - tile_log2));
 }
 
-/* Which of a frustum's tiles are wanted: begin .. end - 1. */
+/* Range of a frustum's tiles to bake: begin .. end - 1. */
 static void wanted_tiles(const struct series *series, uint32_t frustum, uint32_t *begin,
                          uint32_t *end)
 {
@@ -136,8 +136,8 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     return status;
 }
 
-/* The static rule has an `end` of its own, also where no caster is closed: then all count as open,
- * under the closed rule. */
+/* Bakes under the static rule, which has an `end` of its own even if no caster is closed: all
+ * casters then count as open, under the closed rule. */
 static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
                                    uint32_t number, uint32_t *root, struct umb_error *error)
 {
@@ -158,7 +158,7 @@ static enum umb_status bake_static(struct series *series, const struct umbb_cast
     return status;
 }
 
-/* Brings the casters, which are in world space, before the frustum and bakes it. */
+/* Projects the casters, which are in world space, to the frustum and bakes it. */
 static enum umb_status bake_frustum(struct series *series, uint32_t number, uint32_t *root,
                                     struct umb_error *error)
 {
@@ -227,7 +227,7 @@ static void close_occluder_depths(struct series *series)
     free(series->occluder_depths);
 }
 
-/* 1 if nothing of a frustum is wanted. */
+/* 1 if no tile of a frustum is to be baked. */
 static int is_unwanted(const struct series *series, uint32_t frustum)
 {
     uint32_t begin, end;

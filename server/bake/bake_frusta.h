@@ -16,31 +16,31 @@ struct umbb_occluder_depth_words {
     uint64_t count;
 };
 
-/* What is to be baked. */
+/* Input of baking all frusta. */
 struct umbb_frusta_job {
     struct umbb_analysis *analysis; /* its corners end up in some voxel space */
     const struct umbs_scene_view *view;
     const struct umbb_options *options;
-    const struct umbb_memory_plan *memory; /* as divided for these options */
+    const struct umbb_memory_plan *memory; /* division of memory for these options */
     struct umbb_tile_folder *tile_folder;  /* NULL: no tile is kept or found */
     struct umbb_occluder_depth_words
-        *occluder_depth;             /* gets the occluder depth map; NULL: not wanted */
-    size_t occluder_depth_max_bytes; /* for it: umbb_head_occluder_depth_bytes */
-    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] gets the cells that hold receivers, and the static
-     * rule holds; NULL: off */
+        *occluder_depth;             /* receives the occluder depth map; NULL: not wanted */
+    size_t occluder_depth_max_bytes; /* limit of it: umbb_head_occluder_depth_bytes */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] receives the cells with receivers, and turns on the
+     * static rule; NULL: off */
     uint64_t *receiver_mask_cells;
 };
 
-/* Tiles of all frusta together; frustum by frustum, row by row is how they are numbered. */
+/* Number of tiles of all frusta. Tiles are numbered frustum by frustum, row by row. */
 uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log2);
 
 /*
- * Bakes.
+ * Bakes all frusta.
  *
  * Out:   octree: canonical, a root for each frustum; the caller finishes it. With task tile it
- *        stays empty: the results are with `tile_folder`. figures: sums.
- * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), what the tile cache
- *        says (tile_folder.h).
+ *        stays empty: the results are in `tile_folder`. figures: sums.
+ * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), as the tile cache
+ *        (tile_folder.h).
  */
 UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
                                              struct umb_octree *octree,

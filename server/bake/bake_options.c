@@ -217,7 +217,7 @@ static enum umb_status check_task(const struct umbb_options *o, struct umb_error
     return UMB_OK;
 }
 
-/* What no option can check alone. */
+/* Checks combinations of options. */
 static enum umb_status check_together(struct umbb_options *o, bool tile_given,
                                       struct umb_error *error)
 {
@@ -232,7 +232,7 @@ static enum umb_status check_together(struct umbb_options *o, bool tile_given,
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
     }
     if (o->max_error_m > 0) {
-        o->resolution_log2 = UMBB_RESOLUTION_LOG2_MIN; /* until the scene is known */
+        o->resolution_log2 = UMBB_RESOLUTION_LOG2_MIN; /* set once the scene is known */
     } else if (o->tile_log2 > o->resolution_log2) {
         if (tile_given) {
             return umb_fail(error, UMB_E_ARGUMENT, "--tile: '%u' is larger than --resolution %u",
@@ -243,7 +243,7 @@ static enum umb_status check_together(struct umbb_options *o, bool tile_given,
     return umbb_effects_settle(o, error);
 }
 
-/* Reads the task; returns how many words that took. */
+/* Reads the task; returns the number of words it took. */
 static int take_task(struct umbb_options *options, int argc, char **argv)
 {
     static const char *const tasks[] = {

@@ -4,8 +4,8 @@
 /*
  * The command line of umbrage-bake, checked.
  *
- * Every refusal names the option, the value and what it may be. Only what somebody typed is
- * checked here; what the scene holds is not.
+ * Every refusal names the option, the value and its limits. Only the command line is checked here,
+ * not the scene's content.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -34,7 +34,7 @@ enum umbb_up_axis {
     UMBB_UP_Z = 2,
 };
 
-/* What is to be done. */
+/* Tasks of the program. */
 enum umbb_task {
     UMBB_TASK_BAKE = 0,
     UMBB_TASK_TILE = 1,   /* `tile`: results of tiles into a folder */
@@ -56,17 +56,17 @@ struct umbb_options {
     const char *output;   /* a folder with task tile; NULL with plan */
     const char *cache;    /* folder of tile results to use and fill, or NULL */
     const char *from;     /* task merge: folder of the tile results */
-    uint64_t cache_bytes; /* that the cache may take; of tile: only if given */
+    uint64_t cache_bytes; /* limit of the cache; with task tile only if given */
     int cache_size_given;
     int only_given; /* task tile: only tiles only_first .. only_last */
     uint64_t only_first, only_last;
     uint32_t resolution_log2;
-    double max_error_m; /* above 0: it chooses the resolution */
+    double max_error_m; /* above 0: chooses the resolution */
     struct umbb_light_requests lights;
     enum umbb_up_axis up;
     enum umbb_closed_mode closed;
-    int occluder_depth;         /* effect `front`, where the closed rule holds */
-    int occluder_depth_refused; /* `front` was said to be off */
+    int occluder_depth;         /* effect `front`, if the closed rule applies */
+    int occluder_depth_refused; /* effect `front` was switched off */
     int static_rule;            /* effect `static`: nothing moves */
     int opaque_cut_outs;        /* effect `cut-out` switched off */
     int opaque_translucents;    /* effect `transmittance` switched off */
@@ -76,7 +76,7 @@ struct umbb_options {
     uint32_t tile_log2;
     enum umbb_depth_path depth;
     uint64_t verify_points; /* 0 = off */
-    int progress_fd;        /* see progress.h; -1 = nobody is told */
+    int progress_fd;        /* see progress.h; -1 = no reports */
     enum umbb_sandbox_mode sandbox;
     int plan, json, quiet, help, version;
 };
@@ -84,7 +84,7 @@ struct umbb_options {
 /*
  * Reads argv[1..]. argv[1] may name the task: import, tile, merge.
  *
- * Out:   options: complete; with help or version nothing else need be there.
+ * Out:   options: complete; with help or version no other option is required.
  * Fails: E_ARGUMENT.
  */
 UMB_CHECKED enum umb_status umbb_options_parse(int argc, char **argv, struct umbb_options *options,

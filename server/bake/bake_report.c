@@ -46,7 +46,7 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
             "seconds     %.2f: import %.2f, analysis %.2f, bake %.2f, write %.2f, verify %.2f\n",
             r->seconds_total, r->seconds_import, r->seconds_analysis, r->seconds_bake,
             r->seconds_write, r->seconds_verify);
-    if (r->figures.texels > 0) { /* not where every tile was there already */
+    if (r->figures.texels > 0) { /* 0 if the cache had every tile */
         fprintf(to, "rate        %.1f Mtexel/s, depth by %s\n",
                 1e-6 * (double)r->figures.texels / (r->seconds_bake > 0.0 ? r->seconds_bake : 1e-9),
                 r->depth_path);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_BAKE_REPORT_H
 #define UMBRAGE_SERVER_BAKE_BAKE_REPORT_H
-/* What a finished bake tells: for people, or as one JSON object. */
+/* The report of a finished bake: as text, or as one JSON object. */
 #include <stdio.h>
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
@@ -14,7 +14,7 @@ struct umbb_report {
     struct umbb_bake_figures figures;
     uint32_t tile_log2;
     uint32_t transmittance_level; /* 2^level texels a side of maps of translucent casters, or 0 */
-    uint64_t damaged_tiles; /* found in the cache, removed and baked again */
+    uint64_t damaged_tiles;       /* tiles found damaged in the cache, removed and baked again */
     const char *depth_path;
     double seconds_import, seconds_analysis, seconds_bake, seconds_write, seconds_verify;
     double seconds_total;
@@ -23,7 +23,7 @@ struct umbb_report {
 void umbb_report_print(FILE *to, const struct umbb_report *report);
 void umbb_report_print_json(FILE *to, const struct umbb_report *report);
 
-/* What task tile tells, in either form. */
+/* Prints the report of task tile, in either form. */
 void umbb_report_print_tiles(FILE *to, const struct umbb_report *report);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The pipeline. Each step frees what the next does not need, so that --memory holds.
+ * The pipeline. Each step frees the memory that the next does not need, so that --memory holds.
  */
 #include "bake/bake_run.h"
 
@@ -31,12 +31,12 @@
 #include "format/receiver_mask.h"
 #include "umbrage/version.h"
 
-/* 32 KiB each, in a head of at most 64 MiB. */
+/* Limit of frusta under the static rule: 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
 
-/* A run under way. */
+/* State of a run. */
 struct run {
-    const struct umbb_options *options; /* chosen, or the caller's */
+    const struct umbb_options *options; /* `chosen`, or the caller's */
     struct umbb_options chosen;         /* with the resolution of --max-error */
     struct umbs_scene *scene;
     struct umbb_bake_sandbox sandbox;
@@ -50,12 +50,12 @@ struct run {
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_folder
-        tile_folder;          /* where tiles are kept; folder of its cache NULL: nowhere */
-    uint64_t check_max_bytes; /* for the asset while it is checked */
+        tile_folder;          /* folder of tile results; without a cache its folder is NULL */
+    uint64_t check_max_bytes; /* limit of the asset's memory during its check */
     double start_s;
 };
 
-/* Prints lines with a prefix each. */
+/* Prints each line with a prefix. */
 static void print_notices(const char *lines)
 {
     while (lines != NULL && *lines != '\0') {
@@ -65,8 +65,8 @@ static void print_notices(const char *lines)
     }
 }
 
-/* An output that is the scene itself would destroy it; one that cannot be written is better known
- * before the work than after it. */
+/* Checks the output before the work: an output that is the scene itself would destroy it, and an
+ * unwritable one is better known now than at the end. */
 static enum umb_status check_output(const struct umbb_options *options, struct umb_error *error)
 {
     struct stat scene, output;
@@ -131,14 +131,14 @@ static struct umbb_memory_input memory_input(const struct run *run)
     };
 }
 
-/* A forecast knows no more: 400, not 4e+02 or 412.7. */
+/* Rounds to two digits, the precision of a forecast: 400, not 412.7. */
 static double two_digits(double value)
 {
     const double unit = value > 0 ? pow(10, floor(log10(value)) - 1) : 1;
     return round(value / unit) * unit;
 }
 
-/* Says what --max-error comes to. */
+/* Prints the resolution that --max-error chose, and its forecast. */
 static void print_choice(const struct umbb_options *options, const struct umbb_forecast *forecast)
 {
     fprintf(stderr,
@@ -155,7 +155,7 @@ static void print_choice(const struct umbb_options *options, const struct umbb_f
     fputc('\n', stderr);
 }
 
-/* Lets --max-error choose the resolution. */
+/* Chooses the resolution for --max-error. */
 static enum umb_status choose_resolution(struct run *run, struct umb_error *error)
 {
     struct umbb_forecast forecast;
@@ -179,7 +179,7 @@ static enum umb_status choose_resolution(struct run *run, struct umb_error *erro
     return status;
 }
 
-/* What the static rule takes. */
+/* Checks the conditions of the static rule. */
 static enum umb_status check_static(const struct run *run, struct umb_error *error)
 {
     const struct umbb_analysis *analysis = &run->analysis;
@@ -256,8 +256,8 @@ static enum umb_status open_tile_folder(struct run *run, struct umb_error *error
     return status;
 }
 
-/* Tiles that several machines are to share must be the same everywhere: the size asked for, and
- * numbers that exist. */
+/* Checks tiles that several machines share: the tile size must be as requested, and tile numbers
+ * must exist. */
 static enum umb_status check_tiles(const struct run *run, const struct umbb_memory_plan *memory,
                                    struct umb_error *error)
 {
@@ -278,7 +278,7 @@ static enum umb_status check_tiles(const struct run *run, const struct umbb_memo
     return UMB_OK;
 }
 
-/* Deep maps come when the tiles are gone and the octree stands. */
+/* Makes deep maps, when the tiles are freed and the octree is complete. */
 static enum umb_status bake_transmittance(struct run *run, const struct umbb_memory_plan *memory,
                                           struct umb_error *error)
 {
@@ -289,7 +289,7 @@ static enum umb_status bake_transmittance(struct run *run, const struct umbb_mem
                                    &run->report.transmittance_level, error);
 }
 
-/* Room for what the static rule says. */
+/* Allocates the results of the static rule. */
 static enum umb_status open_static(struct run *run, struct umb_error *error)
 {
     const uint32_t count = run->analysis.frustum_count;
@@ -304,7 +304,7 @@ static enum umb_status open_static(struct run *run, struct umb_error *error)
                           count);
 }
 
-/* What the asset is to say so far. */
+/* Content of the asset so far. */
 static struct umb_content content_of(const struct run *run)
 {
     return (struct umb_content){
@@ -384,7 +384,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     return status;
 }
 
-/* The facts that stay out of the identity. */
+/* Writes the facts that are not part of the id. */
 static void write_notes(const struct run *run, char *text, size_t size)
 {
     const time_t now = time(NULL);
@@ -472,10 +472,10 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     return status;
 }
 
-/* Keeps what was imported, as a file. */
+/* Saves the imported scene as a file. */
 static enum umb_status save_scene(struct run *run, struct umb_error *error)
 {
-    umbb_interrupt_defer(); /* whose temporary goes with it */
+    umbb_interrupt_defer(); /* so that a signal also removes its temporary */
     const enum umb_status status = umbs_scene_save(run->scene, run->options->output, error);
     if (status == UMB_OK && run->options->json) {
         char id[UMB_ID_TEXT_SIZE];
@@ -516,11 +516,12 @@ static void print_report(struct run *run)
     }
 }
 
-/* What there is to do with an imported scene. */
+/* Runs the task on an imported scene. */
 static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error)
 {
     enum umb_status status = analyse(run, error);
-    const struct umbb_options *options = run->options; /* chosen meanwhile, perhaps */
+    /* --max-error may have replaced the options. */
+    const struct umbb_options *options = run->options;
     if (status == UMB_OK && options->plan) {
         const uint64_t tiles = umbb_tile_count(&run->analysis, options->tile_log2);
         umbb_progress_tiles(0, tiles, 0);

@@ -8,7 +8,8 @@
 #include "bake/bake_options.h"
 #include "umbrage/status.h"
 
-/* Notices go to stderr, the plan or summary to stdout. On failure nothing new is left on disk. */
+/* Runs the program. Notices go to stderr, the plan or summary to stdout. A failure leaves no new
+ * file. */
 UMB_CHECKED enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The loop over frusta, and over resolutions until one is small enough. */
+/* The loop over frusta, and over resolutions until the maps are small enough. */
 #include "bake/bake_transmittance.h"
 
 #include <stdlib.h>
@@ -11,10 +11,10 @@
 #include "bake/depth/transmittance_make.h"
 #include "bake/interrupt.h"
 
-/* More than this would only hide that a map has too many fragments to be of use. */
+/* Limit of working memory: a map that needs more has too many fragments to be useful. */
 #define WORKING_MAX ((size_t)1 << 30)
 
-/* What all frusta share. */
+/* State that all frusta share. */
 struct maps {
     struct umbb_analysis *analysis;
     const struct umbb_options *options;
@@ -24,7 +24,7 @@ struct maps {
     int too_large;
 };
 
-/* A frustum whose x and y are counted in texels of 2^level a side. */
+/* A copy of a frustum with x and y in texels of a map of 2^level texels a side. */
 static struct umb_frustum_info coarse_frustum(const struct umb_frustum_info *frustum,
                                               uint32_t level)
 {
@@ -51,7 +51,7 @@ static enum umb_status make_map(struct maps *maps, const struct umbb_casters *ca
     return umbb_transmittance_make(&job, bytes, &maps->too_large, error);
 }
 
-/* The map of parallel light: the triangles are brought before it in a copy. */
+/* Makes the map of parallel light, from a projected copy of the triangles. */
 static enum umb_status make_parallel(struct maps *maps, const struct umb_frustum_info *coarse,
                                      struct umbb_casters *casters, uint32_t level,
                                      struct umb__transmittance_bytes *bytes,
@@ -71,7 +71,7 @@ static enum umb_status make_parallel(struct maps *maps, const struct umb_frustum
     return status;
 }
 
-/* The map of a spot or point light's face. */
+/* Makes the map of a spot or point light's face. */
 static enum umb_status make_projected(struct maps *maps, const struct umb_frustum_info *coarse,
                                       struct umbb_casters *casters, uint32_t level,
                                       struct umb__transmittance_bytes *bytes,
@@ -99,7 +99,7 @@ static enum umb_status make_projected(struct maps *maps, const struct umb_frustu
     return status;
 }
 
-/* Appends the map of a frustum. Out: levels: its own, or 0. */
+/* Appends the map of a frustum. Out: levels: its level, or 0. */
 static enum umb_status make_frustum(struct maps *maps, uint32_t number,
                                     struct umb__transmittance_bytes *bytes, uint8_t *levels,
                                     struct umb_error *error)
@@ -125,7 +125,7 @@ static enum umb_status make_frustum(struct maps *maps, uint32_t number,
     return status;
 }
 
-/* The entry with maps of 2^level_max texels a side at most. */
+/* Makes the entry with maps of at most 2^level_max texels a side. */
 static enum umb_status make_entry(struct maps *maps, struct umb__transmittance_bytes *bytes,
                                   struct umb_error *error)
 {

@@ -3,13 +3,12 @@
 #define UMBRAGE_SERVER_BAKE_BAKE_TRANSMITTANCE_H
 /*
  * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head
- * holds them.
+ * stores them.
  *
- * Every reader of an asset has its head, so that the maps are kept small: at most 2048 texels a
- * side, no more than the frustum has voxels, and fewer, for all frusta alike, while the maps take
- * more than 16 MiB. What such casters throw has soft edges already where it matters (hair, glass,
- * smoke fade in depth and by their textures), and four texels for one take about four times the
- * bytes.
+ * Every reader of an asset loads its head, so the maps are kept small: at most 2048 texels a side,
+ * no more than the frustum has voxels, and fewer, for all frusta alike, while the maps take more
+ * than 16 MiB. The shadows of such casters have soft edges where it matters (hair, glass and smoke
+ * fade in depth and by their textures). Four texels for one would take about four times the bytes.
  */
 #include "bake/analysis/analysis.h"
 #include "bake/bake_options.h"
@@ -21,10 +20,10 @@
 /*
  * Makes the entry.
  *
- * In:    analysis: its translucent triangles. working_bytes: that lists of triangles and fragments
- *        may take.
- * Out:   bytes: the entry, or nothing if there is nothing translucent; finish it, whatever is
- *        returned. level: of the maps, 0 if there are none.
+ * In:    analysis: its translucent triangles. working_bytes: limit of lists of triangles and
+ *        fragments.
+ * Out:   bytes: the entry, or empty if nothing is translucent; finish it after any result. level:
+ *        of the maps, 0 if there are none.
  * Fails: E_LIMIT (no map is small enough, --memory), E_NO_MEMORY, E_CANCELLED.
  */
 UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,

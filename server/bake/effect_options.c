@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A table of effects: who decides each, and where. */
+/* A table of effects, with the decider of each and where to change it. */
 #include "bake/effect_options.h"
 
 #include <string.h>
 
 #include "bake/bake_options.h"
 
-/* What may be said about an effect. */
+/* Decider of an effect: which --effect settings are allowed. */
 enum decider {
     BY_CALLER,  /* on or off */
-    BY_SCENE,   /* nothing: it follows from something else */
-    BY_VERSION, /* off: there is none yet */
+    BY_SCENE,   /* none: it follows from another setting */
+    BY_VERSION, /* off only: this version lacks the effect */
 };
 
 static const struct {
     const char *name;
     enum decider decider;
-    const char *where; /* BY_SCENE: what it follows from */
+    const char *where; /* BY_SCENE: the setting it follows from */
 } effects[] = {
     {"closed", BY_CALLER, NULL},
     {"front", BY_CALLER, NULL},
@@ -31,7 +31,7 @@ static const struct {
     {"voaa", BY_VERSION, NULL},
 };
 
-/* Sets an effect that the caller decides. */
+/* Sets an effect that the caller may decide. */
 static void decide(struct umbb_options *options, const char *name, int on)
 {
     if (strcmp(name, "front") == 0) {

@@ -4,17 +4,18 @@
 /*
  * --effect NAME=on|off: overruling what the analysis decides.
  *
- * Only effects that a caller can decide are taken. What follows from the lights or the coordinates
- * is refused with where to change it; what this version does not have may be off, never on.
+ * Only effects that a caller can decide are accepted. For an effect that follows from the lights or
+ * the coordinates, the refusal names the place to change it. An effect that this version lacks may
+ * be off, never on.
  */
 #include <stdint.h>
 #include "tool/options.h"
 
 struct umbb_options;
 
-/* What was said about half shadows. */
+/* Setting of half shadows (penumbras). */
 enum umbb_penumbra_mode {
-    UMBB_PENUMBRA_AUTO = 0, /* on where a light's extent calls for it and occluders are known */
+    UMBB_PENUMBRA_AUTO = 0, /* on if a light's extent calls for it and occluders are known */
     UMBB_PENUMBRA_ON,       /* keeps first occluders for it (`front`) */
     UMBB_PENUMBRA_OFF,      /* the asset's lights get no extent: queries have no penumbras */
 };
@@ -23,7 +24,7 @@ enum umbb_penumbra_mode {
 enum umb_status umbb_effect_set(const struct umbu_option *option, const char *value, void *options,
                                 struct umb_error *error);
 
-/* Settles what no option can alone, when all are read: penumbras keep first occluders. Fails:
+/* Completes the effects once all options are read: penumbras keep first occluders. Fails:
  * E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbb_effects_settle(struct umbb_options *options,
                                                 struct umb_error *error);

@@ -7,7 +7,7 @@
 #include "umbrage/curve.h"
 
 #define OCCLUDER_DEPTH_MAX_BYTES ((uint64_t)48 << 20)
-#define OCCLUDER_DEPTH_ENTRY     (UMB__ENTRY_HEAD + 8U) /* its head, and padding behind it */
+#define OCCLUDER_DEPTH_ENTRY     (UMB__ENTRY_HEAD + 8U) /* its head, and the padding after it */
 
 enum umb_status umbb_head_occluder_depth_bytes(const struct umb_content *content, int translucent,
                                                size_t *bytes, struct umb_error *error)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * One handler. Signals come in bursts (a terminal and a supervisor both send one, timeout(1) sends
- * two), so a further one counts as a second wish only after a while.
+ * two), so another one counts as a second request only after a while.
  */
 #include "bake/interrupt.h"
 
@@ -33,7 +33,7 @@ static void handle(int number)
     long first_s = 0;
     if (atomic_compare_exchange_strong(&caught_at_s, &first_s, now_s)) {
         atomic_store(&caught, 1);
-    } else if (number != SIGXCPU && now_s - first_s > BURST_S) { /* which comes every second */
+    } else if (number != SIGXCPU && now_s - first_s > BURST_S) { /* SIGXCPU comes every second */
         (void)signal(number, SIG_DFL);
         (void)raise(number);
     }

@@ -3,14 +3,14 @@
 #define UMBRAGE_SERVER_BAKE_INTERRUPT_H
 /*
  * SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGXCPU (the limit of CPU time) end a bake in order, with
- * the exit code of E_CANCELLED. While there is nothing to clean up they do so at once; from
- * umbb_interrupt_defer on they set a flag that long work looks at, so that the temporary file goes.
- * Another signal more than a second later ends the process as usual.
- * A signal that was ignored when the program started (nohup) stays so.
+ * the exit code of E_CANCELLED. While there is nothing to clean up they end it at once. After
+ * umbb_interrupt_defer they set a flag that long work checks, so that the temporary file is
+ * removed. Another signal more than a second later ends the process as usual. A signal that was
+ * ignored when the program started (nohup) stays ignored.
  */
 
-/* Catches the signals from now on, and makes writing to a closed pipe or beyond the file size limit
- * an error of that write. */
+/* Installs the handlers, and makes a write to a closed pipe, or beyond the file size limit, fail
+ * with an error instead of a signal. */
 void umbb_interrupt_install(void);
 
 /* From now on a signal only sets the flag. */

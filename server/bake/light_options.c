@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* The next free request, or NULL with a refusal. */
+/* The next free request, or NULL after a refusal. */
 static struct umbb_light_request *add_request(void *lights, const struct umbu_option *option,
                                               const char *value, struct umb_error *error)
 {
@@ -35,7 +35,7 @@ enum umb_status umbb_light_option_sun(const struct umbu_option *option, const ch
     return UMB_OK;
 }
 
-/* Exactly `digits` digits, then `end`. */
+/* Reads exactly `digits` digits, then `end`. */
 static int read_digits(const char **at, int digits, char end, int *value)
 {
     *value = 0;
@@ -48,7 +48,7 @@ static int read_digits(const char **at, int digits, char end, int *value)
     return *(*at)++ == end;
 }
 
-/* YYYY-MM-DD followed by a comma. */
+/* Reads YYYY-MM-DD followed by a comma. */
 static int read_date(const char **at, struct umbb_sun_path *path)
 {
     static const int days[] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};

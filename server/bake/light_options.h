@@ -1,23 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
 #define UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
-/* The lights that the command line asks for: --sun, --sun-path, --spot, --point, --light, and how
- * large they are: --light-size. */
+/* Lights of the command line: --sun, --sun-path, --spot, --point, --light, and their size:
+ * --light-size. */
 #include <stddef.h>
 #include "tool/options.h"
 
 #define UMBB_LIGHT_REQUESTS_MAX 512U
-#define UMBB_PATH_YEAR_MIN      1900 /* what the position of the sun is computed for */
+#define UMBB_PATH_YEAR_MIN      1900 /* first year for which the sun's position is computed */
 #define UMBB_PATH_YEAR_MAX      2100
 #define UMBB_PATH_STEP_MAX      720.0 /* minutes */
-#define UMBB_LIGHT_AT_MAX       1e12  /* metres, of a coordinate */
+#define UMBB_LIGHT_AT_MAX       1e12  /* metres, limit of a coordinate */
 #define UMBB_LIGHT_SIZE_M_MAX   1e6
 #define UMBB_LIGHT_SIZE_DEG_MAX 90.0
 
 /* The suns of one day at one place. */
 struct umbb_sun_path {
     double latitude_deg, longitude_deg; /* north and east are positive */
-    int year, month, day;               /* of the place's mean solar time, Gregorian */
+    int year, month, day;               /* date in the place's mean solar time, Gregorian */
     double step_minutes;
 };
 
@@ -29,7 +29,7 @@ enum umbb_light_request_kind {
     UMBB_REQUEST_POINT = 4,
 };
 
-/* One option; only the fields of its kind mean something. */
+/* One light option; only the fields of its kind are set. */
 struct umbb_light_request {
     enum umbb_light_request_kind kind;
     double azimuth_deg, elevation_deg;
@@ -40,12 +40,12 @@ struct umbb_light_request {
     double half_deg;     /* half of the cone's angle: SPOT */
 };
 
-/* All of them, in the order they were given. */
+/* All light options, in the order given. */
 struct umbb_light_requests {
     size_t count;
     struct umbb_light_request items[UMBB_LIGHT_REQUESTS_MAX];
     int has_size_m, has_size_deg;
-    double size_m;   /* across, of spot and point lights */
+    double size_m;   /* diameter of spot and point lights */
     double size_deg; /* angular diameter of directional lights */
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Arithmetic on upper estimates; every figure is bytes. */
+/* Arithmetic on upper estimates; every number is in bytes. */
 #include "bake/memory_plan.h"
 
 #include "bake/analysis/analysis.h"
@@ -7,37 +7,37 @@
 #include "format/receiver_mask.h"
 
 #define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
-#define CORNER_BYTES  75U                  /* of a triangle while baking */
-/* Of a triangle's projections: few are cut, and room grows by half at a time. */
+#define CORNER_BYTES  75U                  /* bytes of a triangle during the bake */
+/* Of a triangle's projections: few are cut, and the array grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
-#define EMBREE_BYTES    200U /* user primitive in a hierarchy, while building */
-/* Of a triangle under the static rule: what was seen of it, its place in a list, its kind. */
+#define EMBREE_BYTES    200U /* user primitive in a hierarchy, during its building */
+/* Of a triangle under the static rule: its survey flags, its place in a list, its kind. */
 #define RULED_BYTES (1 + 4 + 1)
-#define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* of a thread */
+#define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* layers of a thread */
 #define RECEIVER_MASK_BYTES                                                                        \
     ((uint64_t)UMB__RECEIVER_MASK_WORDS * 8) /* of a frustum under the static rule */
-#define GRID_CELL  80U                       /* of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN ((uint64_t)1 << 20)       /* the least worth starting with */
+#define GRID_CELL  80U                       /* bytes of a tile: column, runs, bounds, bins */
+#define OCTREE_MIN ((uint64_t)1 << 20)       /* the smallest octree worth starting with */
 
-/* Everything but the octree and what does not depend on the tile. */
+/* Everything that depends on the tile size, except the octree. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
 {
     const uint64_t cells = (uint64_t)1 << (2 * (input->log2_size - tile_log2));
     const size_t drawn = umbb_bake_tile_bytes(input->log2_size, tile_log2, input->closed_rule);
-    const uint64_t band = ((uint64_t)UMBB_STATIC_BAND << tile_log2) * 4; /* of a thread */
+    const uint64_t band = ((uint64_t)UMBB_STATIC_BAND << tile_log2) * 4; /* band of a thread */
     return (input->merging ? 0 : drawn) + cells * GRID_CELL +
            (input->ruled_frusta > 0 ? input->threads * band : 0);
 }
 
-/* Of a triangle while baking. */
+/* Bytes of a triangle during the bake. */
 static uint64_t baked_triangle(const struct umbb_memory_input *input)
 {
     return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0) +
            (input->projected ? PROJECTED_BYTES : 0) + (input->ruled_frusta > 0 ? RULED_BYTES : 0);
 }
 
-/* What does not depend on the tile. */
+/* Bytes that do not depend on the tile size. */
 static uint64_t base_bytes(const struct umbb_memory_input *input)
 {
     uint64_t triangle = baked_triangle(input);
@@ -47,7 +47,7 @@ static uint64_t base_bytes(const struct umbb_memory_input *input)
            input->ruled_frusta * RECEIVER_MASK_BYTES;
 }
 
-/* What triangles take at other moments and not while baking. */
+/* Bytes of triangles at other moments that are free during the bake. */
 static uint64_t spare_bytes(const struct umbb_memory_input *input)
 {
     const uint64_t baked = baked_triangle(input);
@@ -58,11 +58,11 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
                                    struct umbb_memory_plan *plan, struct umb_error *error)
 {
     const uint64_t base = base_bytes(input);
-    uint64_t least = UINT64_MAX; /* of the tile sizes tried */
+    uint64_t least = UINT64_MAX; /* smallest requirement of the tried tile sizes */
     for (uint32_t log2 = input->tile_log2; log2 >= UMBB_TILE_LOG2_MIN; log2--) {
         const uint64_t fixed = base + tile_bytes(input, log2);
         least = fixed < least ? fixed : least;
-        /* The octree gets at least as much as the tiles, and something in any case. */
+        /* The octree gets at least as much as the tiles, and a minimum in any case. */
         const uint64_t wanted = fixed + (fixed - base) + OCTREE_MIN;
         if (wanted <= input->memory_bytes) {
             const uint64_t rest = input->memory_bytes - fixed;

@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
 #define UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
 /*
- * How --memory is divided: triangles, depth, tiles; what is left may be taken by the octree.
- * The tile may come out smaller than asked for; that changes no bit of the result.
+ * How --memory is divided: triangles, depth, tiles; the octree may take the rest. The tile may
+ * become smaller than requested; that changes no bit of the result.
  *
  * Three moments count: the search for parts, the bake, and the comparison with rays. Triangles take
- * the most in the first and the last; in the bake what they take less may go to lists of triangles.
+ * the most in the first and the last. In the bake, lists of triangles may use the difference.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -17,25 +17,25 @@ struct umbb_memory_input {
     uint64_t scene_bytes; /* the importer's buffer */
     size_t triangles;
     uint32_t log2_size;
-    uint32_t tile_log2; /* the largest wanted */
+    uint32_t tile_log2; /* the largest wanted tile */
     unsigned threads;
-    int closed_rule;       /* or ruled: tiles with an `end` of their own */
-    uint32_t ruled_frusta; /* by the static rule; 0: not */
-    int merging;           /* every tile is found: none is drawn */
-    int traced;            /* depth by rays: a bounding volume hierarchy */
-    int projected;         /* spot or point lights: triangles stand beside their projections */
+    int closed_rule;       /* or under the static rule: tiles with an `end` of their own */
+    uint32_t ruled_frusta; /* frusta under the static rule; 0: off */
+    int merging;           /* 1: every tile is found, none is drawn */
+    int traced;            /* 1: depth by rays, with a bounding volume hierarchy */
+    int projected; /* 1: spot or point lights, triangles are kept beside their projections */
 };
 
 struct umbb_memory_plan {
     uint32_t tile_log2;
     size_t octree_max_bytes;
     size_t shared_max_bytes;    /* see umbb_bake_options */
-    size_t projected_max_bytes; /* for projected triangles */
-    uint64_t check_max_bytes;   /* for the finished asset while it is compared with rays */
+    size_t projected_max_bytes; /* limit of projected triangles */
+    uint64_t check_max_bytes;   /* limit of the finished asset during the comparison with rays */
     uint64_t fixed_bytes;       /* everything but the octree */
 };
 
-/* Divides. Fails: E_LIMIT, naming what the smallest bake would need. */
+/* Divides the memory. Fails: E_LIMIT, naming the need of the smallest bake. */
 UMB_CHECKED enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
                                                struct umbb_memory_plan *plan,
                                                struct umb_error *error);

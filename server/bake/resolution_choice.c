@@ -13,10 +13,10 @@
 
 #define SMALL_LOG2 11U /* voxels a side of the second small bake */
 #define GROWTH_MIN                                                                                 \
-    1.5 /* of time and bytes with each doubling: lines grow twofold, areas fourfold */
+    1.5 /* growth of time and bytes with each doubling: lines grow twofold, areas fourfold */
 #define GROWTH_MAX 3.5
 
-/* What a small bake took. */
+/* Costs of a small bake. */
 struct sample {
     double seconds, packed_bytes, octree_bytes;
 };
@@ -53,7 +53,7 @@ static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-/* Packs an octree to nowhere. */
+/* Packs an octree without writing it, for its size. */
 static enum umb_status pack(const struct umbb_resolution_job *job, const struct umb_octree *octree,
                             double *packed_bytes, struct umb_error *error)
 {
@@ -82,7 +82,7 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
     struct umbb_bake_figures figures = {0};
     const double start = umbu_process_cpu_s();
     memset(sample, 0, sizeof *sample);
-    options.task = UMBB_TASK_BAKE; /* all of it, also where only tiles are wanted afterwards */
+    options.task = UMBB_TASK_BAKE; /* everything, also if only tiles are wanted afterwards */
     options.only_given = 0;
     options.resolution_log2 = log2_size;
     options.quiet = 1;
@@ -129,7 +129,7 @@ static int fits(const struct umbb_resolution_job *job, uint32_t log2_size,
            forecast->octree_bytes <= (double)plan.octree_max_bytes;
 }
 
-/* The wanted resolution is out of reach: names the best that is not. */
+/* Fails because the wanted resolution is out of reach; names the best one within it. */
 static enum umb_status fail_memory(const struct umbb_resolution_job *job,
                                    const struct sample samples[2], uint32_t wanted_log2,
                                    const struct umbb_forecast *wanted, struct umb_error *error)
@@ -151,7 +151,7 @@ static enum umb_status fail_memory(const struct umbb_resolution_job *job,
                     bound_m(job->analysis));
 }
 
-/* The smallest resolution that keeps to the bound; the frusta are left fitted to it. */
+/* Finds the smallest resolution within the bound; the frusta stay fitted to it. */
 static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log2_size,
                             struct umbb_forecast *forecast, struct umb_error *error)
 {
@@ -166,13 +166,14 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
         if (forecast->bound_m <= wanted_m) {
             return UMB_OK;
         }
-        /* The bound halves with each doubling, margins apart: skip what cannot reach. */
+        /* The bound halves with each doubling, margins apart: skips resolutions that cannot reach
+         * it. */
         while (*log2_size < UMBB_RESOLUTION_LOG2_MAX && forecast->bound_m > 4 * wanted_m) {
             forecast->bound_m /= 2;
             ++*log2_size;
         }
     }
-    /* Not E_LIMIT: trying again, as a job would, never helps. */
+    /* Not E_LIMIT: another try, as of a job, would never help. */
     return umb_fail(error, UMB_E_ARGUMENT,
                     "--max-error: %g m: %u voxels a side, the most, reach %.3g m", wanted_m,
                     1U << UMBB_RESOLUTION_LOG2_MAX, forecast->bound_m);

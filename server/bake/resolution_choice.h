@@ -2,38 +2,38 @@
 #ifndef UMBRAGE_SERVER_BAKE_RESOLUTION_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_RESOLUTION_CHOICE_H
 /*
- * --max-error: the smallest resolution whose bound at one tap (umb_frustum_bound_m) keeps to a
- * length, in every frustum; and what the bake will cost, told from two small ones.
+ * --max-error: the smallest resolution whose bound at one tap (umb_frustum_bound_m) stays below a
+ * length, in every frustum; and a forecast of the bake's costs from two small bakes.
  *
- * The choice follows from the scene and the lights alone. The forecast does not decide anything but
- * whether the octree is likely to fit the memory allowed: time and bytes are taken to grow with
- * each doubling as they did from the first small bake to the second.
+ * The choice depends on the scene and the lights alone. The forecast decides only whether the
+ * octree is likely to fit the memory. Time and bytes are assumed to grow with each doubling as they
+ * did from the first small bake to the second.
  */
 #include "bake/analysis/analysis.h"
 #include "bake/memory_plan.h"
 
 struct umbb_forecast {
-    double bound_m;                    /* at one tap, the largest of all frusta */
-    double seconds;                    /* of baking and packing, on this machine; 0: not told */
-    double packed_bytes, octree_bytes; /* 0: not told */
-    uint32_t small_log2;               /* the larger of the bakes it is told from */
+    double bound_m; /* at one tap, the largest of all frusta */
+    double seconds; /* time of baking and packing, on this machine; 0: no forecast */
+    double packed_bytes, octree_bytes; /* 0: no forecast */
+    uint32_t small_log2;               /* size of the larger small bake */
 };
 
 struct umbb_resolution_job {
     struct umbb_analysis *analysis; /* fitted anew; corners end up in world space */
     const struct umbs_scene_view *view;
     const struct umbb_options *options; /* max_error_m above 0 */
-    struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are ours */
+    struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are set here */
 };
 
 /*
- * Chooses.
+ * Chooses the resolution.
  *
  * Out:   log2_size; forecast: without costs if the bake itself is small.
- * Fails: E_ARGUMENT (no resolution reaches it), E_LIMIT (none that fits the memory), both with
- *        what is reached; E_NO_MEMORY, E_CANCELLED, what fitting fails with.
+ * Fails: E_ARGUMENT (no resolution reaches it), E_LIMIT (none that fits the memory), both with the
+ *        best that can be reached; E_NO_MEMORY, E_CANCELLED, as umbb_analysis_refit.
  * Cost:  a pass over the triangles for each resolution tried, and two bakes of 1024 and 2048
- * voxels.
+ *        voxels.
  */
 UMB_CHECKED enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job,
                                                    uint32_t *log2_size,

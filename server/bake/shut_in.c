@@ -9,7 +9,7 @@
 
 #define PLACES_MAX 5
 
-/* The folder that a file is in: free() it. */
+/* The folder of a file: free() it. */
 static char *folder_of(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -29,7 +29,7 @@ static void add_place(struct places *places, const char *path, enum umbb_path_us
     }
 }
 
-/* Out: 1, or 0 without memory. */
+/* Out: 1, or 0 if out of memory. */
 static int collect(const struct umbb_options *o, struct places *places)
 {
     const int writes_tiles = o->task == UMBB_TASK_TILE;
@@ -45,7 +45,7 @@ static int collect(const struct umbb_options *o, struct places *places)
     if (!o->plan) {
         const char *tiles = writes_tiles ? o->output : o->cache;
         if (tiles != NULL) {
-            (void)!mkdir(tiles, 0777); /* a failure shows where the folder is opened */
+            (void)!mkdir(tiles, 0777); /* a failure shows when the folder is opened */
         }
         add_place(places, tiles, UMBB_PATH_WRITE);
         add_place(places, o->from, UMBB_PATH_WRITE); /* damaged tiles are removed */

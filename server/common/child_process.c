@@ -12,7 +12,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define FD_SPARE 10 /* descriptors are parked from here up while those below are laid out */
+#define FD_SPARE 10 /* sources are parked from here up while the lower descriptors are laid out */
 
 void umbs_child_environment(char *chosen[UMBS_CHILD_ENVIRONMENT_MAX])
 {
@@ -37,7 +37,7 @@ int umbs_child_own_group(pid_t parent)
     if (setpgid(0, 0) != 0 || prctl(PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0) != 0) {
         return -1;
     }
-    return getppid() == parent ? 0 : -1; /* it may have died before the line above */
+    return getppid() == parent ? 0 : -1; /* the parent may have died before the line above */
 }
 
 int umbs_child_lay_out(int *sources, int count)

@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Bytes of the clean character that text starts with, or 0. */
+/* Length in bytes of the clean character that text starts with, or 0. */
 static size_t clean_char(const char *text, size_t length)
 {
     const unsigned char *byte = (const unsigned char *)text;

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
 #define UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
 /*
- * Clean text: valid UTF-8 without control characters. Names from foreign files are made clean by
- * the importer and checked by the validator, because they end in terminals, logs and protobuf
- * strings, all of which misbehave on anything else.
+ * Clean text: valid UTF-8 without control characters. Names from foreign files end in terminals,
+ * logs and protobuf strings, which misbehave on anything else. So the importer cleans them and the
+ * validator checks them.
  *
  * Threads: pure functions.
  */

@@ -7,12 +7,12 @@
  */
 
 enum umbs_reach {
-    UMBS_REACH_LOCAL,   /* of this kernel alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
-    UMBS_REACH_UNKNOWN, /* overlay and all that is not listed */
-    UMBS_REACH_NETWORK, /* other machines may have it: NFS, SMB, Lustre, Ceph, FUSE, 9p, GPFS */
+    UMBS_REACH_LOCAL,   /* this machine alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
+    UMBS_REACH_UNKNOWN, /* overlay and every file system not listed */
+    UMBS_REACH_NETWORK, /* shared with other machines: NFS, SMB, Lustre, Ceph, FUSE, 9p, GPFS */
 };
 
-/* Reach of the file system of an open file. Out: name: of it, static; may be NULL. */
+/* Reach of the file system of an open file. Out: name: name of its type, static; may be NULL. */
 enum umbs_reach umbs_file_system(int fd, const char **name);
 
 #endif

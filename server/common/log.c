@@ -26,7 +26,7 @@ void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level)
     atomic_store(&log->level, (int)level);
 }
 
-/* Adds what vsnprintf would have written, never moving beyond the room. */
+/* Adds the length that vsnprintf returned, capped at the room. */
 static size_t clamp(int written, size_t room)
 {
     if (written < 0) {
@@ -42,7 +42,7 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
         return;
     }
     char line[UMBS_LOG_LINE_MAX];
-    size_t room = sizeof line - 1; /* the newline's byte is kept free */
+    size_t room = sizeof line - 1; /* the last byte is kept for the newline */
     const int64_t now_ms = umbu_unix_ms();
     const time_t now_s = (time_t)(now_ms / 1000);
     struct tm utc;
@@ -70,7 +70,7 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
     } else {
         line[length++] = '\n';
     }
-    /* A log that cannot be written has nowhere to say so; the event is lost, the daemon goes on. */
+    /* A failed write of the log cannot be reported: the event is lost, the daemon goes on. */
     ssize_t ignored = write(log->fd, out, length);
     (void)ignored;
 }

@@ -17,9 +17,8 @@
 #include "umbrage/status.h"
 
 #define UMBS_LOG_LINE_MAX 2048 /* bytes of a line; longer ones are cut */
-#define UMBS_LOG_QUOTE_SIZE                                                                        \
-    520 /* enough for any quoted value: 128 bytes as \xNN, quotes and NUL                          \
-         */
+/* Bytes for any quoted value: 128 bytes as \xNN, quotes and NUL. */
+#define UMBS_LOG_QUOTE_SIZE 520
 
 enum umbs_log_format {
     UMBS_LOG_TEXT = 0, /* key=value */

@@ -13,7 +13,7 @@ struct json_line {
 
 static void put(struct json_line *json, const char *text, size_t length)
 {
-    /* A byte is kept for the closing brace. */
+    /* The last byte is kept for the closing brace. */
     if (json->full || length >= json->capacity - json->length) {
         json->full = 1;
         return;
@@ -22,7 +22,7 @@ static void put(struct json_line *json, const char *text, size_t length)
     json->length += length;
 }
 
-/* Writes one character of a value; a byte that is not printable ASCII as \u00NN. */
+/* Writes one character of a value; a byte that is not printable ASCII becomes \u00NN. */
 static void put_character(struct json_line *json, unsigned char c)
 {
     char text[8];
@@ -42,7 +42,8 @@ static int hex_digit(char c)
     return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
-/* Writes a quoted value, opening quote passed; returns what follows the closing one. */
+/* Writes a quoted value that starts after its opening quote. Returns the text after the closing
+ * one. */
 static const char *put_quoted(struct json_line *json, const char *at)
 {
     put(json, "\"", 1);
@@ -58,7 +59,7 @@ static const char *put_quoted(struct json_line *json, const char *at)
     return *at == '"' ? at + 1 : at;
 }
 
-/* True for what JSON takes as a number: digits without a leading zero, a fraction, a sign. */
+/* True for a JSON number: an optional sign, digits without a leading zero, an optional fraction. */
 static int is_number(const char *text, size_t length)
 {
     size_t at = length > 0 && text[0] == '-';
@@ -96,7 +97,7 @@ size_t umbs__log_json(const char *line, char *out, size_t capacity)
     put(&json, "{", 1);
     while (*line != '\0') {
         size_t key = strcspn(line, "= ");
-        if (line[key] != '=' || key == 0) { /* no pair: passed over */
+        if (line[key] != '=' || key == 0) { /* not a pair: skipped */
             line += key + (line[key] != '\0');
             continue;
         }

@@ -17,10 +17,10 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* A rename falls into one opening in dozens at worst: so many in a row are somebody's intent. */
+/* A rename makes one opening in dozens fail at worst. So many failures in a row are an attack. */
 #define TRIES_MAX 1000
 
-/* Keeps errno. */
+/* Closes a descriptor and keeps errno. */
 static void close_quietly(int fd)
 {
     int saved = errno;
@@ -28,7 +28,7 @@ static void close_quietly(int fd)
     errno = saved;
 }
 
-/* One component at a time, no symbolic links. */
+/* Opens one component at a time, following no symbolic links. */
 static int walk_beneath(int folder, const char *name)
 {
     char copy[UMBS_BENEATH_NAME_BYTES];
@@ -62,7 +62,7 @@ static int walk_beneath(int folder, const char *name)
     return at;
 }
 
-/* openat2, again as long as a rename anywhere on the machine kept it from following a "..". */
+/* Calls openat2 again while a rename elsewhere on the machine keeps it from resolving a "..". */
 static int open_retrying(int folder, const char *name, const struct open_how *how)
 {
     int fd = -1;

@@ -10,9 +10,10 @@
  *
  * In:    folder: descriptor of a folder (O_PATH suffices). name: relative, '/' between components.
  * Out:   the descriptor, or -1 and errno: EXDEV or ELOOP if the name leaves the folder (absolute,
- *        "..", a symbolic link that does), EISDIR or ENODEV if it is no regular file, ENAMETOOLONG,
- *        or what open says.
- * Trust: safe on hostile names and against changes of the folder meanwhile; never waits for a pipe.
+ *        "..", a symbolic link out of it), EISDIR or ENODEV if it is no regular file, ENAMETOOLONG,
+ *        or an error of open.
+ * Trust: safe on hostile names and against concurrent changes of the folder; never waits for a
+ *        pipe.
  */
 int umbs_open_beneath(int folder, const char *name);
 

@@ -19,7 +19,7 @@
 #include "tool/clock.h"
 
 #define LINE_SIZE (UMBS_OWNER_SIZE + 24)
-#define LOOK_MS   100 /* between looks at a number that may stand still */
+#define LOOK_MS   100 /* between reads of a number that may stand still */
 
 struct line {
     char text[LINE_SIZE];
@@ -119,7 +119,7 @@ static int stands_still(const char *path, const struct line *before, uint32_t wa
         (void)nanosleep(&pause, NULL);
         const struct line now = read_anew(path);
         if (strcmp(now.text, before->text) != 0) {
-            return now.text[0] == '\0'; /* it ended meanwhile */
+            return now.text[0] == '\0'; /* the owner ended meanwhile */
         }
     }
     return 1;
@@ -161,7 +161,8 @@ static enum umb_status take_open(struct umbs_owner_lock *lock, enum umbs_reach r
         return is_taken(lock->path, &before, error);
     }
     const enum umb_status status = write_line(lock, error);
-    return lock->beats ? status : UMB_OK; /* else the line only names the owner of the locks */
+    /* Without beats, the line only names the owner of the locks. */
+    return lock->beats ? status : UMB_OK;
 }
 
 enum umb_status umbs__owner_lock_take(const char *path, enum umbs_reach reach, uint32_t watch_ms,

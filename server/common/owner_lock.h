@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_COMMON_OWNER_LOCK_H
 #define UMBRAGE_SERVER_COMMON_OWNER_LOCK_H
 /*
- * Lock file that lets one process use a folder or table. It has the owner's name in it.
+ * A lock file that lets one process use a folder or table. The file names its owner.
  *
  *     umbs_owner_lock_take("DIR/lock", &lock, &error);     E_BUSY names the host and the pid
  *     umbs_owner_lock_beat(&lock, &error);                 every few seconds: E_STATE = lost
@@ -43,7 +43,7 @@ struct umbs_owner_lock {
 UMB_CHECKED enum umb_status umbs_owner_lock_take(const char *path, struct umbs_owner_lock *lock,
                                                  struct umb_error *error);
 
-/* The same as on a file system of that reach, watching for so long. */
+/* umbs_owner_lock_take for a given reach of the file system and a given watching time. */
 UMB_CHECKED enum umb_status umbs__owner_lock_take(const char *path, enum umbs_reach reach,
                                                   uint32_t watch_ms, struct umbs_owner_lock *lock,
                                                   struct umb_error *error);

@@ -47,7 +47,8 @@ static enum umb_status check_facts(const char *path, const char *at, const struc
     return UMB_OK;
 }
 
-/* Checks one folder on the way; the last one must be closed to others even if it is sticky. */
+/* Checks one folder on the way; the last one must not be writable by others, even if it is
+ * sticky. */
 static enum umb_status check_one(const char *path, const char *folder, int is_last,
                                  struct umb_error *error)
 {
@@ -64,7 +65,7 @@ static enum umb_status check_one(const char *path, const char *folder, int is_la
     return check_facts(path, folder, &facts, error);
 }
 
-/* Checks the folder of an absolute path without links, and all above it. */
+/* Checks the folder of an absolute path without links, and all folders above it. */
 static enum umb_status check_all(const char *path, char *resolved, struct umb_error *error)
 {
     const size_t length = strlen(resolved);

@@ -2,16 +2,16 @@
 #ifndef UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
 #define UMBRAGE_SERVER_COMMON_PRIVATE_FOLDER_H
 /*
- * Folders and files that no other user can change. A file is "ours" if it belongs to this process'
+ * Folders and files that no other user can change. A file is "ours" if it belongs to this process's
  * user or to root. POSIX ACLs that let others write show as write permission of the group.
  */
 #include <sys/stat.h>
 #include "umbrage/status.h"
 
 /*
- * Resolves a folder and checks that only this user and root can put files into it, take files out
- * of it, or put another folder in its place: it is ours and only its owner may write to it, and the
- * same holds for all folders above, where a sticky one (/tmp) may be written to by all.
+ * Resolves a folder and checks that only this user and root can add or remove files in it, or put
+ * another folder in its place. It must be ours and writable by its owner only; the same holds for
+ * all folders above, except that a sticky one (/tmp) may be writable by all.
  *
  * Out:   resolved: its path without links, malloc; NULL on failure.
  * Fails: E_PERMISSION (names the folder at fault and its owner or mode), E_NO_INPUT, E_NO_MEMORY.

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * SHA-256 by OpenSSL, in the shape the core asks for; of many messages by sha256_lanes.h, where the
- * build has it, and by OpenSSL again where that fails.
+ * SHA-256 by OpenSSL, in the interface that the core expects. Many messages at once are hashed by
+ * sha256_lanes.h, where the build has it, and by OpenSSL where that fails.
  *
- * The low-level functions: they allocate nothing and cannot fail, whereas the EVP interface sets
- * itself up at the first digest and, if memory is short just then, fails for ever after or crashes
- * (OpenSSL 3.0; found by tests/fault). They are marked as old, not as going away.
+ * The low-level functions are used on purpose: they allocate nothing and cannot fail. The EVP
+ * interface sets itself up at the first digest. If memory is short at that moment, it fails from
+ * then on or crashes (OpenSSL 3.0; found by tests/fault). The low-level functions are deprecated,
+ * and no removal is announced.
  */
 #define OPENSSL_API_COMPAT 0x10100000L
 #include "common/sha256.h"
@@ -16,11 +17,12 @@
 
 #include "common/sha256_lanes.h"
 
-/* With fewer messages most lanes would be idle (measured: eight are far ahead, two are not). */
+/* Below this number of messages most lanes would be idle (measured: eight messages are far ahead,
+ * two are not). */
 #define LANES_FROM 4U
 
-/* Lanes that nobody uses just now, for the next one to ask: as many as threads asked at once, but
- * not more than this. */
+/* Idle lanes, kept for the next caller: as many as threads used at the same time, but not more than
+ * this. */
 #define IDLE_MOST 16U
 
 static struct {
@@ -29,7 +31,7 @@ static struct {
     unsigned count;
 } idle = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
-/* NULL: there are none. */
+/* Takes idle lanes; NULL if there are none. */
 static struct umbs_sha256_lanes *lanes_take(void)
 {
     struct umbs_sha256_lanes *lanes = NULL;
@@ -41,7 +43,7 @@ static struct umbs_sha256_lanes *lanes_take(void)
     return lanes != NULL ? lanes : umbs_sha256_lanes_create(NULL);
 }
 
-/* In: lanes: may be NULL. */
+/* Returns lanes to the idle ones. In: lanes: may be NULL. */
 static void lanes_give_back(struct umbs_sha256_lanes *lanes)
 {
     pthread_mutex_lock(&idle.lock);
@@ -106,7 +108,7 @@ void umbs_sha256_end(struct umbs_sha256_run *run, uint8_t out[UMB_ID_BYTES])
     (void)SHA256_Final(out, &run->context);
 }
 
-#define HASH_BLOCK 64U /* bytes that SHA-256 takes at once: a shorter key is padded to them */
+#define HASH_BLOCK 64U /* block of SHA-256 in bytes: a shorter key is padded to it */
 
 /* The keyed inner or outer hash: SHA-256(key XOR pad, message). */
 static void padded(const uint8_t key[UMBS_KEY_BYTES], uint8_t pad, const void *bytes, size_t size,

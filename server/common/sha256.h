@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_H
 #define UMBRAGE_SERVER_COMMON_SHA256_H
-/* SHA-256 in the shape the core asks for: OpenSSL's; many messages at once in lanes. */
+/* SHA-256 in the interface that the core expects: by OpenSSL, and many messages at once in
+ * lanes. */
 #include <openssl/sha.h>
 #include "format/content.h"
 
-/* May be used from any thread. Digests cannot fail. */
+/* SHA-256 for the core. May be used from any thread. Digests cannot fail. */
 extern const struct umb_sha256 umbs_sha256;
 
 /* Digest of one buffer. */
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES]);
 
-/* Digest of bytes that come piece by piece: begin, any number of add, end. */
+/* Digest of bytes that come piece by piece: call begin, add any number of times, end. */
 struct umbs_sha256_run {
     SHA256_CTX context;
 };

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-/* Takes in what the block holds. */
+/* Hashes the block's content into the chain. */
 static void flush(struct umbs_chain *chain)
 {
     const void *const parts[] = {chain->digest, chain->block};

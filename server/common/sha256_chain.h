@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_CHAIN_H
 #define UMBRAGE_SERVER_COMMON_SHA256_CHAIN_H
 /*
- * A digest of any amount of data without holding it: each block of equal size is hashed with the
- * digest before it. Not the plain SHA-256 of the data, but as hard to forge.
+ * A digest of any amount of data without keeping it: each block of equal size is hashed together
+ * with the digest before it. It is not the plain SHA-256 of the data, but as hard to forge.
  *
  *     umbs_chain_init(&chain);
- *     umbs_chain_add(&chain, bytes, count);    as often as wanted
+ *     umbs_chain_add(&chain, bytes, count);    any number of times
  *     umbs_chain_end(&chain, digest);
  */
 #include <stddef.h>
@@ -15,15 +15,15 @@
 #define UMBS_CHAIN_BLOCK ((size_t)18432) /* 256 triangles of nine doubles */
 
 struct umbs_chain {
-    uint8_t digest[UMB_ID_BYTES]; /* of all blocks before */
-    size_t used;                  /* bytes of block */
+    uint8_t digest[UMB_ID_BYTES]; /* digest of all blocks before */
+    size_t used;                  /* bytes used in block */
     uint8_t block[UMBS_CHAIN_BLOCK];
 };
 
 void umbs_chain_init(struct umbs_chain *chain);
 void umbs_chain_add(struct umbs_chain *chain, const void *bytes, size_t count);
 
-/* Takes in what is left; the chain is to be started again afterwards. */
+/* Hashes the rest of the data. Before another use the chain must be initialised again. */
 void umbs_chain_end(struct umbs_chain *chain, uint8_t digest[UMB_ID_BYTES]);
 
 #endif

@@ -1,23 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See sha256_lanes.h. The library takes jobs and gives them back when they are done; it keeps as
- * many under way as it has lanes, so that messages of different lengths do not wait for one
- * another.
+ * See sha256_lanes.h. The library takes jobs and returns them when they are done. It works on as
+ * many jobs as it has lanes, so that messages of different lengths do not wait for one another.
  */
 #include "common/sha256_lanes.h"
 
 #ifdef HAVE_IPSEC_MB
-#define NO_COMPAT_IMB_API_053 /* old names of the library, some of which OpenSSL has too */
+#define NO_COMPAT_IMB_API_053 /* hides old names of the library, some of which OpenSSL has too */
 #include <intel-ipsec-mb.h>
 #include <string.h>
 
 #include "base/memory.h"
 
-#define ALIGNMENT ((size_t)64) /* of the library's memory: a cache line */
+#define ALIGNMENT ((size_t)64) /* alignment of the library's memory: a cache line */
 
 struct umbs_sha256_lanes {
     const struct umb_alloc *alloc;
-    IMB_MGR *manager; /* in this block */
+    IMB_MGR *manager; /* state of the library, inside this block */
 };
 
 struct umbs_sha256_lanes *umbs_sha256_lanes_create(const struct umb_alloc *alloc)
@@ -41,7 +40,7 @@ struct umbs_sha256_lanes *umbs_sha256_lanes_create(const struct umb_alloc *alloc
     return lanes;
 }
 
-/* 1 if a job that came back is done; NULL: none came back. */
+/* 1 if a returned job is done. NULL: no job was returned. */
 static size_t is_done(const IMB_JOB *job)
 {
     return job != NULL && job->status == IMB_STATUS_COMPLETED;

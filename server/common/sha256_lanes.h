@@ -3,14 +3,15 @@
 #define UMBRAGE_SERVER_COMMON_SHA256_LANES_H
 /*
  * SHA-256 of many messages at once, one in each lane of the vector registers, by Intel's
- * Multi-Buffer Crypto library (libipsec-mb, BSD-3-Clause) where the build has it. One message is a
- * chain of dependent steps; sixteen side by side take little longer than one.
+ * Multi-Buffer Crypto library (libipsec-mb, BSD-3-Clause) where the build has it. Each message is a
+ * chain of dependent steps; sixteen messages side by side take little longer than one.
  *
  *     struct umbs_sha256_lanes *lanes = umbs_sha256_lanes_create(NULL);
  *     made = lanes != NULL && umbs_sha256_lanes_digest(lanes, messages, sizes, count, digests);
  *     umbs_sha256_lanes_destroy(lanes);
  *
- * The library reads what the processor can and calls no system. Threads: one at a time.
+ * The library detects the processor's features itself and makes no system calls. Threads: one at a
+ * time.
  */
 #include <stdbool.h>
 #include "format/content.h"
@@ -18,24 +19,26 @@
 struct umbs_sha256_lanes; /* opaque, 200 KB */
 
 /*
- * In:   alloc: NULL for malloc. Returns NULL if there is no memory, or no library in this build.
+ * Makes lanes. In: alloc: NULL for malloc. Returns NULL if memory is short, or if this build has no
+ * library.
  * Cost: most of a millisecond: the library tests itself.
  */
 struct umbs_sha256_lanes *umbs_sha256_lanes_create(const struct umb_alloc *alloc);
 
-/* The library takes no longer messages: it counts a lane's bytes in 16 bits. */
+/* Longest message in bytes: the library counts a lane's bytes in 16 bits. */
 #define UMBS_SHA256_LANES_LONGEST ((size_t)65534)
 
 /*
- * In:  messages, sizes: [count] bytes and how many they are; best of like lengths.
- * Out: digests: [count]; those of messages that are too long are left alone.
- * Returns false if the library did not make all others; digests are then of no use.
+ * Hashes `count` messages. In: messages, sizes: [count] bytes and their number; similar lengths are
+ * fastest.
+ * Out: digests: [count]; those of messages that are too long are left unchanged.
+ * Returns false if the library failed on any of the others; discard the digests then.
  * Cost: allocates nothing.
  */
 bool umbs_sha256_lanes_digest(struct umbs_sha256_lanes *lanes, const uint8_t *const *messages,
                               const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 
-/* NULL is allowed. */
+/* Frees the lanes. NULL is allowed. */
 void umbs_sha256_lanes_destroy(struct umbs_sha256_lanes *lanes);
 
 #endif

@@ -7,7 +7,7 @@
 #include <poll.h>
 #include <unistd.h>
 
-#define TAKEN_MAX 64 /* in one event: then others on the loop have their turn */
+#define TAKEN_MAX 64 /* connections taken in one event; then the loop's others have their turn */
 
 int umbd_socket_bind(const struct sockaddr *address, socklen_t size, int *fd)
 {
@@ -27,7 +27,7 @@ int umbd_socket_bind(const struct sockaddr *address, socklen_t size, int *fd)
     return 0;
 }
 
-/* 1 if the error is about one connection, and another may wait behind it. */
+/* 1 if the error concerns one connection only, so another may wait behind it. */
 static int is_of_one(int code)
 {
     return code == EINTR || code == ECONNABORTED || code == EPROTO || code == EPERM ||
@@ -35,15 +35,15 @@ static int is_of_one(int code)
            code == ENOPROTOOPT || code == ENONET || code == EOPNOTSUPP;
 }
 
-/* The kernel looks for a descriptor before it looks who waits: the want may be nobody's. */
+/* accept reports a lack of descriptors even if no connection waits. This asks whether one waits. */
 static int somebody_waits(int fd)
 {
     struct pollfd listening = {.fd = fd, .events = POLLIN};
     return poll(&listening, 1, 0) != 0;
 }
 
-/* Takes what waits. Whatever goes wrong for good stops the poll: an event that nobody can answer
- * would come again at once. */
+/* Takes the waiting connections. A permanent failure stops the poll: otherwise an event that cannot
+ * be handled would come again at once. */
 static void take(struct umbd_acceptor *acceptor)
 {
     for (int i = 0; i < TAKEN_MAX; i++) {

@@ -111,8 +111,9 @@ static void answer_metrics(struct admin_client *client, int head_only)
 }
 
 /*
- * 1 if the request was meant for this machine: a web page that has its own name resolve to
- * 127.0.0.1 sends that name. No Host at all is an old client, and no browser.
+ * 1 if the request names this machine as its host. A web page whose own name resolves to 127.0.0.1
+ * sends that name instead (DNS rebinding). A request without Host comes from an old client, never
+ * from a browser.
  */
 static int is_meant_for_us(const char *request)
 {
@@ -189,8 +190,8 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
 }
 
-/* A new client replaces the oldest one: else silent clients would keep probes out until their
- * time-out. */
+/* Closes the oldest client in favour of a new one: otherwise silent clients would keep probes out
+ * until their time-out. */
 static void close_oldest(struct umbd_admin *admin)
 {
     struct admin_client *oldest = admin->clients;
@@ -227,7 +228,7 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     }
 }
 
-/* It rests until the next tick; the connections, which matter more, say what is short. */
+/* The acceptor rests until the next tick. The connections' listener logs what is short. */
 static void on_refused(struct umbd_acceptor *acceptor, int code)
 {
     (void)acceptor;

@@ -8,7 +8,7 @@
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
 
-/* Opens the port that the options name, if they do. A failure is fatal at boot only. */
+/* Opens the port of the options, if they name one. A failure is fatal only at boot. */
 UMB_CHECKED enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error);
 
 /* "http:HOST:PORT" of the open port, or NULL. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One batch: its memory, and answering it at once. */
+/* One batch: its memory, and answering it in one step. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,10 +9,11 @@
 
 #include "tool/clock.h"
 
-#define SLICE_POINTS_MIN 256 /* however many parts: a turn has a price too; answers fill lines */
-#define CPU_CLOCK_POINTS 256 /* slices of fewer points are timed by the wall clock */
+/* Smallest slice, for any number of parts: a turn has a cost too; answers fill cache lines. */
+#define SLICE_POINTS_MIN 256
+#define CPU_CLOCK_POINTS 256 /* slices with fewer points are timed by the wall clock */
 
-/* Only the batch is cleared, not the parts behind it, nor the error at its end. */
+/* Clears only the batch: neither the parts after it nor the error at its end. */
 static void init_batch(struct umbd_batch *batch, size_t part_limit,
                        const struct umb_query_settings *settings, const struct umb_points *points)
 {
@@ -65,7 +66,7 @@ void umbd__batch_set_slice(struct umbd_batch *batch)
     batch->slice_points = points - points % SLICE_POINTS_MIN;
 }
 
-/* What a part's setting costs by a calibration. */
+/* Nanoseconds a point for a part's setting, by a calibration. */
 static double expected_ns(const struct umbd_part *part, const struct umb_calibration *calibration)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -147,7 +148,7 @@ enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
     return UMB_OK;
 }
 
-/* Gives back everything but the batch itself. */
+/* Frees everything the batch owns, but not the batch itself. */
 static void finish_batch(struct umbd_batch *batch)
 {
     for (size_t i = 0; !batch->is_borrowed && i < batch->part_count; i++) {
@@ -182,19 +183,19 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare)
     }
 }
 
-/* The thread's own time is a system call of 0.7 us, longer than a few look-ups take: for so few the
- * wall clock is nearer to the truth, which then is hardly ever cut by a change of threads. */
+/* Reading the thread's CPU time is a system call of 0.7 us, longer than a few look-ups. For so few
+ * the wall clock is more accurate: a thread switch hardly ever falls into such a short time. */
 static uint64_t cost_clock_ns(size_t points)
 {
     return points < CPU_CLOCK_POINTS ? umbu_clock_ns() : umbu_thread_cpu_ns();
 }
 
-/* The same points from `first` on, `count` of them. */
+/* A view of `count` points from `first` on. */
 static struct umb_points sub_points(const struct umb_points *points, size_t first, size_t count)
 {
     struct umb_points part = *points;
     if (count == 0) {
-        part.count = 0; /* and perhaps no address to count from */
+        part.count = 0; /* there may be no address to add to */
         return part;
     }
     size_t stride = 3 * (points->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float));
@@ -206,7 +207,7 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     return part;
 }
 
-/* Footprints of pixels, in the words of umb_points_check. */
+/* Checks the footprints of pixels, with the messages of umb_points_check. */
 static enum umb_status check_pixels(const struct umbd_batch *batch, size_t first, size_t count,
                                     struct umb_error *error)
 {
@@ -226,13 +227,14 @@ static enum umb_status check_points(const struct umbd_batch *batch, size_t first
                                     struct umb_error *error)
 {
     if (batch->picture_work.has_picture) {
-        return check_pixels(batch, first, count, error); /* any depth will do */
+        return check_pixels(batch, first, count, error); /* pixel depths may have any value */
     }
     struct umb_points part = sub_points(&batch->points, first, count);
     if (umb_points_check(&part, error) == UMB_OK) {
         return UMB_OK;
     }
-    /* Say it again with indices of the whole batch: everything before `first` is or was good. */
+    /* Checks again with indices of the whole batch in the message: all points before `first` are
+     * good. */
     part = sub_points(&batch->points, 0, first + count);
     return umb_points_check(&part, error);
 }
@@ -244,7 +246,7 @@ struct slice {
     struct umb_answers *answers;
 };
 
-/* What may be left midway if the asset's file is cut: it owns nothing. */
+/* Runs one slice. It owns nothing, since it may be left midway if the asset's file is cut. */
 static void run_slice(void *user)
 {
     const struct slice *slice = user;

@@ -8,7 +8,8 @@ double umbd_box_bricks(const struct umb_frustum_info *frustum, const struct umb_
 {
     const double across = (double)((uint64_t)1 << frustum->log2_size) / UMBD_BRICK_VOXELS;
     const double most = 6 * across * across;
-    double volume = 1, cut = 0, edge[3], density[3] = {0}; /* of sides across a world axis */
+    /* Volume of a brick; sides of the box; bricks cut for each unit of area across a world axis. */
+    double volume = 1, cut = 0, edge[3], density[3] = {0};
     for (size_t i = 0; i < 3; i++) {
         const double *step = frustum->voxel_step[i];
         volume *=
@@ -23,5 +24,5 @@ double umbd_box_bricks(const struct umb_frustum_info *frustum, const struct umb_
     for (size_t k = 0; k < 3; k++) {
         cut += 2 * edge[(k + 1) % 3] * edge[(k + 2) % 3] * density[k];
     }
-    return cut < most ? cut : most; /* also for NaN, which is refused later */
+    return cut < most ? cut : most; /* NaN too gives most; it is refused later */
 }

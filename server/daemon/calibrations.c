@@ -7,10 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SLOTS         256  /* 60 KiB */
-#define FEW           8192 /* points; fewer are calibrated on points of the library's own */
-#define PAIRS         256  /* of consecutive points that are looked at */
-#define NEAR_IN_EDGES 32.0 /* voxel edges from one point to the next: mostly the same bricks */
+#define SLOTS 256 /* 60 KiB */
+/* Points; smaller batches are calibrated on points that the library makes. */
+#define FEW           8192
+#define PAIRS         256  /* pairs of consecutive points that are compared */
+#define NEAR_IN_EDGES 32.0 /* distance of near points in voxel edges: mostly in the same bricks */
 
 struct slot {
     uint8_t asset[UMB_ID_BYTES];
@@ -22,11 +23,11 @@ struct slot {
 
 struct umbd_calibrations {
     pthread_mutex_t lock;
-    size_t next; /* slot to be taken */
+    size_t next; /* slot that is used next */
     struct slot slots[SLOTS];
 };
 
-/* A point's position, wherever it lies in a message. */
+/* Position of a point; positions may lie unaligned in a message. */
 static void position_of(const struct umb_points *points, size_t i, double p[3])
 {
     const uint8_t *at = points->positions;
@@ -94,7 +95,7 @@ void umbd_calibrations_destroy(struct umbd_calibrations *table)
     }
 }
 
-/* Under the lock; NULL if there is none. */
+/* Finds a slot; NULL if there is none. Called under the lock. */
 static struct slot *find(struct umbd_calibrations *table, const uint8_t asset[UMB_ID_BYTES],
                          uint32_t light, enum umbd_point_kind kind)
 {

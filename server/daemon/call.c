@@ -2,9 +2,9 @@
 /*
  * A call's request side: headers, body, end, timers.
  *
- * Invariants: `charged` is exactly what this call has counted on its connection and the process;
- * while `batch` is set the pool may be reading the message, so the call neither frees nor changes
- * it; a call that was failed keeps no request bytes.
+ * Invariants: `charged` is exactly what this call has counted on its connection and the process.
+ * While `batch` is set the pool may read the message, so the call neither frees nor changes it. A
+ * failed call keeps no request bytes.
  */
 #include "daemon/call_rights.h"
 #include "daemon/job_request.h"
@@ -144,7 +144,8 @@ static int equals(const uint8_t *bytes, size_t size, const char *text)
     return size == strlen(text) && memcmp(bytes, text, size) == 0;
 }
 
-/* application/grpc, application/grpc+proto, either with parameters after a semicolon. */
+/* True for application/grpc and application/grpc+proto, either with parameters after a
+ * semicolon. */
 static int is_grpc_type(const uint8_t *value, size_t size)
 {
     static const char base[] = "application/grpc";
@@ -200,11 +201,12 @@ void umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_s
     }
 }
 
-#define OPEN_BYTES  1024 /* of a request without rights: a service's name of 255 bytes */
-#define SMALL_BYTES 4096 /* of a request that is a name or an id and a few numbers */
+/* Request limit of calls without rights: fits a service's name of 255 bytes. */
+#define OPEN_BYTES  1024
+#define SMALL_BYTES 4096 /* request limit of calls with a name or an id and a few numbers */
 
 /* Every method: its path, whether it has several requests or replies, the function that answers it,
- * the function for the end of the requests if that needs one, and the limit of a request message if
+ * the function for the end of the requests if it needs one, and the limit of a request message if
  * it is not --max-message. */
 static const struct {
     const char *path;
@@ -291,9 +293,9 @@ int umbd_method_gives_many(enum umbd_method method)
     return method < UMBD_METHOD_UNKNOWN && methods[method].gives_many;
 }
 
-/* Whoever asks for points, bricks or bytes pays for the call with them, in one: two takings, one
- * behind the other, would have the first refuse the second when a call costs more than a rate lets
- * one be ahead. Streams pay for each request. */
+/* True for methods that ask for points, bricks or bytes: the price of the call is taken together
+ * with theirs, in one step. In two steps the first would make the second fail for a call that costs
+ * more than the rate's head start. Streams pay for each request. */
 static int pays_with_request(enum umbd_method method)
 {
     return method == UMBD_METHOD_QUERY || umbd_method_asks_space(method) ||
@@ -307,7 +309,7 @@ int umbd_call_is_open(const struct umbd_call *call)
            call->method == UMBD_METHOD_WATCH || call->method == UMBD_METHOD_UNKNOWN;
 }
 
-/* The call's rights were checked: the connection does real work. */
+/* Records that the call's rights were checked: the connection does real work. */
 static void admit(struct umbd_call *call)
 {
     call->admitted = 1;
@@ -372,7 +374,7 @@ uint8_t *umbd_call_take_message(struct umbd_call *call)
     return message;
 }
 
-/* What lay at the same place of a message that is elsewhere now; NULL stays. */
+/* Address in the moved message of data that was at `at`; NULL stays NULL. */
 static const void *moved(const void *at, const uint8_t *from, const uint8_t *to)
 {
     return at != NULL ? to + ((const uint8_t *)at - from) : NULL;
@@ -445,7 +447,7 @@ static enum umb_status inflate_message(struct umbd_call *call, const uint8_t *me
     return status;
 }
 
-/* Takes one message; the reader's memory is taken over where it can be. */
+/* Takes one message; takes over the reader's memory if it can. */
 static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umbd_call *call = user;
@@ -474,7 +476,7 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
                                                 : keep_message(call, bytes, size, owned);
 }
 
-/* 1 if body bytes are thrown away. */
+/* 1 if body bytes are discarded. */
 static int ignores_input(const struct umbd_call *call)
 {
     return call->discarding || call->reset_early || call->reply_ended ||
@@ -541,7 +543,7 @@ void umbd_call_request_end(struct umbd_call *call)
     }
 }
 
-/* How long the peer may take for the message under way. */
+/* Time that the peer has for the current message. */
 static uint64_t body_limit_ms(const struct umbd_call *call)
 {
     uint64_t bytes =
@@ -550,8 +552,8 @@ static uint64_t body_limit_ms(const struct umbd_call *call)
 }
 
 /*
- * Adds the time since the last look, in which the server waited for the stream. Returns 1 for a
- * Submit whose files come too slowly: its claimed sizes count against quotas, and a byte now and
+ * Adds the time since the last check in which the server waited for the stream. Returns 1 for a
+ * Submit whose files come too slowly. Its claimed sizes count against quotas, and a byte now and
  * then must not hold them.
  */
 static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
@@ -564,8 +566,8 @@ static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
                                  call->data_bytes / UMBD_DATA_BYTES_PER_MS;
 }
 
-/* 1 if the request is overdue. A stream may pause between its messages, as long as a connection
- * may that has no calls. */
+/* 1 if the request is overdue. A stream may pause between its messages as long as a connection
+ * without calls may be idle. */
 static int is_body_late(struct umbd_call *call, uint64_t now_ms)
 {
     const struct umbd_options *options = &call->conn->loop->daemon->options;

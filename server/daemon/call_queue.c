@@ -3,14 +3,14 @@
  * Calls with a stream of requests: QueryStream, Submit and reflection.
  *
  * One message is served at a time, so replies come in order. A message that comes meanwhile waits
- * in a queue. Three things hold a stream up: a batch that is with the workers (or a job request,
- * job_request.h), replies that the client does not take (UMBD_BACKLOG_BYTES), and its share of
- * this turn of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not
- * opened again, so a client that writes ahead or does not read is stopped by flow control at one
- * window beyond that.
+ * in a queue. A stream waits for three things: a batch at the workers (or a job request,
+ * job_request.h), a client that does not read its replies (UMBD_BACKLOG_BYTES), and its share of
+ * this turn of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not opened
+ * again. So flow control stops a client that writes ahead or does not read at one window beyond
+ * that.
  *
- * Invariants: queue_bytes is the sum of the sizes in the queue; what is given back to the window
- * and what is in window_held add up to what was received; a failed call has an empty queue.
+ * Invariants: queue_bytes is the sum of the sizes in the queue. The bytes returned to the window
+ * and those in window_held add up to the bytes received. A failed call has an empty queue.
  */
 #include "daemon/call_rights.h"
 
@@ -34,7 +34,7 @@ void umbd_stream_charge(struct umbd_call *call)
     size_t held = call->reader.received + call->queue_bytes + call->queue_count * QUEUED_OVERHEAD +
                   batch + umbd_call_unsent(call) + call->kept_picture.bytes;
     if (held < call->charged) {
-        (void)umbd_call_charge(call, held); /* less than before: cannot fail */
+        (void)umbd_call_charge(call, held); /* fewer bytes than before: cannot fail */
     }
 }
 
@@ -111,13 +111,13 @@ enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message, si
     return status;
 }
 
-/* What waits, with its price in memory. */
+/* Bytes of the waiting messages, with their overhead in memory. */
 static size_t waiting_bytes(const struct umbd_call *call)
 {
     return call->queue_bytes + call->queue_count * QUEUED_OVERHEAD;
 }
 
-/* Opens the stream's window for what is no longer ahead. */
+/* Opens the stream's window for the bytes that are no longer ahead. */
 static void give_back(struct umbd_call *call)
 {
     if (call->window_held > 0 && waiting_bytes(call) < UMBD_BACKLOG_BYTES) {
@@ -162,7 +162,7 @@ void umbd_stream_pump(struct umbd_call *call)
         return;
     }
     if (call->request_ended) {
-        /* Each request pays for the call; one without any pays here. */
+        /* Each request pays for the call; a call without any pays here. */
         if (call->message_count > 0 || umbd_call_take_points(call, UMBD_CALL_POINTS)) {
             umbd_call_end_requests(call);
         }

@@ -2,9 +2,9 @@
 /*
  * A call's reply side: response headers, body, trailers, failures.
  *
- * The body is one block that is copied once, from where it was made into the connection's output.
- * Trailers are queued when nghttp2 asks for the last bytes, as it requires. Source: reference
- * measurements, "Responses" (protocol.md section 4.3 of the research notes).
+ * The body is one block. It is copied once, from where it was made into the connection's output.
+ * Trailers are queued when nghttp2 asks for the last bytes, as it requires. Source: gRPC over
+ * HTTP/2, "Responses" (github.com/grpc/grpc, doc/PROTOCOL-HTTP2.md).
  */
 #include "daemon/call.h"
 #include "wire/grpc_status.h"
@@ -15,7 +15,7 @@
 static nghttp2_nv field(const char *name, const char *value)
 {
     return (nghttp2_nv){
-        .name = (uint8_t *)(uintptr_t)name, /* nghttp2 takes no const; it copies both */
+        .name = (uint8_t *)(uintptr_t)name, /* nghttp2 takes no const pointers, and copies both */
         .value = (uint8_t *)(uintptr_t)value,
         .namelen = strlen(name),
         .valuelen = strlen(value),
@@ -23,12 +23,12 @@ static nghttp2_nv field(const char *name, const char *value)
     };
 }
 
-/* What the status fields point to while they are copied. */
+/* Texts of the status fields, until nghttp2 has copied them. */
 struct status_text {
     char code[4], pushback[12];
 };
 
-/* Appends grpc-status and what goes with it. */
+/* Appends grpc-status and the fields that belong to it. */
 static size_t add_status(const struct umbd_call *call, struct status_text *text, nghttp2_nv *fields,
                          size_t count)
 {
@@ -54,7 +54,8 @@ static size_t add_status(const struct umbd_call *call, struct status_text *text,
     return count;
 }
 
-/* Without memory even for that, the connection goes: its client must not wait for ever. */
+/* If memory is short even for a reset, the connection is closed: its client must not wait for
+ * ever. */
 static void reset_stream(struct umbd_call *call)
 {
     if (nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
@@ -104,7 +105,7 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
         }
     }
     if (call->queue_first != NULL && !umbd_call_is_busy(call)) {
-        umbd_stream_later(call); /* the client takes its replies: there is room for more */
+        umbd_stream_later(call); /* the client reads its replies: there is room for more */
     }
     umbd_service_bakes_more(call);
 }
@@ -135,7 +136,7 @@ static void submit(struct umbd_call *call, const nghttp2_nv *fields, size_t coun
     }
 }
 
-/* A batch with the pool is given up: it comes home as a stranger and is freed then. */
+/* Cancels the call's batch. When the batch returns to the loop, it finds no call and is freed. */
 static void abandon_batch(struct umbd_call *call)
 {
     if (call->batch != NULL) {
@@ -176,7 +177,7 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     submit(call, fields, count, 0);
 }
 
-/* What passes by itself: without the trailer a client takes RESOURCE_EXHAUSTED for final. */
+/* True for failures that pass by themselves: without the trailer RESOURCE_EXHAUSTED looks final. */
 static int is_temporary(enum umb_status status)
 {
     return status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT || status == UMB_E_BUSY;
@@ -204,7 +205,7 @@ void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_erro
 {
     call->out.size -= call->unvalidated_bytes;
     call->unvalidated_bytes = 0;
-    call->reply_ended = 0; /* whatever was to be its end has not been sent */
+    call->reply_ended = 0; /* the planned end of the reply has not been sent */
     umbd_call_fail_status(call, error->status, error);
 }
 
@@ -244,7 +245,7 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
     if (out->capacity - out->size < bytes) {
         size_t capacity = out->size + bytes;
         if (umbd_method_gives_many(call->method)) {
-            capacity += capacity / 2; /* more replies are to come */
+            capacity += capacity / 2; /* room for more replies */
         }
         uint8_t *block = realloc(out->bytes, capacity);
         if (block == NULL) {

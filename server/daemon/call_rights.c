@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rights of calls. A connection remembers the last token it saw and the set it was found in, so
- * that the usual call compares one hash and takes no lock; a reload makes it look again. What it
- * remembers may be of another call: whoever uses it looks first whether it is this one's.
+ * Rights of calls. A connection remembers the last token it saw and the set that held it. So the
+ * usual call compares one hash and takes no lock; after a reload the token is looked up again. The
+ * remembered token may be another call's: each use first compares its hash with the call's.
  */
 #include "daemon/call_rights.h"
 
@@ -21,7 +21,7 @@ static enum umbd_scope scope_of(enum umbd_method method)
     case UMBD_METHOD_CHECK:
     case UMBD_METHOD_WATCH:
     case UMBD_METHOD_UNKNOWN:
-        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens, and are never held up */
+        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens, and are always served */
     case UMBD_METHOD_BAKES_SUBMIT:
     case UMBD_METHOD_BAKES_WATCH:
     case UMBD_METHOD_BAKES_CANCEL:
@@ -82,7 +82,7 @@ int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
 {
     struct umbd_daemon *daemon = call->conn->loop->daemon;
     if (daemon->jobs == NULL || daemon->tokens == NULL) {
-        return 1; /* there is one owner, or none */
+        return 1; /* without tokens there is one owner */
     }
     const struct umbd_token *token = umbd_call_token(call);
     return (token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0) ||
@@ -97,7 +97,7 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     uint8_t id[UMB_ID_BYTES];
     *out = NULL;
     if (umb_id_from_text(name_or_id, id) == UMB_OK && !umbd_call_sees(call, id)) {
-        return umbs_store_not_found(name_or_id, error); /* nor that it is damaged */
+        return umbs_store_not_found(name_or_id, error); /* neither that it is damaged */
     }
     enum umb_status status = umbs_reader_acquire(call->conn->loop->reader, name_or_id, out, error);
     if (status == UMB_OK && !umbd_call_sees(call, umbs_entry_item(*out)->id)) {
@@ -108,7 +108,8 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     return status;
 }
 
-/* Whoever listens on the way could send what he heard, and everybody can connect. */
+/* Plain TCP has no confidentiality: an eavesdropper could replay the token, and anyone can
+ * connect. */
 static int is_plain_tcp(const struct umbd_conn *conn)
 {
     return conn->tls == NULL && conn->socket.handle.type == UV_TCP;
@@ -176,9 +177,9 @@ static int refuse_rate(struct umbd_call *call, const char *whose, const char *wh
 }
 
 /*
- * 1 if the connection's own rate of such calls, or its address's, holds with this one. The first is
- * for probes: behind a balancer all clients have its address, and one that asks without end would
- * have the balancer take the server for ill.
+ * 1 if a call without rights is within the connection's own rate, or within its address's. The
+ * first serves probes. Behind a balancer all clients have the balancer's address; one greedy client
+ * would otherwise make the balancer's own probes fail.
  */
 static int open_rate_holds(struct umbd_call *call, uint64_t *wait_ns)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Reading the INI file by libinih, which tells no line numbers to its handler and cuts long lines:
- * the lines are counted and measured where it asks for them.
+ * Reading the INI file by libinih. It gives no line numbers to its handler and cuts long lines, so
+ * its line source here counts and measures the lines.
  */
 #include "daemon/config_file.h"
 
@@ -39,7 +39,7 @@ static char *next_line(char *line, int size, void *stream)
                      reading->path, reading->line, UMBD_CONFIG_LINE_MAX);
         return NULL;
     }
-    /* An indented line would go on the one before it. */
+    /* libinih would append an indented line to the one before it. */
     size_t blanks = strspn(line, " \t");
     memmove(line, line + blanks, length - blanks + 1);
     return line;

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_CONFIG_FILE_H
 #define UMBRAGE_SERVER_DAEMON_CONFIG_FILE_H
 /*
- * The daemon's INI file (umbraged.conf): one `name = value` a line, names as on the command line
- * without their dashes, `store` and `listen` as often as wanted, flags with true or false.
+ * The daemon's INI file (umbraged.conf): one `name = value` a line. Names are those of the command
+ * line without their dashes; `store` and `listen` may be repeated; flags take true or false.
  *
  *     ; comment
  *     [umbraged]
@@ -11,7 +11,7 @@
  *     idle-timeout = 5m
  *
  * The section line may be left out. An unknown name, another section, a value that the option does
- * not take, a name given twice: an error that says which line.
+ * not take, and a repeated name are errors; the message names the line.
  */
 #include "umbrage/status.h"
 
@@ -20,8 +20,8 @@
 /*
  * Reads a file and calls set for each name in turn.
  *
- * In:    set: returns a failure to end the reading; its message is put behind the line's number.
- * Fails: E_NO_INPUT, E_PERMISSION, E_IO (the file), E_ARGUMENT (a line), what set returned.
+ * In:    set: returns a failure to end the reading; its message is put after the line's number.
+ * Fails: E_NO_INPUT, E_PERMISSION, E_IO (the file), E_ARGUMENT (a line), a failure of set.
  */
 UMB_CHECKED enum umb_status umbd_config_read(const char *path,
                                              enum umb_status (*set)(void *user, const char *name,

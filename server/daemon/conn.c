@@ -2,9 +2,9 @@
 /*
  * A connection's life: accepting, budgets, timers, closing.
  *
- * Rules that keep it safe: nghttp2's call-backs only queue; this file and conn_io.c alone receive,
- * send and close. A closed connection stays in memory until libuv says so, with `closing` set, so a
- * pointer held across a flush stays good for the rest of the event.
+ * Safety rules: nghttp2's callbacks only queue; only this file and conn_io.c receive, send and
+ * close. A closed connection stays in memory, with `closing` set, until libuv has closed its
+ * handle. So a pointer that is held across a flush stays valid for the rest of the event.
  */
 #include "daemon/call_rights.h"
 #include "daemon/conn_tls.h"
@@ -16,12 +16,12 @@
 #include <string.h>
 #include <unistd.h>
 
-#define TERMINATED_MS   5000   /* for a GOAWAY to leave and the peer to go */
-#define KEEPALIVE_S     60     /* until the kernel asks whether a silent peer is still there */
-#define SLOWEST_BYTES   16     /* a millisecond: what a peer must take while a reply waits */
-#define HOLD_MS         600000 /* in which it must take all that is held for it */
-#define AGE_SHARE       10     /* of --max-age, by which connections differ at most */
-#define STALL_MARGIN_MS 1000   /* stalled streams are reset first, the others go on */
+#define TERMINATED_MS   5000   /* for a GOAWAY to be sent and the peer to leave */
+#define KEEPALIVE_S     60     /* silence after which the kernel probes a peer */
+#define SLOWEST_BYTES   16     /* bytes a millisecond that a peer must read while a reply waits */
+#define HOLD_MS         600000 /* time in which a peer must read everything held for it */
+#define AGE_SHARE       10 /* one part in this of --max-age: largest spread of connections' ages */
+#define STALL_MARGIN_MS 1000 /* stalled streams are reset first, the others go on */
 
 static size_t bucket_of(uint64_t serial)
 {
@@ -81,7 +81,7 @@ static void on_closed(uv_handle_t *handle)
     free(handle->data);
 }
 
-/* The peer of a TLS connection learns that nobody cut it. */
+/* Sends close_notify, so that a TLS peer can tell a close from a cut. */
 static void say_bye(struct umbd_conn *conn)
 {
     const uint8_t *bytes = NULL;
@@ -120,7 +120,7 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     uv_close(&conn->socket.handle, on_closed);
 }
 
-/* Queues a GOAWAY and lets the session end; the tick closes what does not go. */
+/* Queues a GOAWAY and lets the session end; the tick closes the connection if it stays. */
 void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code)
 {
     if (!conn->terminated) {
@@ -152,8 +152,9 @@ static void cut_by_timer(struct umbd_conn *conn, const char *which)
     umbd_conn_close(conn, which);
 }
 
-/* When a connection is asked to go. Those that came together must not go together, so each has an
- * age of its own, within a tenth of the option's (a multiplicative hash of its serial). */
+/* Time when a connection is asked to leave. Connections that came together must not leave together.
+ * So each has an age of its own, within a tenth of the option's (a multiplicative hash of its
+ * serial). */
 static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
 {
     uint64_t spread_ms = 2 * max_age_ms / AGE_SHARE;
@@ -163,16 +164,16 @@ static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
                                  (uint64_t)(((double)spread_ms * (double)draw) / 4294967296.0);
 }
 
-/* A connection on its way in. */
+/* A connection that is being admitted. */
 struct newcomer {
     struct umbd_conn *conn;
     enum umbn_transport transport;
     uint32_t refusals;  /* Number of loops that had no room for it */
     int room_elsewhere; /* 1: its address has connections without rights on another loop */
-    const char *reason; /* why it is not admitted */
+    const char *reason; /* Reason why it is not admitted */
 };
 
-/* Names the peer and counts the connection for its address. Returns 0 if it has too many. */
+/* Identifies the peer and counts the connection for its address. Returns 0 if it has too many. */
 static int know_peer(struct newcomer *newcomer)
 {
     struct umbd_conn *conn = newcomer->conn;
@@ -189,7 +190,7 @@ static int know_peer(struct newcomer *newcomer)
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
     const struct sockaddr_storage *from = transport == UMBN_UNIX ? NULL : &address;
-    /* The socket's mode admits the peers of a Unix socket; they have no addresses to tell apart. */
+    /* A Unix socket's mode admits its peers; they have no addresses to tell apart. */
     const size_t limit = from != NULL ? daemon->options.max_address_connections : SIZE_MAX;
     size_t strangers = 0;
     const int known = umbd_peers_acquire(daemon->peers, from, limit, &conn->account, &strangers,
@@ -277,7 +278,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport t
     return conn;
 }
 
-/* Begins a connection whose socket is open; code: of opening it. */
+/* Begins a connection whose socket is open. code: result of opening the socket. */
 static void begin(struct newcomer *newcomer, int code)
 {
     struct umbd_conn *conn = newcomer->conn;
@@ -309,7 +310,8 @@ static void begin(struct newcomer *newcomer, int code)
         umbd_conn_close(conn, "cannot start");
         return;
     }
-    if (loop->drain == UMBD_DRAIN_NOTICE) { /* it was on its way when the others were told */
+    /* It was being accepted when the others got the GOAWAY. */
+    if (loop->drain == UMBD_DRAIN_NOTICE) {
         nghttp2_submit_shutdown_notice(conn->session);
     }
     umbd_conn_flush(conn);
@@ -342,9 +344,9 @@ static int has_unsent(const struct umbd_conn *conn)
 }
 
 /*
- * Returns 1 if the peer takes its replies too slowly. Patience runs out with the time in which
- * something waits to be sent, and comes back, never beyond --stall-timeout, with the bytes taken;
- * so neither silence nor a byte now and then can hold replies in memory for long.
+ * Returns 1 if the peer reads its replies too slowly. Its patience decreases while data waits to be
+ * sent. It grows with the bytes taken, up to --stall-timeout. So neither silence nor a byte now and
+ * then can hold replies in memory for long.
  */
 static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
 {
@@ -363,8 +365,8 @@ static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
     return conn->patience_ms < -STALL_MARGIN_MS;
 }
 
-/* Asks a connection whose time has come to go, in the steps of a drain. Returns 1 if it
- * had to be closed. */
+/* Asks a connection whose time has come to leave, in the steps of a drain. Returns 1 if it had to
+ * be closed. */
 static int retire(struct umbd_conn *conn, uint64_t now_ms)
 {
     const struct umbd_loop *loop = conn->loop;
@@ -419,7 +421,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
     }
     if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms &&
         conn->retired == UMBD_DRAIN_NO) {
-        conn->retire_at_ms = now_ms; /* a call may be on its way: no hard end */
+        conn->retire_at_ms = now_ms; /* a call may be on its way: no abrupt end */
     }
     if (retire(conn, now_ms)) {
         return;

@@ -1,34 +1,33 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The HTTP/2 session of a connection: settings, limits, and nghttp2's call-backs, which turn frames
+ * The HTTP/2 session of a connection: settings, limits, and nghttp2's callbacks, which turn frames
  * into calls (call.h).
  *
- * Limits set here, and why (measured on nghttp2 1.52): frames with headers of 32 KiB, because one
- * block of 1 MiB of references costs 1.5 s of CPU; the header table stays at 4096, because HAProxy
- * 2.6 does not announce that it lowers its own, which the library answers with COMPRESSION_ERROR;
- * streams 256; frames of 1 MiB, so that a batch of points is one frame; windows of 64 MiB a
- * connection and 16 MiB a stream, opened again by hand as bytes are taken. What the library does
- * not count is counted by h2_guard.h: decoded header bytes, cheap frames, and streams that the peer
- * makes us reset.
+ * Limits set here, with reasons (measured on nghttp2 1.52). Header blocks: 32 KiB, because one
+ * block of 1 MiB of references costs 1.5 s of CPU. Header table: 4096 bytes; HAProxy 2.6 does not
+ * announce that it lowers its own, and the library answers that with COMPRESSION_ERROR. Streams:
+ * 256. Frames: 1 MiB, so that a batch of points is one frame. Windows: 64 MiB a connection and 16
+ * MiB a stream, opened again by hand as bytes are taken. h2_guard.h counts what the library does
+ * not: decoded header bytes, cheap frames, and streams that the peer makes us reset.
  *
- * Call-backs only queue frames; sending, receiving and closing happen outside of them.
+ * Callbacks only queue frames; sending, receiving and closing happen outside of them.
  */
 #include "daemon/call.h"
 
 #include <string.h>
 
-#define WINDOW_BYTES         (64 * 1024 * 1024) /* of the connection */
+#define WINDOW_BYTES         (64 * 1024 * 1024) /* window of the connection */
 #define STREAM_WINDOW_BYTES  (16 * 1024 * 1024)
 #define FRAME_BYTES          (1024 * 1024)
-#define HEADER_FRAME_BYTES   32768 /* encoded; decoded lists are UMBD_HEADER_BYTES_MAX at most */
+#define HEADER_FRAME_BYTES   32768 /* encoded; decoded lists have UMBD_HEADER_BYTES_MAX at most */
 #define RESET_BURST          1000  /* resets by the peer; a cancelled call is cheap here */
 #define RESET_RATE           200
 #define CONTINUATIONS_MAX    8
 #define SETTINGS_ENTRIES_MAX 32
 
 /*
- * Debian's 1.52 carries these two from 1.57 and 1.61 as a security patch, others of that version do
- * not: ask the linker, not the version. Weak symbols are NULL where the library lacks them.
+ * Debian's 1.52 has these two functions of 1.57 and 1.61 as a security patch; other builds of that
+ * version lack them. So the linker decides, not the version: weak symbols are NULL if missing.
  */
 extern void nghttp2_option_set_stream_reset_rate_limit(nghttp2_option *option, uint64_t burst,
                                                        uint64_t rate)
@@ -41,7 +40,7 @@ static struct umbd_call *find_call(nghttp2_session *session, int32_t stream_id)
     return nghttp2_session_get_stream_user_data(session, stream_id);
 }
 
-/* Frames that cost the peer nothing: all but requests and real data. */
+/* True for frames that cost the peer nothing: all but requests and real data. */
 static int is_control(const nghttp2_frame_hd *frame)
 {
     switch (frame->type) {
@@ -70,7 +69,8 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
         umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
         return NGHTTP2_ERR_CALLBACK_FAILURE; /* before a byte of it is decoded */
     }
-    /* Answers that a peer causes and does not take would pile up in the library without end. */
+    /* Without this limit, answers that a peer causes and does not read would pile up in the
+     * library. */
     if (!conn->terminated &&
         nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
         umbd_conn_abuse(conn, UMBD_ABUSE_QUEUE, "too many frames wait to be taken");
@@ -86,7 +86,8 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
     }
     struct umbd_call *call = umbd_call_create(conn, frame->hd.stream_id);
     if (call == NULL) {
-        /* Nothing was begun, so the client may try again; the library's own reset would not say. */
+        /* No work was begun, so the client may try again. The library's own reset would not tell it
+         * so. */
         nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id,
                                   NGHTTP2_REFUSED_STREAM);
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
@@ -96,7 +97,8 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
     }
     if (umbd_h2_filter_was_reset(&conn->filter, (uint32_t)frame->hd.stream_id)) {
-        call->reset_early = 1; /* reset once its headers are whole: the decoder must see them all */
+        /* Reset once its headers are complete: the decoder must see all of them. */
+        call->reset_early = 1;
     }
     return 0;
 }
@@ -137,7 +139,7 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
         return 0;
     }
     umbd_call_data(call, data, size);
-    /* The budget has been looked at: what is kept is counted there, so the windows may open. */
+    /* The budget was checked and counts the kept bytes, so the windows may open. */
     size_t taken = umbd_stream_window(call, size);
     return nghttp2_session_consume_connection(session, size) == NGHTTP2_ERR_NOMEM ||
                    (taken > 0 &&
@@ -172,7 +174,8 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     return 0;
 }
 
-/* The library ends a session by itself when the peer breaks the protocol; its reason is in here. */
+/* The library ends a session by itself when the peer breaks the protocol; the GOAWAY has its
+ * reason. */
 static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
 {
     char reason[64];
@@ -240,7 +243,7 @@ static ssize_t frame_length(nghttp2_session *session, uint8_t type, int32_t stre
     return (ssize_t)length;
 }
 
-/* Puts one DATA frame straight from the reply into the loop's output: the only copy it gets. */
+/* Copies one DATA frame straight from the reply into the loop's output: the only copy of it. */
 static int send_data(nghttp2_session *session, nghttp2_frame *frame, const uint8_t *head,
                      size_t length, nghttp2_data_source *source, void *user)
 {
@@ -248,7 +251,7 @@ static int send_data(nghttp2_session *session, nghttp2_frame *frame, const uint8
     struct umbd_loop *loop = conn->loop;
     struct umbd_call *call = source->ptr;
     (void)session;
-    (void)frame; /* never padded: there is no select_padding call-back */
+    (void)frame; /* never padded: there is no select_padding callback */
     if (loop->out_size + 9 + length > UMBD_OUT_CAPACITY - UMBD_OUT_RESERVE) {
         return NGHTTP2_ERR_WOULDBLOCK;
     }

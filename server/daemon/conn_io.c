@@ -11,9 +11,9 @@
 #include "daemon/call.h"
 #include "daemon/conn_tls.h"
 
-#define IN_PLACE_BYTES (64 << 10) /* a piece that is worth being read where it belongs */
-#define FLUSH_BYTES    (1 << 20)  /* of one flush, then it is the turn of others */
-#define SMALL_BYTES    (8 << 10)  /* read at once from a connection that took too long a turn */
+#define IN_PLACE_BYTES (64 << 10) /* pieces of at least this size are read in place */
+#define FLUSH_BYTES    (1 << 20)  /* bytes of one flush, then other connections have their turn */
+#define SMALL_BYTES    (8 << 10)  /* read at once from a connection whose turn was too long */
 
 /* One write under way; the block follows. */
 struct pending_write {
@@ -29,7 +29,7 @@ static int collect(struct umbd_conn *conn)
     struct umbd_loop *loop = conn->loop;
     loop->out_size = 0;
     if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
-        return 0; /* only the handshake has something to say yet */
+        return 0; /* only the handshake has bytes to send yet */
     }
     while (loop->out_size < UMBD_OUT_SOFT) {
         const uint8_t *bytes = NULL;
@@ -38,7 +38,8 @@ static int collect(struct umbd_conn *conn)
             return (int)count;
         }
         if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
-            return NGHTTP2_ERR_BUFFER_ERROR; /* a frame longer than the reserve: none of ours is */
+            /* A frame longer than the reserve: the daemon sends none. */
+            return NGHTTP2_ERR_BUFFER_ERROR;
         }
         memcpy(loop->out + loop->out_size, bytes, (size_t)count);
         loop->out_size += (size_t)count;
@@ -63,8 +64,8 @@ static void on_written(uv_write_t *request, int status)
     }
 }
 
-/* Copies what the socket did not take and lets libuv write it. Returns 0 if that failed. The block
- * counts as held whatever the budgets say: what they refuse is new work. */
+/* Copies the bytes that the socket did not take and lets libuv write them. Returns 0 on failure.
+ * The block counts as held beyond all budgets: those only refuse new work. */
 static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
     struct pending_write *write = malloc(sizeof *write + count);
@@ -85,8 +86,8 @@ static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
     return 1;
 }
 
-/* Makes the next block to be sent; *size is 0 if there is none. Returns 0 if the connection has to
- * be closed, which has happened then. */
+/* Makes the next block for sending; *size is 0 if there is none. Returns 0 if the connection had to
+ * be closed. */
 static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *size)
 {
     struct umbd_loop *loop = conn->loop;
@@ -107,7 +108,7 @@ static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *siz
 void umbd_conn_flush(struct umbd_conn *conn)
 {
     uint64_t until = conn->sent_bytes + FLUSH_BYTES;
-    umbd_optimistic_reads_revalidate(conn->loop); /* before frames are made of what was answered */
+    umbd_optimistic_reads_revalidate(conn->loop); /* before frames are made of the answers */
     while (!conn->closing && !conn->write_pending) {
         const uint8_t *bytes = NULL;
         size_t size = 0;
@@ -138,10 +139,10 @@ void umbd_conn_flush(struct umbd_conn *conn)
 }
 
 /*
- * Where the next bytes go: right into the message that they belong to, if a large piece of one DATA
- * frame is still to come, else into the loop's buffer. Bytes read in place belong to that frame and
- * nothing behind it, so nobody looks at them after the call has been given them, even if it then
- * gives its message up. libuv reads and calls back at once: the call cannot go in between.
+ * Room for the next bytes: right in their message, if a large piece of one DATA frame is still to
+ * come, else in the loop's buffer. Bytes read in place belong to that frame and to nothing after
+ * it. So they are not read again once the call has them, even if it then drops its message. libuv
+ * reads and calls back at once: the call cannot end in between.
  */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
@@ -163,7 +164,7 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
                           conn->was_long ? SMALL_BYTES : UMBD_READ_BYTES);
 }
 
-/* The library gave the session up: send what it still has to say, then close. */
+/* The library ended the session: sends its last frames, then closes. */
 static void session_broke(struct umbd_conn *conn, int code)
 {
     umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
@@ -176,7 +177,7 @@ static void session_broke(struct umbd_conn *conn, int code)
     umbd_conn_close(conn, nghttp2_strerror(code));
 }
 
-/* TLS is broken, or the peer is none of ours: the alert goes out, then the connection. */
+/* TLS failed, or the peer was not accepted: sends the alert, then closes. */
 static void tls_broke(struct umbd_conn *conn)
 {
     umbd_count(&conn->loop->daemon->metrics.tls_failures, 1);
@@ -203,7 +204,7 @@ static int feed_session(void *user, const uint8_t *bytes, size_t count)
     return used < 0 ? (int)used : 0;
 }
 
-/* Plain bytes of the peer. */
+/* Takes plain bytes of the peer. */
 static int feed_filter(void *user, const uint8_t *bytes, size_t count)
 {
     struct umbd_conn *conn = user;
@@ -213,15 +214,15 @@ static int feed_filter(void *user, const uint8_t *bytes, size_t count)
 static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
     int code = umbd_conn_tls_open(conn, bytes, count, feed_filter, conn);
-    /* The next connection needs the buffer of the loop. */
+    /* The next connection needs the loop's buffer. */
     if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
         return UMBN_TLS_BROKEN;
     }
     return code;
 }
 
-/* What must be done while it is read, inflating above all, ends a turn too: libuv reads on as long
- * as a peer sends, and all others would wait. A bomb of 4 kB takes 10 ms. */
+/* Work of reading, above all inflating, also ends a turn: libuv reads on as long as a peer sends,
+ * and all others would wait. A decompression bomb of 4 kB takes 10 ms. */
 static void pause_if_long(struct umbd_conn *conn)
 {
     if (!conn->closing && conn->turn_ns >= UMBD_INLINE_NS &&

@@ -22,13 +22,14 @@
 
 #include <string.h>
 
-#define KEPT_SHARE   4    /* a quarter is kept */
-#define ADDRESS_PART 3    /* times what is free: the most that one address may hold */
-#define ROOM_IDLE_MS 1000 /* connections that came or worked within it are not evicted as idle */
-#define GRANT_BYTES  ((size_t)64 << 10) /* given to a connection at once */
-#define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by it when its calls end */
+#define KEPT_SHARE   4 /* one part in this of --max-buffer is reserved */
+#define ADDRESS_PART 3 /* times the free bytes: the most that one address may hold */
+/* Connections that came or worked more recently are not evicted as idle. */
+#define ROOM_IDLE_MS 1000
+#define GRANT_BYTES  ((size_t)64 << 10) /* granted to a connection at once */
+#define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by a connection when its calls end */
 
-/* Connections that a loop may have: its share of all, since each gets as many as the others. */
+/* Number of connections that a loop may have: its share, since all loops get equally many. */
 static size_t room_of(const struct umbd_loop *loop)
 {
     const struct umbd_daemon *daemon = loop->daemon;
@@ -85,7 +86,7 @@ void umbd_conn_leave(struct umbd_conn *conn)
 {
     if (!conn->proven) {
         stranger_unlink(conn);
-        /* From here on bytes being written count for the daemon only. */
+        /* From here on its bytes being written count for the daemon only. */
         atomic_fetch_sub(&conn->loop->daemon->stranger_buffered, conn->buffered);
         conn->proven = 1;
     }
@@ -139,8 +140,8 @@ static int grant(struct umbd_conn *conn, size_t bytes)
     return 1;
 }
 
-/* Counts bytes of a stranger. If all strangers exceed their share, the oldest are closed after the
- * event. */
+/* Counts bytes of a stranger. If the strangers together exceed their share, the oldest are closed
+ * after the event. */
 static void stranger_charge(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_daemon *daemon = conn->loop->daemon;
@@ -212,8 +213,8 @@ void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes)
     umbd_daemon_uncharge(conn->loop->daemon, bytes);
 }
 
-/* The connection with rights that has been without calls of theirs for longest, and for a second.
- */
+/* The connection with rights that has had no such call for the longest time, and at least a
+ * second. */
 static struct umbd_conn *idlest(const struct umbd_loop *loop)
 {
     uint64_t now_ms = uv_now(&loop->uv);

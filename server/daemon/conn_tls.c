@@ -5,17 +5,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KEPT_MAX  65536 /* bytes of records kept for a peer that takes none */
-#define LOOKS_MAX 256   /* certificates verified again in a tick: 20 ms */
+#define KEPT_MAX  65536 /* bytes of records kept for a peer that reads none */
+#define LOOKS_MAX 256   /* certificates verified again in one tick: 20 ms */
 
 struct umbd_conn_tls {
     struct umbn_tls *session;
-    unsigned generation; /* number of the files that judged the client last */
+    unsigned generation; /* number of the files that last verified the client */
     uint8_t *kept;       /* records that wait to be sent */
     size_t kept_size;
 };
 
-/* Appends records to the loop's buffer. False beyond what output and a handshake can be. */
+/* Appends records to the loop's buffer. False beyond the size of all output and a handshake. */
 static bool put_records(void *user, const uint8_t *bytes, size_t count)
 {
     struct umbd_loop *loop = ((struct umbd_conn *)user)->loop;
@@ -80,7 +80,7 @@ int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
     return umbn_tls_open(conn->tls->session, bytes, count, take, user);
 }
 
-/* Puts the records kept before the ones sealed now. Returns 0 if they do not fit. */
+/* Puts the kept records before those sealed now. Returns 0 if they do not fit. */
 static int take_kept(struct umbd_conn *conn)
 {
     struct umbd_conn_tls *tls = conn->tls;

@@ -9,8 +9,8 @@
 #include "daemon/conn.h"
 #include "net/tls_session.h"
 
-#define UMBD_TLS_OVERHEAD 64 /* most bytes that a record adds: head, nonce, tag, padding */
-/* Bytes for all of the loop's output, sealed, and for a handshake. */
+#define UMBD_TLS_OVERHEAD 64 /* most bytes added by a record: head, nonce, tag, padding */
+/* Bytes for the loop's whole output, sealed, and for a handshake. */
 #define UMBD_SEALED_CAPACITY                                                                       \
     (UMBD_OUT_CAPACITY + (UMBD_OUT_CAPACITY / UMBN_TLS_RECORD_BYTES + 2) * UMBD_TLS_OVERHEAD +     \
      65536)
@@ -19,7 +19,7 @@
 UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
 void umbd_conn_tls_finish(struct umbd_conn *conn);
 
-/* Takes records and gives what they hold to `take`; returns as umbn_tls_open. On an end the
+/* Opens records and passes their content to `take`; returns as umbn_tls_open. On an end the
  * connection must be flushed (there may be an alert) and closed. */
 int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
                        umbn_plain_fn take, void *user);
@@ -33,14 +33,14 @@ int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
 /* 1 once the handshake is over: then frames may be sent. */
 int umbd_conn_tls_ready(const struct umbd_conn *conn);
 
-/* Seals count bytes of the loop's output; *bytes and *size then are the records to be sent. Returns
- * 0 if that failed. */
+/* Seals count bytes of the loop's output; *bytes and *size then are the records to send. Returns 0
+ * on failure. */
 int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size);
 
 /* Keeps records that cannot be sent now. Returns 0 if there are too many, or no memory. */
 int umbd_conn_tls_keep(struct umbd_conn *conn);
 
-/* Says goodbye; the records are to be flushed. */
+/* Seals a close_notify; flush it afterwards. */
 void umbd_conn_tls_bye(struct umbd_conn *conn);
 
 #endif

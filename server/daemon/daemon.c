@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Construction and take-down of what the loops share. */
+/* Setting up and taking down the state that the loops share. */
 #include "daemon/daemon.h"
 
 #include "daemon/calibrations.h"
@@ -13,8 +13,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define KEPT_SHARE         4     /* a quarter of --max-buffer is kept for callers with rights */
-#define STRANGER_BYTES     65536 /* of a connection without rights, if all of them fit a quarter */
+/* One part in this of --max-buffer is reserved for callers with rights. */
+#define KEPT_SHARE 4
+/* Of a connection without rights, if all of them fit into a quarter. */
+#define STRANGER_BYTES     65536
 #define STRANGER_BYTES_LOW 16384 /* but a Watch and the call that shows a right must fit */
 
 /* Bytes that a connection may hold before it has shown a right. */
@@ -26,7 +28,7 @@ static size_t stranger_bytes(const struct umbd_options *options)
                                         : (size_t)share;
 }
 
-/* What the job service asks of the daemon; on its thread. */
+/* Callbacks of the job service into the daemon, on its thread. */
 static void jobs_changed_store(void *user)
 {
     struct umbd_daemon *daemon = user;
@@ -48,7 +50,7 @@ static int jobs_is_served(void *user, const uint8_t *asset)
     umb_id_to_text(asset, id);
     enum umb_status status = umbs_store_acquire(daemon->store, id, &entry, &error);
     if (status == UMB_OK && umbs_entry_is_replaced(entry)) {
-        status = UMB_E_NOT_FOUND; /* the one before */
+        status = UMB_E_NOT_FOUND; /* the version before it */
     }
     umbs_entry_release(entry);
     return status == UMB_OK ? 1 : status == UMB_E_NOT_FOUND ? 0 : -1;
@@ -96,7 +98,7 @@ void umbd_daemon_end_jobs(struct umbd_daemon *daemon)
     umbj_service_destroy(jobs);
 }
 
-/* Whether a folder is one of the operator's stores; NULL if not. */
+/* The operator's store that is the same folder; NULL if none is. */
 static const char *store_at(const struct umbd_options *options, const char *folder)
 {
     struct stat store, other;
@@ -121,7 +123,7 @@ enum umb_status umbd_daemon_check_apart(const struct umbd_options *options, cons
 }
 
 /* Folder of mapped files: that of the options, else that of systemd; NULL: one in each store.
- * Several names in CACHE_DIRECTORY have colons between them. */
+ * Several names in CACHE_DIRECTORY are separated by colons. */
 static const char *cache_folder(struct umbd_daemon *daemon)
 {
     const char *made = getenv("CACHE_DIRECTORY");
@@ -133,7 +135,7 @@ static const char *cache_folder(struct umbd_daemon *daemon)
     return daemon->cache;
 }
 
-/* The store's folders: the operator's, then that of the assets that jobs made. */
+/* Lists the store's folders: the operator's, then that of jobs' assets. */
 static enum umb_status list_folders(struct umbd_daemon *daemon, struct umb_error *error)
 {
     const struct umbd_options *options = &daemon->options;
@@ -209,8 +211,8 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
                                        options->tls_crl};
         status = umbd_tls_create(&files, &daemon->tls, error);
     }
-    /* Until here a signal ends the process as it ends any: the first scan may take minutes, and
-     * there is nothing to drain yet. The threads from here on inherit the mask. */
+    /* Until here a signal ends the process in the default way: the first scan may take minutes, and
+     * there is nothing to drain yet. The threads started from here on inherit the mask. */
     umbd_signals_block();
     if (status == UMB_OK) {
         status = umbd_pool_create(options->workers, options->queue, &daemon->metrics, &daemon->pool,
@@ -242,7 +244,7 @@ int umbd_daemon_finish(struct umbd_daemon *daemon)
     daemon->peers = NULL;
     daemon->tokens = NULL;
     daemon->tls = NULL;
-    /* No entry is held any more, so nobody calls the watch after it is gone. */
+    /* No entry is held any more, so the watch gets no further callbacks. */
     if (!umbd_store_watch_destroy(daemon->watch)) {
         return 0;
     }

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_DAEMON_H
 #define UMBRAGE_SERVER_DAEMON_DAEMON_H
 /*
- * What all loops of one daemon share: options, store, workers, counters. No globals: a process
- * could run two. Built by main before the first loop, taken down after the last.
+ * State that all loops of one daemon share: options, store, workers, counters. No globals: a
+ * process could run two. main builds it before the first loop and takes it down after the last.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -25,29 +25,30 @@ struct umbd_daemon {
     struct umbs_log log;
     struct umbd_metrics metrics;
     struct umbs_store *store;
-    const char *folders[UMBS_STORE_FOLDERS_MAX]; /* the store's, NULL behind the last: */
-    size_t store_count;                          /* the operator's, then */
+    const char *folders[UMBS_STORE_FOLDERS_MAX]; /* folders of the store, NULL at the end: */
+    size_t store_count;                          /* number of the operator's folders, then comes */
     char cache[4096];      /* Folder of mapped files that systemd names, or "" */
-    char job_assets[4096]; /* the assets that jobs made */
+    char job_assets[4096]; /* the folder of jobs' assets */
     struct umbd_store_watch *watch;
     struct umbd_pool *pool;
-    struct umbd_calibrations *calibrations; /* of budgets */
+    struct umbd_calibrations *calibrations; /* measured for budgets */
     struct umbd_peer_table *peers;
     struct umbd_tokens *tokens;             /* NULL = every caller may query */
     struct umbj_service *jobs;              /* NULL without --jobs, and after the loops have run */
     struct umbd_tls *tls;                   /* NULL unless something listens on tls: */
     atomic_uint_fast64_t buffered;          /* bytes of requests and replies held */
     size_t stranger_bytes;                  /* Bytes that a connection without rights may hold */
-    atomic_uint_fast64_t stranger_buffered; /* Bytes that all of those hold */
+    atomic_uint_fast64_t stranger_buffered; /* bytes that all of these connections hold */
     atomic_uint stranger_watches;           /* Number of their health Watches */
-    atomic_uint_fast64_t next_serial;       /* of connections; never reused */
+    atomic_uint_fast64_t next_serial;       /* serial of the next connection; never reused */
     struct umbd_loop *loops;                /* [loop_count], see loop_group.h */
     uint32_t loop_count;
-    uint32_t max_connections; /* of all loops: the option's, or what there are descriptors for */
+    /* Limit of all loops: the option's, or by the number of descriptors. */
+    uint32_t max_connections;
     atomic_uint loops_running;
     atomic_int draining;     /* health says NOT_SERVING */
-    uint64_t watchdog_ms;    /* a sign of life so often, 0 = none wanted */
-    uint64_t watchdog_at_ms; /* the next one; the first loop's */
+    uint64_t watchdog_ms;    /* interval of signs of life, 0 = none wanted */
+    uint64_t watchdog_at_ms; /* time of the next one; the first loop's */
 };
 
 /* Fails with E_ARGUMENT if a folder of --jobs is one of the operator's stores. */
@@ -55,19 +56,20 @@ UMB_CHECKED enum umb_status umbd_daemon_check_apart(const struct umbd_options *o
                                                     const char *folder, struct umb_error *error);
 
 /*
- * --check: opens what the options name as a start does, and lets it go. Fails: as
- * umbd_daemon_init, for folders, tokens, certificates and programs; Slurm's are looked for too.
+ * --check: opens all that the options name, as a start does, and releases it. Fails: as
+ * umbd_daemon_init, for folders, tokens, certificates and programs; Slurm's programs are checked
+ * too.
  */
 UMB_CHECKED enum umb_status umbd_daemon_check(const struct umbd_options *options,
                                               struct umb_error *error);
 
-/* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then as
- * after umbd_daemon_finish. */
+/* Opens the store, scans it, starts workers and the store's thread. Fails: any; daemon is then in
+ * the state after umbd_daemon_finish. */
 UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
                                              const struct umbd_options *options,
                                              struct umb_error *error);
 
-/* Ends the job service, whose last job requests the loops then get: between umbd_loops_run and
+/* Ends the job service; the loops get its last job requests. Call it between umbd_loops_run and
  * umbd_loops_finish. */
 void umbd_daemon_end_jobs(struct umbd_daemon *daemon);
 
@@ -79,18 +81,18 @@ int umbd_daemon_finish(struct umbd_daemon *daemon);
 int umbd_daemon_charge(struct umbd_daemon *daemon, size_t bytes);
 void umbd_daemon_uncharge(struct umbd_daemon *daemon, size_t bytes);
 
-/* Gives the service manager its sign of life when it is due, unless a loop has not ticked for as
- * long: one that hangs is noticed, whichever it is. The first loop's tick calls it. */
+/* Gives the service manager its sign of life when due, unless any loop has not ticked for that
+ * long: so a loop that hangs is noticed. The first loop's tick calls it. */
 void umbd_daemon_alive(struct umbd_daemon *daemon, uint64_t now_ms);
 
 /*
- * Reads command line and config file again (SIGHUP): log level and scrub interval are taken over,
- * for every other setting that changed the log says that it takes a restart. What cannot be read
- * changes nothing. Blocks for a small file.
+ * Reads command line and config file again (SIGHUP). Log level and scrub interval take effect. For
+ * every other changed setting the log tells that it needs a restart. An unreadable file changes
+ * nothing. Blocks for a small file.
  */
 void umbd_daemon_reload(struct umbd_daemon *daemon);
 
-/* Reads what a scrape needs besides the counters. */
+/* Reads the values of a scrape that are not counters. */
 void umbd_daemon_gauges(struct umbd_daemon *daemon, struct umbd_gauges *gauges);
 
 #endif

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * --check: whether the files and folders that the options name could be used, found out as a start
- * does, without a change to any of them. Assets are not opened: one that is damaged keeps no daemon
- * from serving the others.
+ * --check: tests whether the files and folders of the options could be used, as a start does,
+ * without changing any of them. Assets are not opened: a damaged one does not keep a daemon from
+ * serving the others.
  */
 #include <errno.h>
 #include <stdbool.h>
@@ -46,7 +46,7 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
     return status;
 }
 
-/* A folder that is there must be usable, else the one above must let it be made. */
+/* A folder that exists must be usable; for a missing one the folder above must allow making it. */
 static enum umb_status check_folder(const char *option, const char *path, struct umb_error *error)
 {
     struct stat info;
@@ -75,7 +75,7 @@ static enum umb_status check_folder(const char *option, const char *path, struct
                                       option, path);
 }
 
-/* A cache must also be out of other users' reach. */
+/* A cache must also be protected from other users. */
 static enum umb_status check_cache(const char *path, struct umb_error *error)
 {
     struct umb_error cause;
@@ -113,7 +113,7 @@ static bool is_in_path(const char *name)
     return false;
 }
 
-/* A start does not ask for these: a cluster may be upgraded under a daemon. */
+/* A start does not check these programs: a cluster may be upgraded under a running daemon. */
 static enum umb_status check_slurm(struct umb_error *error)
 {
     static const char *const names[] = {"sbatch", "squeue", "scancel", "scontrol"};

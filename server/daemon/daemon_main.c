@@ -2,8 +2,8 @@
 /*
  * umbraged: answers shadow queries over gRPC on the assets of a folder.
  *
- * Exit codes: 0 drained or asked to, 2 bad arguments, else those of docs/reference/operations.md by
- * status.
+ * Exit codes: 0 after a drain or an information option, 2 for bad arguments, else those of
+ * docs/reference/operations.md by status.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -24,11 +24,11 @@
 #include "tool/exit_code.h"
 #include "umbrage/version.h"
 
-/* Request and reply blocks are big and short-lived: keep their pages instead of faulting them anew
- * for each batch (65536 points are 786 kB; measured 1.1 to 1.2 times the CPU otherwise). */
+/* Request and reply blocks are big and short-lived. Keeping their pages avoids new page faults for
+ * each batch (65536 points are 786 kB; measured: 1.1 to 1.2 times the CPU otherwise). */
 #define KEEP_BYTES (32 * 1024 * 1024) /* the most that glibc takes */
 
-#define OTHER_DESCRIPTORS 128   /* beside connections: listeners, the store, the admin port */
+#define OTHER_DESCRIPTORS 128   /* besides connections: listeners, the store, the admin port */
 #define ASSET_DESCRIPTORS 16384 /* one for each mapped asset */
 
 #if defined(__SANITIZE_THREAD__)
@@ -41,8 +41,8 @@
 
 #ifdef UMBD_UNDER_TSAN
 /*
- * libuv closes descriptors by a bare system call that ThreadSanitizer does not see, so it takes the
- * next use of the same number, in the store's thread, for a race on the descriptor. Only reports
+ * libuv closes descriptors by a bare system call that ThreadSanitizer does not see. It then reports
+ * the next use of the same number, in the store's thread, as a race on the descriptor. Only reports
  * whose innermost frame is one of these calls are silenced: never one on our own memory.
  */
 UMB_API const char *__tsan_default_suppressions(void);
@@ -61,9 +61,10 @@ static void keep_pages(void)
 }
 
 /*
- * Each connection takes a descriptor, and so does each mapped asset; the soft limit of many systems
- * is 1024. Raised before the first scan, which maps them. Where it is far more it is lowered: the
- * loops' tables are made for as many as there can be (loop_reserve.h). Returns the limit.
+ * Sets the limit of descriptors. Each connection and each mapped asset takes one; the soft limit of
+ * many systems is 1024. The limit is raised before the first scan, which maps the assets. If it is
+ * far higher it is lowered: the loops' tables have a place for every descriptor (loop_reserve.h).
+ * Returns the limit.
  */
 static uint64_t raise_descriptors(const struct umbd_options *options)
 {
@@ -79,8 +80,8 @@ static uint64_t raise_descriptors(const struct umbd_options *options)
     return limit.rlim_cur;
 }
 
-/* Takes no more connections than there are descriptors for: it is better to close an idle one, or
- * to tell who comes that there is no room, than to let him wait for one. */
+/* Limits connections to the number of descriptors. Closing an idle connection, or refusing a new
+ * one, is better than letting it wait for a descriptor. */
 static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
 {
     uint64_t needed = (uint64_t)daemon->options.max_connections + OTHER_DESCRIPTORS;
@@ -101,7 +102,7 @@ static int complain(enum umb_status status, const struct umb_error *error)
     return umbu_exit_code(status);
 }
 
-/* Writes the chosen addresses, one a line, so that whoever waits for the file never reads half. */
+/* Writes the chosen addresses, one a line. The file appears whole, so no reader sees half of it. */
 static enum umb_status write_addresses(const struct umbd_loop *loop, struct umb_error *error)
 {
     const char *path = loop->daemon->options.address_file;
@@ -170,7 +171,7 @@ static enum umb_status serve(const struct umbd_options *options, struct umb_erro
     }
     limit_connections(&daemon, descriptors);
     status = umbd_loops_init(&daemon, error);
-    struct umbd_loop *loop = daemon.loops; /* the one that listens */
+    struct umbd_loop *loop = daemon.loops; /* the loop that listens */
     if (status == UMB_OK) {
         status = umbd_listeners_open(loop, error);
     }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The Prometheus text format (version 0.0.4). Names of the grpc_server_ family are those that
- * existing dashboards of the gRPC ecosystem read.
+ * The Prometheus text format (version 0.0.4). The grpc_server_ names are those that existing
+ * dashboards of the gRPC ecosystem read.
  */
 #include "daemon/daemon_metrics.h"
 
@@ -52,7 +52,7 @@ static const struct method_name method_names[UMBD_METHOD_COUNT] = {
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
                                                           "library", "timeout", "queue"};
 
-/* Upper bounds in nanoseconds and as Prometheus writes them (reference: ops, section 4). */
+/* Upper bounds in nanoseconds, and as Prometheus writes them (docs/reference/operations.md). */
 static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
     50000,    100000,   250000,    500000,    1000000,   2500000,    5000000,    10000000,
     25000000, 50000000, 100000000, 250000000, 500000000, 1000000000, 5000000000,
@@ -164,7 +164,7 @@ static void write_times(FILE *out, struct umbd_metrics *metrics)
     write_histogram(out, "umbrage_queue_seconds", "", &metrics->queued);
 }
 
-/* Calls begun and not finished. */
+/* Number of calls that have begun and not ended. */
 static unsigned long long inflight(struct umbd_metrics *metrics)
 {
     long long open = 0;
@@ -174,10 +174,10 @@ static unsigned long long inflight(struct umbd_metrics *metrics)
             open -= (long long)get(&metrics->handled[m][code]);
         }
     }
-    return open > 0 ? (unsigned long long)open : 0; /* the counters are not read at once */
+    return open > 0 ? (unsigned long long)open : 0; /* the counters are not read at one moment */
 }
 
-/* Loads that failed, by whose fault it was. */
+/* Failed loads, by cause: the file's fault or the machine's. */
 static void write_asset_errors(FILE *out, struct umbd_metrics *metrics)
 {
     unsigned long long machine = get(&metrics->load_failed_machine);
@@ -306,7 +306,7 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_
             get(&jobs->tiles_baked), get(&jobs->tiles_found));
 }
 
-/* Resident pages from /proc; 0 where there is no such file. */
+/* Resident pages from /proc; 0 if there is no such file. */
 static unsigned long long resident_bytes(void)
 {
     unsigned long long total = 0;
@@ -345,7 +345,7 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
     }
     write_process(out);
     int bad = ferror(out);
-    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
     if (fclose(out) != 0 || bad || *text == NULL) {
         free(*text);
         *text = NULL;

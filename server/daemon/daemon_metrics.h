@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_DAEMON_DAEMON_METRICS_H
 #define UMBRAGE_SERVER_DAEMON_DAEMON_METRICS_H
 /*
- * Counters of the daemon and their Prometheus text. Every counter is an atomic of its own that
- * only ever grows; a scrape may see one call counted as started and not yet as handled, never a
- * torn number. Labels come from fixed lists, so that no peer can make new series.
+ * Counters of the daemon and their Prometheus text. Every counter is a separate atomic that only
+ * grows; a scrape may see one call counted as started and not yet as handled, never a torn number.
+ * Labels come from fixed lists, so no peer can create new series.
  */
 #include <stdatomic.h>
 #include <stddef.h>
@@ -50,17 +50,17 @@ enum umbd_method {
 enum umbd_abuse {
     UMBD_ABUSE_CONTROL = 0, /* cheap frames */
     UMBD_ABUSE_HEADERS,     /* header lists over the limit */
-    UMBD_ABUSE_RESET_SENT,  /* streams the peer made us reset */
-    UMBD_ABUSE_LIBRARY,     /* nghttp2 gave the connection up */
-    UMBD_ABUSE_TIMEOUT,     /* a timer cut it */
-    UMBD_ABUSE_QUEUE,       /* frames that the peer caused and did not take */
+    UMBD_ABUSE_RESET_SENT,  /* streams that the peer made us reset */
+    UMBD_ABUSE_LIBRARY,     /* nghttp2 ended the connection */
+    UMBD_ABUSE_TIMEOUT,     /* a timer ended it */
+    UMBD_ABUSE_QUEUE,       /* frames that the peer caused and did not read */
     UMBD_ABUSE_COUNT,
 };
 
 #define UMBD_GRPC_CODES   17
 #define UMBD_TIME_BUCKETS 15 /* upper bounds 50 us .. 5 s, see daemon_metrics.c */
 
-/* Durations: how many fell into each bucket, and their sum. */
+/* Histogram of durations: the number in each bucket, and their sum. */
 struct umbd_histogram {
     atomic_uint_fast64_t buckets[UMBD_TIME_BUCKETS + 1];
     atomic_uint_fast64_t sum_ns;
@@ -71,15 +71,15 @@ struct umbd_metrics {
     atomic_uint_fast64_t handled[UMBD_METHOD_COUNT][UMBD_GRPC_CODES];
     struct umbd_histogram handling[UMBD_METHOD_COUNT];
     struct umbd_histogram queued; /* from a batch's submission to a worker's first slice of it */
-    atomic_uint_fast64_t points;  /* answered */
+    atomic_uint_fast64_t points;  /* points answered */
     atomic_uint_fast64_t volume_queries[UMBW_VOLUME_QUERY_COUNT]; /* records answered */
-    atomic_uint_fast64_t batches_started; /* whose first point was looked up */
+    atomic_uint_fast64_t batches_started; /* batches whose first point was looked up */
     atomic_uint_fast64_t shed;
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
     atomic_uint_fast64_t tls_failures;
     atomic_uint_fast64_t unauthorized;
     atomic_uint_fast64_t rate_limited;
-    atomic_uint_fast64_t loads, load_ms; /* of assets, failed ones too */
+    atomic_uint_fast64_t loads, load_ms; /* loads of assets, failed ones too */
     atomic_uint_fast64_t load_failed_damaged, load_failed_machine;
     atomic_uint_fast64_t connections_opened;
     atomic_uint_fast64_t connections_refused;
@@ -90,14 +90,14 @@ struct umbd_metrics {
     atomic_int_fast64_t strangers;   /* Number of those without rights */
 };
 
-/* What only others know at the moment of a scrape. */
+/* Values that are read at the moment of a scrape. */
 struct umbd_gauges {
     struct umbs_store_counts assets;
     size_t queue_depth;
     uint64_t buffered_bytes;
     int ready;
     struct umbj_counters *jobs; /* NULL without --jobs */
-    struct umbj_tiles tiles;    /* of the jobs that run */
+    struct umbj_tiles tiles;    /* tiles of the running jobs */
 };
 
 static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)

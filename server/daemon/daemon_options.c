@@ -169,7 +169,7 @@ static const struct umbu_option JOBS[] = {
      AT(job_bytes), .standard = "16GiB"},
 };
 
-/* Options that ask for something else than serving: no file has them. */
+/* Options that replace serving: they are not allowed in a file. */
 static const struct umbu_option OTHERS[] = {
     {"config", "FILE", "options as lines of name = value; the command line goes before it",
      UMBU_TEXT, AT(config), .not_in_file = true},
@@ -195,7 +195,7 @@ const struct umbu_command umbd_command = {
                  {"others", UMBU_ROWS(OTHERS)}},
 };
 
-/* Three quarters of this machine's memory. */
+/* Limit for memory options: three quarters of this machine's memory. */
 static uint64_t most_memory(void)
 {
     const long pages = sysconf(_SC_PHYS_PAGES);
@@ -217,7 +217,7 @@ static void set_defaults(struct umbd_options *options, struct umbu_parsed *parse
     umbu_begin(parsed, &umbd_command, options);
 }
 
-/* Fails if three limits do not rise. */
+/* Fails unless three limits are in ascending order. */
 static enum umb_status check_order(const char *const names[3], uint64_t low, uint64_t middle,
                                    uint64_t high, struct umb_error *error)
 {
@@ -247,7 +247,7 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
                           "--tls-client-ca: no client would be asked; give a --listen tls:...");
 }
 
-/* Checks what single options cannot say. */
+/* Checks combinations of options. */
 static enum umb_status check_whole(struct umbd_options *options, struct umb_error *error)
 {
     static const char *const buffers[] = {"--max-message", "--connection-buffer", "--max-buffer"};

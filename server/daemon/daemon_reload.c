@@ -47,7 +47,7 @@ static int has_line(const char *text, const char *line)
     return at != NULL;
 }
 
-/* Says for each setting of after that is not in before, that it waits for a restart. */
+/* Logs each setting of `after` that is not in `before`: it waits for a restart. */
 static void log_waiting(const struct umbs_log *log, const char *before, char *after)
 {
     for (char *line = next_line(&after); line != NULL; line = next_line(&after)) {

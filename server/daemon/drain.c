@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The drain, as stages moved on by the tick: NOT_SERVING while balancers look away; then listeners
- * close and every connection gets a GOAWAY that still admits what is on its way; a moment later
- * the final GOAWAY; then calls finish until the timeout. A second signal ends it at once. Every
- * loop does this for its connections, told by the first, which is the last to end.
+ * The drain, as stages that the tick advances. First NOT_SERVING, so that balancers look away. Then
+ * listeners close and every connection gets a GOAWAY that still admits requests on their way. A
+ * moment later comes the final GOAWAY; then calls finish until the timeout. A second signal ends
+ * the drain at once. Every loop drains its own connections; the first loop starts the others and is
+ * the last to end.
  *
  * Source: RFC 9113 section 6.8 (two GOAWAYs lose no request that was already sent).
  */
@@ -50,7 +51,7 @@ static void end_open_calls(struct umbd_conn *conn)
     if (!found) {
         return;
     }
-    umbd_conn_flush(conn); /* ends calls; may close the connection, which has none then */
+    umbd_conn_flush(conn); /* ends calls; may close the connection, which then has none */
     for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
         if (!call->headers_whole || umbd_call_is_open(call)) {
             umbd_call_cut_open(call);

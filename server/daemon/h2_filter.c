@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The filter of early resets. A frame head is 9 bytes: length (3), type, flags, stream id (4), big
- * endian (RFC 9113, section 4.1). Only a head that is cut by the end of a read is held back, until
- * the rest of it comes; whole runs of frames are passed on from where they lie.
+ * endian (RFC 9113, section 4.1). Only a head that the end of a read cuts is held back until its
+ * rest comes. Whole runs of frames are passed on in place.
  */
 #include "daemon/h2_filter.h"
 
@@ -22,7 +22,7 @@ void umbd_h2_filter_init(struct umbd_h2_filter *filter)
     filter->preface_left = PREFACE_BYTES;
 }
 
-/* Reads the whole head; decides whether its frame is dropped. */
+/* Reads the complete head; decides whether its frame is dropped. */
 static void begin_frame(struct umbd_h2_filter *filter)
 {
     const uint8_t *h = filter->head;
@@ -56,7 +56,7 @@ static int pass(const uint8_t *bytes, size_t from, size_t to, umbd_emit_fn emit,
 }
 
 /*
- * Takes head bytes at `at`; *run is where the bytes not passed on begin. Moves both.
+ * Takes head bytes at `at`; *run is the start of the bytes not passed on yet. Moves both.
  */
 static int take_head(struct umbd_h2_filter *filter, const uint8_t *bytes, size_t count, size_t *at,
                      size_t *run, umbd_emit_fn emit, void *user)

@@ -2,15 +2,16 @@
 #ifndef UMBRAGE_SERVER_DAEMON_H2_FILTER_H
 #define UMBRAGE_SERVER_DAEMON_H2_FILTER_H
 /*
- * Looks at frame heads on their way to nghttp2 and takes out RST_STREAM of streams that the peer
+ * A filter of the frames on their way to nghttp2. It removes RST_STREAM of streams that the peer
  * has not opened yet.
  *
  * Why: gRPC's C core (Python, C++, Ruby; seen with 1.51) writes the RST_STREAM of a call cancelled
- * at once before the HEADERS of the same call. By RFC 9113 that is a connection error, nghttp2
- * ends the session, and every other call of that client dies with it. The filter remembers such a
+ * at once before the HEADERS of the same call. By RFC 9113 that is a connection error: nghttp2 ends
+ * the session, and every other call of that client dies with it. The filter remembers such a
  * stream, so that its HEADERS, when they come, begin a call that is cancelled already.
  *
- * Everything else passes unchanged, in the same order. Pure; the state is caller's storage.
+ * Everything else passes unchanged, in the same order. The functions are pure; the state is the
+ * caller's storage.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -18,18 +19,18 @@
 #define UMBD_EARLY_RESETS 256 /* remembered; as many as streams may be open */
 
 struct umbd_h2_filter {
-    unsigned preface_left; /* bytes of the client preface to come */
-    uint8_t head[9];       /* of the frame that is beginning */
+    unsigned preface_left; /* bytes of the client preface still to come */
+    uint8_t head[9];       /* head of the next frame */
     unsigned head_bytes;
-    uint32_t payload_left; /* of the current frame */
-    int dropping;          /* the current frame */
-    uint32_t data_stream;  /* of the current frame if it is DATA without padding, or 0 */
-    uint32_t highest;      /* stream opened by HEADERS */
+    uint32_t payload_left; /* bytes left of the current frame */
+    int dropping;          /* 1 if the current frame is dropped */
+    uint32_t data_stream;  /* stream of the current frame if it is DATA without padding, or 0 */
+    uint32_t highest;      /* highest stream opened by HEADERS */
     uint32_t early[UMBD_EARLY_RESETS]; /* 0 = none */
     unsigned next_early;
-    unsigned
-        odd; /* early resets and frames of unknown types so far; wraps. nghttp2 skips the
-                latter without telling anybody, so whoever counts cheap frames counts them here */
+    /* Early resets and frames of unknown types so far; wraps. nghttp2 skips the latter without
+     * reporting them, so the count of cheap frames takes them from here. */
+    unsigned odd;
 };
 
 /* Takes bytes; returns 0, or another value to stop. */
@@ -41,11 +42,11 @@ void umbd_h2_filter_init(struct umbd_h2_filter *filter);
 int umbd_h2_filter_feed(struct umbd_h2_filter *filter, const uint8_t *bytes, size_t count,
                         umbd_emit_fn emit, void *user);
 
-/* If a DATA frame is under way, the bytes of it that are to come, and its stream; else 0. The frame
- * holds nothing else. */
+/* Bytes still to come of the current DATA frame, and its stream; 0 outside of one. The frame holds
+ * nothing else. */
 uint32_t umbd_h2_filter_data_left(const struct umbd_h2_filter *filter, uint32_t *stream_id);
 
-/* 1 if that stream was reset before it was opened; said once. */
+/* 1 if that stream was reset before it was opened; reported once. */
 int umbd_h2_filter_was_reset(struct umbd_h2_filter *filter, uint32_t stream_id);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Errands to the job service, see job_request.h. */
+/* Job requests of Bakes calls, see job_request.h. */
 #include "daemon/job_request.h"
 
 #include <stdlib.h>
@@ -57,7 +57,7 @@ const char *umbd_job_request_owner(const struct umbd_job_request *job_request)
     return job_request->is_admin ? NULL : job_request->owner;
 }
 
-/* Frees all; blocks on the disk if an upload has to be removed. */
+/* Frees everything; blocks on the disk if an upload must be removed. */
 static void job_request_free(struct umbd_job_request *job_request)
 {
     if (job_request->fd >= 0) {
@@ -88,7 +88,7 @@ static void run_work(struct umbj_request *request, struct umbj_service *service)
     }
 }
 
-/* On the jobs' thread, or on the one that ends the service. */
+/* Returns a request to its loop; on the jobs' thread, or on the one that ends the service. */
 static void come_home(struct umbj_request *request)
 {
     struct umbd_job_request *job_request = (struct umbd_job_request *)request;
@@ -178,7 +178,7 @@ void umbd_job_request_drop(struct umbd_call *call)
         return;
     }
     if (job_request->away) {
-        /* What it holds stays counted until the loop gets it back. */
+        /* Its memory stays counted until the loop gets it back. */
         job_request->charged = call->charged;
         umbd_conn_hand_over(call->conn, call->charged);
         call->charged = 0;
@@ -202,7 +202,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_job_request *job_request
     free(job_request->message);
     job_request->message = NULL;
     if (call->reply_ended) {
-        return; /* failed meanwhile: a deadline */
+        return; /* the call failed meanwhile, say by its deadline */
     }
     if (job_request->status != UMB_OK) {
         umbd_call_fail_status(call, job_request->status, &job_request->error);

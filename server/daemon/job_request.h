@@ -11,34 +11,34 @@
  *                                                        on the loop
  *     umbd_job_request_drop(call)                        the call ends
  *
- * A call finds its job request again by (connection serial, stream id), never by pointer, since it
- * may be gone; a job request that comes home to nobody is only freed. While it is away neither the
- * call nor the loop touches what it holds.
+ * A call finds its job request again by (connection serial, stream id), never by pointer, since the
+ * call may have ended; a job request without a call is only freed. While it is away neither the
+ * call nor the loop touches its data.
  */
 #include "daemon/call.h"
 #include "jobs/service.h"
 #include "wire/bakes.h"
 
 struct umbd_job_request {
-    struct umbj_request request; /* first: the service knows only this */
+    struct umbj_request request; /* first field: the service knows only this */
     struct umbd_job_request *next_done;
     struct umbd_loop *home;
     uint64_t lane;
     int32_t stream_id;
     int away;
-    size_t charged; /* counted for a call that is gone */
+    size_t charged; /* bytes counted for a call that has ended */
     void (*files)(struct umbd_job_request *job_request);
     void (*work)(struct umbd_job_request *job_request, struct umbj_service *service);
     void (*answer)(struct umbd_job_request *job_request, struct umbd_call *call);
-    struct umbj_service *service; /* while it is away */
+    struct umbj_service *service; /* set while it is away */
 
     char owner[UMBJ_OWNER_SIZE];
     int is_admin;
-    enum umb_status status; /* of the work */
+    enum umb_status status; /* result of the work */
     struct umb_error error;
 
     /* Submit */
-    uint8_t *message; /* of data, owned while it is written */
+    uint8_t *message; /* message of data, owned while it is written */
     const uint8_t *data;
     size_t data_size;
     struct umbw_manifest wire;
@@ -62,22 +62,22 @@ struct umbd_job_request {
     int fd; /* -1 = not open */
     int fetching;
     uint64_t size, offset;
-    uint8_t *chunk; /* UMBD_CHUNK_BYTES, once fetching */
+    uint8_t *chunk; /* UMBD_CHUNK_BYTES, made by the first fetch */
     size_t chunk_size;
 };
 
-#define UMBD_CHUNK_BYTES ((size_t)256 << 10) /* of a file, a message of Fetch */
+#define UMBD_CHUNK_BYTES ((size_t)256 << 10) /* bytes of a file in one message of Fetch */
 
 /* Makes the call's job request, or fails the call: UNIMPLEMENTED without --jobs, NO_MEMORY. */
 struct umbd_job_request *umbd_job_request_create(struct umbd_call *call);
 
-/* Sends it; it is away then. files or work may be NULL; after a failure of files there is no work.
- */
+/* Sends a job request, which is then away. files or work may be NULL; after a failure of files,
+ * work is not called. */
 void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
                            void (*work)(struct umbd_job_request *, struct umbj_service *),
                            void (*answer)(struct umbd_job_request *, struct umbd_call *));
 
-/* The same for work that only reads the table: it waits for no change of it. */
+/* Sends work that only reads the table: it does not wait for changes of the table. */
 void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
                                    void (*answer)(struct umbd_job_request *, struct umbd_call *));
 
@@ -88,13 +88,13 @@ void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct 
  */
 int umbd_job_request_is_allowed(struct umbd_call *call);
 
-/* The owner that jobs are looked for with: NULL = anybody's. */
+/* Owner whose jobs the request may see: NULL = any owner's. */
 const char *umbd_job_request_owner(const struct umbd_job_request *job_request);
 
-/* Gives the call's job request up. What it holds is freed on the jobs' thread. */
+/* Drops the call's job request. Its data is freed on the jobs' thread. */
 void umbd_job_request_drop(struct umbd_call *call);
 
-/* Takes those that came home; called by the loop. */
+/* Takes the returned job requests; called by the loop. */
 void umbd_job_requests_collect(struct umbd_loop *loop);
 
 /* Fills what a job's status says on the wire; texts are borrowed. */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Opening listeners and accepting. Running out of descriptors: who waits stays in the kernel's
- * queue until something was given back (acceptor.h), an idle connection if there is one; the event
- * is counted and logged at a limited rate.
+ * Opening listeners and accepting. When descriptors run out, new connections stay in the kernel's
+ * queue until a descriptor is free (acceptor.h); an idle connection is closed if there is one. The
+ * event is counted, and logged at a limited rate.
  */
 #define _GNU_SOURCE /* O_PATH */
 #include "daemon/listener.h"
@@ -78,9 +78,9 @@ static void remove_stale(const char *path)
 }
 
 /*
- * Gives a bound socket's name its permissions, whatever the umask took. The name is opened without
- * following a link and must be a socket of ours, so that a name put there by others meanwhile is
- * left alone. Returns 0 or -errno.
+ * Sets the permissions of a bound socket's name, which the umask may have reduced. The name is
+ * opened without following a link and must be a socket of ours, so a name that others put there
+ * meanwhile is left alone. Returns 0 or -errno.
  */
 static int permit(const char *path, mode_t mode)
 {
@@ -103,7 +103,7 @@ static int permit(const char *path, mode_t mode)
     return code;
 }
 
-/* Nothing can connect before it listens, so the permissions are there in time. */
+/* Clients can connect only after listen, so the permissions are set in time. */
 static int bind_unix(struct umbd_listener *listener, const struct umbn_address *address, int *fd)
 {
     struct sockaddr_un name = {.sun_family = AF_UNIX};
@@ -128,8 +128,8 @@ static socklen_t size_of(const struct sockaddr_storage *address)
                                           : sizeof(struct sockaddr_in);
 }
 
-/* What it listens on: port 0 has become a real one only now, and a socket that was handed over says
- * itself what it is. */
+/* Writes the listener's address. Only now port 0 has become a real one, and an inherited socket
+ * reports its own address. */
 static void name_listener(struct umbd_listener *listener)
 {
     static const char *const prefixes[] = {
@@ -175,7 +175,8 @@ static void log_listening(const struct umbd_listener *listener, const char *from
                    "address=\"%s\" from=%s", listener->text, from);
 }
 
-/* Fails: E_ARGUMENT (other machines could query without a token or a certificate). */
+/* Refuses an address that opens the daemon to other machines without a token or a certificate.
+ * Fails: E_ARGUMENT. */
 static enum umb_status check_reach(const struct umbd_loop *loop, enum umbn_transport transport,
                                    const struct sockaddr_storage *address, struct umb_error *error)
 {
@@ -225,7 +226,7 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
 }
 
 /* Protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening stream socket;
- * check_reach's). */
+ * as check_reach). */
 static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, int is_tls,
                                         enum umbn_transport *transport, struct umb_error *error)
 {
@@ -264,7 +265,7 @@ static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
     if (listener == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
-    /* A path belongs to the manager, which keeps the socket: it is not removed at the end. */
+    /* The path is the manager's, which keeps the socket: it is not removed at the end. */
     int code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
     if (code != 0) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "LISTEN_FDS: cannot listen on descriptor %d: %s",

@@ -2,9 +2,9 @@
 /*
  * The event loop: timers, finished batches, signals.
  *
- * A batch ends on a worker's thread, is put on done_list and the loop is woken; here its
- * connection is found by serial and its stream by number, so a batch whose call has gone meets
- * nobody and is only freed.
+ * A batch that ends on a worker's thread is put on done_list, and the loop is woken. Here the loop
+ * finds its connection by serial and its stream by number. A batch whose call has ended finds no
+ * stream and is only freed.
  */
 #include "daemon/loop.h"
 
@@ -22,7 +22,7 @@
 #include "tool/clock.h"
 
 #define LOG_BURST 20 /* warnings about peers at once */
-#define LOG_RATE  5  /* and a second */
+#define LOG_RATE  5  /* warnings a second after the burst */
 
 uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop)
 {
@@ -106,7 +106,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_batch *batch)
     umbd_batch_recycle(batch, &loop->spare);
 }
 
-/* Goes on with the streams that had to wait for others, or for the client to take its replies. */
+/* Goes on with the streams that waited for others, or for the client to read its replies. */
 static void pump_streams(struct umbd_conn *conn)
 {
     if (!conn->pump_due) {
@@ -121,7 +121,7 @@ static void pump_streams(struct umbd_conn *conn)
     }
 }
 
-/* Counts from nothing in each wake-up. */
+/* Starts a connection's turn: its time counts from zero in each wake-up. */
 static void begin_turn(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
@@ -173,8 +173,8 @@ static void release_held(struct umbd_loop *loop)
     }
 }
 
-/* Takes what the workers finished; then sends, once a connection: what a flush leaves for later
- * comes with the next turn of the loop. */
+/* Takes the workers' finished batches, then flushes each connection once: the part that a flush
+ * leaves for later comes with the loop's next turn. */
 static void collect_done(struct umbd_loop *loop)
 {
     pthread_mutex_lock(&loop->done_mutex);
@@ -193,7 +193,7 @@ static void collect_done(struct umbd_loop *loop)
         struct umbd_conn *next = conn->next_dirty;
         conn->dirty = 0;
         pump_streams(conn);
-        umbd_conn_flush(conn); /* may close this one, never another */
+        umbd_conn_flush(conn); /* may close this connection, never another */
         umbd_conn_read_again(conn);
         conn = next;
     }
@@ -214,7 +214,7 @@ static void on_tick(uv_timer_t *timer)
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *conn = loop->first_conn;
     atomic_store(&loop->ticked_ms, umbu_clock_ns() / 1000000);
-    umbd_optimistic_reads_revalidate(loop); /* of connections that broke off */
+    umbd_optimistic_reads_revalidate(loop); /* reads of connections that ended early */
     umbs_reader_refresh(loop->reader);
     loop->tls_looks = 0;
     while (conn != NULL) {
@@ -242,7 +242,8 @@ static void log_reload(const struct umbd_daemon *daemon, const char *what, enum 
     }
 }
 
-/* Small files, read where nobody waits for long; what cannot be read stays as it was. */
+/* Reads the small files of secrets; no call waits long for it. An unreadable file changes
+ * nothing. */
 static void reload_secrets(struct umbd_daemon *daemon)
 {
     struct umb_error error;
@@ -275,7 +276,7 @@ static void start_handles(struct umbd_loop *loop)
     uv_timer_start(&loop->tick, on_tick, UMBD_TICK_MS, UMBD_TICK_MS);
 }
 
-/* What one loop does for all. */
+/* Starts what the first loop does for all. */
 static void start_watching(struct umbd_loop *loop)
 {
     uv_signal_init(&loop->uv, &loop->terminate);

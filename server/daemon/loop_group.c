@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The loops together. What goes from one to another are sockets, in a list under the receiver's
- * mutex, and the order to drain, a counter; both with a wake-up by the async handle.
+ * All loops together. Loops exchange only sockets, in a list under the receiver's mutex, and the
+ * order to drain, a counter; both wake the receiver by its async handle.
  *
- * Why no socket is lost at the end: the first loop takes sockets only while it listens, and what is
- * left in the list of a loop that is over is closed when all are.
+ * No socket is lost at the end: the first loop takes sockets only while it listens. Sockets left in
+ * the list of an ended loop are closed when all loops have ended.
  */
 #include "daemon/loop_group.h"
 
@@ -43,7 +43,7 @@ static void *run_loop(void *argument)
 {
     struct umbd_loop *loop = argument;
     uv_run(&loop->uv, UV_RUN_DEFAULT);
-    atomic_store(&loop->ticked_ms, 0); /* it is over, not hanging */
+    atomic_store(&loop->ticked_ms, 0); /* the loop has ended; it does not hang */
     atomic_fetch_sub(&loop->daemon->loops_running, 1);
     return NULL;
 }
@@ -71,7 +71,7 @@ enum umb_status umbd_loops_run(struct umbd_daemon *daemon,
     if (status == UMB_OK) {
         umbd_loop_run(&daemon->loops[0]);
     }
-    /* However the first ended, the others end now; most have. */
+    /* The first loop has ended for any reason: the others end now; most have already. */
     umbd_loops_drain(&daemon->loops[0]);
     umbd_loops_drain(&daemon->loops[0]);
     for (uint32_t i = 1; i < started; i++) {
@@ -96,7 +96,7 @@ void umbd_loops_finish(struct umbd_daemon *daemon)
         umbd_loop_stop(&daemon->loops[i]);
         close_handed(&daemon->loops[i]);
     }
-    /* Batches of calls that went are still with the workers: they come home before the loops go. */
+    /* Batches of ended calls are still with the workers: they return before the loops are freed. */
     umbd_pool_destroy(daemon->pool);
     daemon->pool = NULL;
     for (uint32_t i = 0; i < daemon->loop_count; i++) {
@@ -134,7 +134,8 @@ void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transp
     handed->socket = socket;
     handed->transport = transport;
     handed->refusals = refusals;
-    atomic_fetch_add(&to->load, 1); /* until it is taken, then the connection counts itself */
+    /* Until the socket is taken; then the connection counts itself. */
+    atomic_fetch_add(&to->load, 1);
     pthread_mutex_lock(&to->done_mutex);
     handed->next = to->handed;
     to->handed = handed;

@@ -3,9 +3,9 @@
 #define UMBRAGE_SERVER_DAEMON_LOOP_GROUP_H
 /*
  * All loops of a daemon. The first runs on the main thread: it alone listens, takes signals and
- * serves the admin port. The others, on threads of their own, get connections from it, each loop as
- * many as any other, and own them from then on; nothing on the path of a call is shared but the
- * pool, the store's look-up and counters.
+ * serves the admin port. The others, on threads of their own, get connections from it and own them
+ * from then on; each loop gets equally many. A call's path shares only the pool, the store's
+ * look-up and counters.
  */
 #include "daemon/loop.h"
 #include "daemon/net_address.h"
@@ -33,21 +33,21 @@ struct umbd_loop *umbd_loops_idlest(struct umbd_daemon *daemon);
 /* The loop after this one, in a ring. */
 struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
 
-/* Hands an accepted socket to another loop; closes it if that has no memory. refusals: number of
+/* Hands an accepted socket to another loop; closes it if memory is short. refusals: number of
  * loops that had no room for it. */
 void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
                     uint32_t refusals);
 
-/* Makes every other loop begin its drain, or, the second time, end at once. */
+/* Makes every other loop begin its drain; the second call ends them at once. */
 void umbd_loops_drain(struct umbd_loop *from);
 
 /* Milliseconds since the last tick of the loop that ticked least recently. Any thread. */
 uint64_t umbd_loops_tick_age_ms(struct umbd_daemon *daemon);
 
-/* Loops that run, the first included. */
+/* Number of running loops, the first included. */
 unsigned umbd_loops_running(struct umbd_daemon *daemon);
 
-/* On the loop's own thread: takes what others left for it. */
+/* Takes the sockets and orders that other loops left. On the loop's own thread. */
 void umbd_loop_take_orders(struct umbd_loop *loop);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See loop_reserve.h: watching the highest descriptor for a moment grows the table. */
+/* See loop_reserve.h: a short watch on the highest descriptor grows the table. */
 #define _GNU_SOURCE /* dup3 */
 #include "daemon/loop_reserve.h"
 
@@ -29,7 +29,7 @@ enum umb_status umbd_loop_reserve(uv_loop_t *loop, struct umb_error *error)
         }
         return status;
     }
-    /* The highest number may be taken already (a sanitizer's, a parent's): then the one below. */
+    /* The highest number may be in use already (a sanitizer's, a parent's): then the one below. */
     int high = -1;
     for (int number = (int)limit.rlim_cur - 1; high < 0 && number > fd; number--) {
         if (fcntl(number, F_GETFD) < 0) {

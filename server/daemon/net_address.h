@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_NET_ADDRESS_H
 #define UMBRAGE_SERVER_DAEMON_NET_ADDRESS_H
-/* Addresses (net/address.h) and the sockets that they stand for. */
+/* Socket addresses from the daemon's addresses (net/address.h). */
 #include <netinet/in.h>
 #include <stddef.h>
 #include <sys/socket.h>
@@ -9,8 +9,8 @@
 
 #define UMBD_ADDRESS_TEXT_SIZE 160 /* "unix:" and a path, or "tcp:[v6]:port" */
 
-/* Parses HOST:PORT of the admin port, which must look like loopback; what the name stands for is
- * known only when it is looked up (umbd_address_is_loopback). Fails: E_ARGUMENT. */
+/* Parses HOST:PORT of the admin port. The host must look like loopback; the real address of a name
+ * is known only after its look-up (umbd_address_is_loopback). Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbd_address_parse_admin(const char *text, struct umbn_address *address,
                                                      struct umb_error *error);
 

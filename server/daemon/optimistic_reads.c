@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Noting and revalidating optimistic reads.
+ * Recording and revalidating optimistic reads.
  *
- * Invariant: the unvalidated bytes of a body are its last `unvalidated_bytes`, and there are some
- * only while the call's optimistic_turn is the loop's: HTTP/2 frames are made in a flush, which
+ * Invariant: the unvalidated bytes of a body are its last `unvalidated_bytes`. There are some only
+ * while the call's optimistic_turn is the loop's: HTTP/2 frames are made in a flush, which
  * revalidates first.
  */
 #include "daemon/optimistic_reads.h"
@@ -31,7 +31,7 @@ int umbd_optimistic_reads_has_room(const struct umbd_loop *loop)
     return loop->optimistic.count < UMBD_OPTIMISTIC_READS_MAX;
 }
 
-/* Where the version stands, or its new place. */
+/* Index of the batch's version in the list, or of its new place. */
 static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const char *asked)
 {
     struct umbd_optimistic_reads *optimistic = &loop->optimistic;
@@ -43,7 +43,7 @@ static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const c
     if (i == optimistic->count) {
         optimistic->reads[i].entry = entry;
         memcpy(optimistic->reads[i].asked, asked, strlen(asked) + 1);
-        batch->is_borrowed = 1; /* its reference is ours now */
+        batch->is_borrowed = 1; /* the reference is the list's now */
         if (optimistic->count++ == 0) {
             optimistic->at_ms = uv_now(&loop->uv);
         }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See frame.h. */
+/* See picture_work.h. */
 #include "daemon/picture_work.h"
 
 #include <stdlib.h>
@@ -44,8 +44,8 @@ void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_quer
     umb_picture_fill(&picture, first, count, format, values);
 }
 
-/* Packs whole answers and changes, where there are any, and keeps what is shorter: where all of the
- * picture moves, its borders change twice, and the whole is. */
+/* Packs the whole answers, and the changes if there is a base, and keeps the shorter form. If the
+ * whole picture moves, its borders change twice, and the whole form is shorter. */
 static enum umb_status pack_shorter(struct umbd_batch *batch, uint8_t *scratch, uint8_t *other)
 {
     struct umbd_picture_work *picture_work = &batch->picture_work;

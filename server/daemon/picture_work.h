@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_SERVER_DAEMON_PICTURE_WORK_H
 #define UMBRAGE_SERVER_DAEMON_PICTURE_WORK_H
 /*
- * Frame loops: batches whose points are a picture's pixels, and whose answers are packed against
- * the stream's last ones.
+ * Pictures: batches whose points are a picture's pixels, and whose answers are packed against the
+ * stream's last ones.
  *
  * A stream keeps the answers of its last packed reply (struct umbd_kept_picture). A request that
- * names them by their mark takes them along in its batch; the worker that ends the batch packs, and
- * leaves the new answers there for the stream. A batch that fails takes them with it: the next
+ * names them by their mark moves them into its batch. The worker that ends the batch packs, and
+ * leaves the new answers there for the stream. If a batch fails they are lost with it: the next
  * reply is whole.
  */
 #include <stddef.h>
@@ -22,15 +22,16 @@ struct umbd_kept_picture {
 };
 void umbd_kept_picture_drop(struct umbd_kept_picture *kept);
 
-/* Of a batch. */
+/* Picture state of a batch. */
 struct umbd_picture_work {
-    int has_picture; /* its depths are the batch's positions */
+    int has_picture; /* 1 if the batch's positions are the picture's depths */
     struct umb_picture picture;
     int pack;
-    struct umbd_kept_picture kept; /* before: what to pack against; after: these answers */
-    uint8_t *block;                /* owned: room for a head, then the packed answers */
+    /* Before the work: base of the packing; after it: these answers. */
+    struct umbd_kept_picture kept;
+    uint8_t *block; /* owned: room for a head, then the packed answers */
     size_t packed_bytes;
-    int changes; /* packed against what was kept */
+    int changes; /* 1 if packed as changes against the base */
 };
 
 struct umbd_batch;
@@ -40,7 +41,7 @@ struct umbd_batch;
 void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_query *query,
                            size_t first, size_t count, struct umb_answers *answers);
 
-/* Packs a batch's answers; called once, by whoever ends it. On failure the batch has its status. */
+/* Packs a batch's answers; called once, at its end. On failure the batch has its status. */
 void umbd_picture_work_pack(struct umbd_batch *batch);
 
 void umbd_picture_work_finish(struct umbd_picture_work *picture_work);

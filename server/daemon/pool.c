@@ -4,16 +4,16 @@
  *
  * Waiting batches form a ring of lanes: the first batch of each connection is in the ring and its
  * later ones follow it in a list. A worker takes a slice of the ring's first lane and moves the
- * lane to the back, so turns go round between connections. A slice that takes many turns, as one
- * large box does, is paid for in advance: its lane gives up that many turns, as long as others want
- * them, so that who comes with small slices meanwhile does not wait for it again and again.
+ * lane to the back, so turns go round between connections. A slice may take many turns, as one
+ * large box does. Its lane pays in advance: it gives up that many turns while other lanes want
+ * them. So lanes of small slices do not wait for it again and again.
  *
- * Invariants, under the mutex: a batch is linked exactly while it has points not handed out; it is
- * given back (done) by whoever finds it neither linked nor in flight, which happens once, because
- * both only ever leave that state through the same mutex. `done` is called without the mutex.
+ * Invariants, under the mutex: a batch is linked exactly while it has points not handed out. The
+ * thread that finds it neither linked nor in flight gives it back (done). That happens once,
+ * because both states end only under the same mutex. `done` is called without the mutex.
  *
  * The first error in point order wins: slices are handed out in order, so every slice before a
- * failed one has been handed out and will be heard before the batch is given back.
+ * failed one has been handed out and will report before the batch is given back.
  */
 #include <stdlib.h>
 
@@ -88,7 +88,7 @@ static void link_batch(struct umbd_pool *pool, struct umbd_batch *batch)
     pool->depth++;
 }
 
-/* Takes a batch out of its lane, wherever it stands in it. */
+/* Takes a batch out of its lane, from any place in it. */
 static void unlink_batch(struct umbd_pool *pool, struct umbd_batch *batch)
 {
     struct umbd_batch *head = find_lane(pool, batch->lane);
@@ -131,7 +131,7 @@ static void stop_batch(struct umbd_pool *pool, struct umbd_batch *batch, enum um
     }
 }
 
-/* Notes how a slice ended. */
+/* Records the end of a slice. */
 static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t first,
                         enum umb_status status, const struct umbd__slice_result *result)
 {
@@ -151,7 +151,7 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t
     }
 }
 
-/* Whether a lane's head has given up enough turns. One whose time is over is due to be told so. */
+/* Whether a lane's head has given up enough turns. An expired head is due, so that it is failed. */
 static int is_due(const struct umbd_batch *head)
 {
     return head->waited + 1 >= head->slice_turns ||
@@ -171,13 +171,13 @@ static void turn_ring(struct umbd_pool *pool)
         rounded = head == last;
         ring_remove(pool, head);
         ring_append(pool, head);
-        if (rounded) { /* nobody wanted a turn: as many rounds as make one due, at once */
+        if (rounded) { /* no lane took a turn: skips as many rounds as make one due */
             for (head = pool->first; head != NULL; head = head->ring_next) {
                 head->waited += least;
             }
         }
     }
-    while (!is_due(pool->first)) { /* one is */
+    while (!is_due(pool->first)) { /* one lane is due */
         struct umbd_batch *head = pool->first;
         ring_remove(pool, head);
         ring_append(pool, head);
@@ -186,8 +186,8 @@ static void turn_ring(struct umbd_pool *pool)
 
 /*
  * Hands out the next slice of the ring's first lane. Returns the batch with *count points from
- * *first on, or with *count 0 if it expired and is to be given back, or NULL if there was none to
- * run (an expired one that others still work on).
+ * *first on. *count is 0 if the batch expired and must be given back. Returns NULL if there was
+ * none to run (an expired batch whose other slices still run).
  */
 static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
 {
@@ -337,8 +337,8 @@ static enum umb_status queue_full(const struct umbd_pool *pool, struct umb_error
 
 /*
  * Takes the last batch of the longest lane out of a full queue, if that lane stays the longer one
- * with a further batch of this lane: else a few greedy connections would have it to themselves.
- * Only heads are ever begun, and the victim follows one. Returns it, to be given back, or NULL.
+ * with a further batch of this lane. Otherwise a few greedy connections would fill the queue. Only
+ * heads are ever begun, and the victim is not a head. Returns it, to be given back, or NULL.
  */
 static struct umbd_batch *make_room(struct umbd_pool *pool, uint64_t lane)
 {

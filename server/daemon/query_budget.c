@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Budgets of Shadows.Query and QueryStream. The first one for a kind of points of a light sends the
- * call on a detour: a worker calibrates, on the call's own points if they are many, and then the
+ * Budgets of Shadows.Query and QueryStream. The first budget for a kind of points of a light sends
+ * the call on a detour. A worker calibrates, on the call's own points if there are many; then the
  * call is served as if it had just come.
  */
 #include "daemon/query_budget.h"
@@ -11,13 +11,13 @@
 
 #include "tool/clock.h"
 
-/* What calibrating costs on the rates; paid at once with the call's own points, which the debt of
- * the calibration would have refused. */
+/* Points that a calibration costs on the rates. They are taken together with the call's own points,
+ * which would otherwise fail because of the calibration's debt. */
 #define DETOUR_POINTS 65536
 
-#define PIXEL_BYTES (3 * sizeof(float)) /* of a picture's pixel as a point */
+#define PIXEL_BYTES (3 * sizeof(float)) /* a picture's pixel as a point */
 
-/* A calibration on its way; its points lie in its message. */
+/* A calibration in progress; its points lie in its message. */
 struct detour {
     struct umbs_entry *entry; /* owned */
     uint32_t light;
@@ -25,15 +25,15 @@ struct detour {
     uint8_t *message; /* owned */
     size_t message_size;
     struct umb_points points;
-    struct umb_picture picture; /* that the points are depths of; width 0: none */
-    float *pixels;              /* owned: its points, once they are made */
+    struct umb_picture picture; /* picture whose depths are the points; width 0: none */
+    float *pixels;              /* points of the pixels, owned, once they are made */
     struct umb_calibration calibration;
     enum umb_status status;
     struct umb_error error;
 };
 
-/* If the asset's file is cut under it, what calibrating holds (2 MiB) is lost: once an asset at
- * most, since that sets the asset aside. */
+/* Calibrates. If the asset's file is cut meanwhile, the calibration's memory (2 MiB) is lost: at
+ * most once an asset, since the asset is then taken out of use. */
 static void measure(void *user)
 {
     struct detour *detour = user;
@@ -46,12 +46,13 @@ static void measure(void *user)
                                    &detour->calibration, &detour->error);
 }
 
-/* What the calibration is made on: points of the message, or those of its picture's pixels. */
+/* Prepares the points of the calibration: those of the message, or those of its picture's
+ * pixels. */
 static enum umb_status ready_points(struct detour *detour, struct umb_error *error)
 {
     struct umb_points *points = &detour->points;
     if (detour->kind == UMBD_POINTS_FEW) {
-        return UMB_OK; /* on none of these */
+        return UMB_OK; /* uses points that the library makes */
     }
     if (detour->picture.width == 0) {
         return umb_points_check(points, error);
@@ -67,7 +68,7 @@ static enum umb_status ready_points(struct detour *detour, struct umb_error *err
     return UMB_OK;
 }
 
-/* On a worker's thread. */
+/* Runs a detour on a worker's thread. */
 static enum umb_status run_detour(const struct umbd_batch *batch, size_t first, size_t count,
                                   struct umb_error *error)
 {
@@ -94,7 +95,7 @@ static void free_detour(void *user)
     free(detour);
 }
 
-/* Takes the message over from the call, points and all. Fails: E_NO_MEMORY. */
+/* Takes the message over from the call, with its points. Fails: E_NO_MEMORY. */
 static enum umb_status take_message(struct umbd_call *call, struct detour *detour,
                                     const struct umb_points *points)
 {
@@ -104,7 +105,7 @@ static enum umb_status take_message(struct umbd_call *call, struct detour *detou
     return detour->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
 }
 
-/* The light that a request with a budget asks, of at most one target. */
+/* The light of a request with a budget, which has at most one target. */
 static enum umb_status light_of(struct umbw_query_request request, struct umbw_query_target *light,
                                 struct umb_error *error)
 {

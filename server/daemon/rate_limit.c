@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rates as in the generic cell rate algorithm (ITU-T I.371, virtual scheduling), with debts, and
- * the table of addresses. An address without connections stays in the table until its debts are
- * paid, so that connecting anew wins nothing; whoever next meets it in its chain removes it.
+ * Rates by the generic cell rate algorithm (ITU-T I.371, virtual scheduling), with debts, and the
+ * table of addresses. An address without connections stays in the table until its debts are paid,
+ * so that connecting anew gains nothing. The next walk through its chain then removes it.
  */
 #include "daemon/rate_limit.h"
 
@@ -58,7 +58,7 @@ void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
 
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points)
 {
-    if (per_second > 0) { /* exactly what the taking added, so it never passes below zero */
+    if (per_second > 0) { /* undoes exactly the taking, so the value never passes below zero */
         atomic_fetch_sub_explicit(paid_until_ns, cost_ns(per_second, points), memory_order_relaxed);
     }
 }
@@ -97,8 +97,8 @@ void umbd_peers_destroy(struct umbd_peer_table *table)
     free(table);
 }
 
-/* 1 if the last four bytes are an IPv4 address: ::ffff:0:0/96 (RFC 4291), 64:ff9b::/96 (RFC 6052).
- */
+/* 1 if the last four bytes are an IPv4 address: ::ffff:0:0/96 (RFC 4291), 64:ff9b::/96 (RFC
+ * 6052). */
 static int holds_v4(const struct in6_addr *address)
 {
     static const uint8_t nat64[12] = {0x00, 0x64, 0xff, 0x9b};
@@ -130,8 +130,8 @@ void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER
     }
 }
 
-/* All loops wait for the walk through a chain, and a peer may choose among many IPv6 addresses. The
- * secret seed keeps it from choosing those of one chain. */
+/* The secret seed keeps a peer from choosing addresses of one chain. All loops wait for the walk
+ * through a chain, and a peer may have many IPv6 addresses. */
 size_t umbd_peers_chain(const struct umbd_peer_table *table, const uint8_t key[UMBD_PEER_KEY_BYTES])
 {
     return (size_t)XXH3_64bits_withSeed(key, UMBD_PEER_KEY_BYTES, table->seed) & (BUCKETS - 1);
@@ -178,7 +178,7 @@ int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_stor
     return account != NULL;
 }
 
-/* 1 if the account has a debt, which forgetting the account would cancel. */
+/* 1 if the account has a debt, which removing the account would cancel. */
 static int owes(struct umbd_peer_account *account, uint64_t now_ns)
 {
     return atomic_load(&account->paid_until_ns) > now_ns ||

@@ -4,9 +4,9 @@
 /*
  * Rates, weighted by points, for single addresses and tokens; and the table of addresses.
  *
- * A rate is one number, the time until which what was taken so far is paid for. A taker may be a
- * second ahead; the batch that goes beyond is still answered, however large, and what follows
- * waits until it is paid for. So any batch passes, and the mean rate holds.
+ * A rate is one number: the time until which everything taken so far is paid for. It may be a
+ * second ahead of the clock. The batch that goes beyond is still answered, however large, and later
+ * ones wait until it is paid for. So any batch passes, and the mean rate holds.
  *
  * Threads: taking is one atomic exchange. The table's mutex is held when connections come and go.
  */
@@ -15,29 +15,29 @@
 #include <stdint.h>
 #include <sys/socket.h>
 
-#define UMBD_RATE_AHEAD_NS         1000000000U
-#define UMBD_CALL_POINTS           64  /* what a call costs beside its points */
-#define UMBD_OPEN_CALLS_PER_SECOND 200 /* of one address: health, and calls refused for rights */
-#define UMBD_OPEN_CALLS_OF_ONE     1   /* and of each of its connections, whatever the others ask */
+#define UMBD_RATE_AHEAD_NS 1000000000U
+#define UMBD_CALL_POINTS   64 /* price of a call besides its points */
+/* Rate of one address: health, and calls refused for rights. */
+#define UMBD_OPEN_CALLS_PER_SECOND 200
+#define UMBD_OPEN_CALLS_OF_ONE     1 /* rate of each of its connections in addition */
 
 /*
- * Takes `points` at `per_second` (0 = no limit).
- * Out: wait_ns: if refused, the time after which it would not be. Returns 1, or 0 and takes
- * nothing.
+ * Takes `points` at `per_second` (0 = no limit). Returns 1, or 0 and takes nothing.
+ * Out: wait_ns: if refused, the time after which it would succeed.
  */
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns);
 
-/* Takes points whatever the rate allows: what follows waits until they are paid for. */
+/* Takes points beyond the rate if needed: later takers wait until they are paid for. */
 void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns);
 
-/* Gives back what was taken for work that was then refused elsewhere. */
+/* Returns points of work that was then refused for another reason. */
 void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points);
 
 #define UMBD_PEER_KEY_BYTES 9
 
-/* One address that has connections, or has debts. */
+/* Account of an address that has connections, or debts. */
 struct umbd_peer_account {
     struct umbd_peer_account *next;
     uint8_t key[UMBD_PEER_KEY_BYTES]; /* umbd_peer_key */
@@ -59,11 +59,11 @@ void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER
 
 struct umbd_peer_table; /* opaque */
 
-/* NULL: out of memory, or no random bytes. */
+/* Makes an empty table. NULL: out of memory, or no random bytes. */
 struct umbd_peer_table *umbd_peers_create(void);
 void umbd_peers_destroy(struct umbd_peer_table *table);
 
-/* Number of the chain that an address's account is in. Each table has an order of its own. */
+/* Number of the chain with an address's account. Each table has an order of its own. */
 size_t umbd_peers_chain(const struct umbd_peer_table *table,
                         const uint8_t key[UMBD_PEER_KEY_BYTES]);
 

@@ -19,8 +19,8 @@ static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_s
     summary->light_count = item->light_count;
 }
 
-/* Resolution and voxel size are those of the light's first frustum; its others have the same
- * resolution. */
+/* Describes a light. Resolution and voxel size are those of its first frustum; its others have the
+ * same resolution. */
 static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
                                   struct umbw_light *light)
 {
@@ -38,7 +38,7 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
     return status;
 }
 
-/* A light's curve, and what budgets have found its rows to cost. */
+/* Fills a light's curve, with the costs of its rows that budgets have measured. */
 static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs_entry *entry,
                        uint32_t light, struct umbw_curve *curve)
 {
@@ -54,8 +54,8 @@ static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs
     }
 }
 
-/* Borrows the asset's strings; with curves if calibrations is not NULL; the lights are the caller's
- * to free. */
+/* Fills a description that borrows the asset's strings, with curves if calibrations is not NULL.
+ * The caller frees the lights. */
 static enum umb_status fill_description(const struct umbs_entry *entry,
                                         struct umbd_calibrations *calibrations,
                                         struct umbw_describe_reply *reply)

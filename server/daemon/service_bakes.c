@@ -70,7 +70,7 @@ static void show(struct umbd_job_request *job_request, struct umbj_service *serv
         service, job_request->job.id, umbd_job_request_owner(job_request), &job_request->error);
 }
 
-/* A copy of a standing's status, encoded under the snapshot's lock. */
+/* A job's encoded status, made under the snapshot's lock. */
 struct look {
     struct umbw_buffer reply;
     struct umb_error error;
@@ -84,7 +84,7 @@ static void take_look(void *user, const struct umbj_standing *standing)
     struct look *look = user;
     struct umbw_job_status status;
     umbd_status_of_job(&standing->job, &status);
-    if (standing->loading) { /* nobody could ask it anything yet */
+    if (standing->loading) { /* the asset cannot be queried yet */
         status.state = UMBJ_RUNNING;
         status.has_asset = 0;
         status.ended_ms = 0;
@@ -156,7 +156,7 @@ void umbd_service_bakes_watch(struct umbd_call *call)
     }
     if (umbj_snapshot_version(umbj_service_snapshot(call->conn->loop->daemon->jobs),
                               job_request->job.id)) {
-        watch(job_request, call); /* the usual case; the table need not be asked */
+        watch(job_request, call); /* the usual case: the table is not needed */
     } else {
         umbd_job_request_send(call, NULL, show, watch);
     }

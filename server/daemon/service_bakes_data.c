@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Bakes.Submit and Fetch: the calls that carry files. Each message of a Submit is one job request,
- * so that at most one is written at a time and flow control holds the client; a Fetch reads the
- * next piece when the client took most of what was sent.
+ * so at most one is written at a time and flow control holds the client back. A Fetch reads the
+ * next piece when the client has read most of the sent bytes.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -12,7 +12,8 @@
 #include "daemon/call_rights.h"
 #include "daemon/job_request.h"
 
-#define BYTES_A_POINT 12 /* of an upload: what the coordinates of a point take */
+/* Bytes of an upload that cost as much as a point: the size of its coordinates. */
+#define BYTES_A_POINT 12
 
 /* --- Submit --- */
 
@@ -30,7 +31,7 @@ static void reply_job(struct umbd_call *call, const struct umbj_job *job, int ex
     umbd_call_reply(call, &head);
 }
 
-/* The same manifest as the job service has it. */
+/* Converts a manifest from the wire to the job service's form. */
 static enum umb_status translate(struct umbd_job_request *job_request, struct umb_error *error)
 {
     const struct umbw_manifest *from = &job_request->wire;
@@ -200,7 +201,7 @@ static void open_file(struct umbd_job_request *job_request, struct umbj_service 
     }
 }
 
-/* Reads the next piece; a file is never changed in place, so that a short read is damage. */
+/* Reads the next piece. A file is never changed in place, so a short read means damage. */
 static void read_piece(struct umbd_job_request *job_request)
 {
     const uint64_t left = job_request->size - job_request->offset;
@@ -263,7 +264,7 @@ static void file_opened(struct umbd_job_request *job_request, struct umbd_call *
     job_request->chunk = malloc(UMBD_CHUNK_BYTES);
     if (job_request->chunk == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
-    } else if (umbd_call_charge(call, 2 * UMBD_BACKLOG_BYTES)) { /* all that is ever unsent */
+    } else if (umbd_call_charge(call, 2 * UMBD_BACKLOG_BYTES)) { /* the most that is ever unsent */
         job_request->fetching = 1;
         umbd_service_bakes_more(call);
     }

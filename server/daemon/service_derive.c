@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Regions.DeriveMap: shadow maps from an asset, made by one worker. It reads voxels that may lie in
- * a file which somebody cuts short: then the reading is left midway, so that all memory meanwhile
- * comes from a ledger that knows what is to be freed.
+ * Regions.DeriveMap: shadow maps from an asset, made by one worker. It reads voxels in a file that
+ * another process may cut short; the reading is then left midway. So all its memory comes from a
+ * ledger, which knows what must be freed.
  */
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -13,10 +13,10 @@
 #include "tool/clock.h"
 #include "wire/regions.h"
 
-#define PIECE_BYTES ((size_t)256 << 10) /* of the file, a message */
-#define TURN_TEXELS 2048U               /* about a millisecond: 0.5 to 0.9 us a texel */
+#define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
+#define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
-/* A block of the ledger; what it is for lies behind it, aligned for anything. */
+/* A block of the ledger; its memory follows it, aligned for any type. */
 struct block {
     _Alignas(max_align_t) struct block *next;
     struct block *previous;
@@ -26,15 +26,16 @@ struct deriving {
     struct umbs_entry *entry; /* owned */
     const struct umbd_batch *batch;
     struct umbw_derive_request request;
-    struct block ledger; /* head of a ring of what is allocated */
+    struct block ledger; /* head of a ring of the allocated blocks */
     struct umb_error error;
     enum umb_status status;
-    const uint8_t *file; /* of the ledger */
+    const uint8_t *file; /* memory of the ledger */
     size_t size;
     struct umbw_buffer messages; /* the replies, prefixes included */
 };
 
-/* struct umb_alloc: realloc, noted. Nothing is read from files here, so nothing is left midway. */
+/* Allocator of struct umb_alloc: realloc, recorded. It reads no files, so it is never left
+ * midway. */
 static void *ledger_resize(void *user, void *memory, size_t bytes)
 {
     struct deriving *d = user;
@@ -136,7 +137,7 @@ static uint64_t map_count(const struct deriving *d)
     return d->request.settings.cascades.count > 0 ? d->request.settings.cascades.count : 1;
 }
 
-/* Sides are bounded by the core; here it is what this server is ready to do at once. */
+/* Checks the size. The core limits the sides; this is the server's limit for one request. */
 static enum umb_status check_texels(const struct umbd_call *call, const struct deriving *d,
                                     uint64_t *texels, struct umb_error *error)
 {
@@ -176,7 +177,8 @@ void umbd_service_derive(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    const uint64_t bytes = umb_derive_bytes(&d->request.settings) * 3 / 2; /* and as messages */
+    /* The file, and half of it as messages. */
+    const uint64_t bytes = umb_derive_bytes(&d->request.settings) * 3 / 2;
     if (!umbd_call_take_points(call, UMBD_CALL_POINTS + texels) ||
         !umbd_call_charge(call, call->charged + (size_t)bytes)) {
         free_deriving(d);

@@ -16,11 +16,12 @@ enum serving {
 };
 
 #define SERVICE       "umbrage.v1.Shadows"
-#define ASSET_LOOK_MS 1000 /* between two looks at a watched asset */
+#define ASSET_LOOK_MS 1000 /* between two checks of a watched asset */
 
 /*
- * "" and the service are SERVING until the drain begins; "umbrage.v1.Shadows/ASSET" also depends on
- * the asset: NOT_SERVING while its file is damaged. It is unknown to callers without rights.
+ * State of a service. "" and the service are SERVING until the drain begins;
+ * "umbrage.v1.Shadows/ASSET" also depends on the asset: NOT_SERVING while its file is damaged. To
+ * callers without rights an asset is unknown.
  */
 static int state_of(struct umbd_call *call, const char *service)
 {
@@ -34,7 +35,7 @@ static int state_of(struct umbd_call *call, const char *service)
         return SERVICE_UNKNOWN;
     }
     if (!umbd_call_may_name_assets(call)) {
-        return SERVICE_UNKNOWN; /* whether it is there or not */
+        return SERVICE_UNKNOWN; /* whether the asset exists or not */
     }
     struct umbs_entry *entry = NULL;
     enum umb_status status = umbd_call_acquire(call, service + length + 1, &entry, NULL);

@@ -14,8 +14,8 @@
 #include "daemon/daemon_options.h"
 #include "tool/clock.h"
 
-/* Of the process, as its environment is, and kept: a sign of life needs no descriptor where there
- * is none left, or the manager would end a daemon that is well. */
+/* Socket of the process, as its environment is the process's, kept open: a sign of life then needs
+ * no descriptor when there is none left. Otherwise the manager would end a healthy daemon. */
 static int notify_socket = -1;
 
 void umbd_notify(const char *state)

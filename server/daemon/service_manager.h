@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_SERVICE_MANAGER_H
 #define UMBRAGE_SERVER_DAEMON_SERVICE_MANAGER_H
 /*
- * What the daemon tells a service manager (systemd): states and signs of life. Without a manager
- * every function does nothing. And the sockets that it hands over.
+ * Messages to a service manager (systemd), states and signs of life, and the sockets that it hands
+ * over. Without a manager every function does nothing.
  * Source: sd_notify(3), sd_watchdog_enabled(3), sd_listen_fds(3): the protocols, not the library.
  */
 #include <stdint.h>
@@ -15,14 +15,14 @@ void umbd_notify(const char *state);
 /* Sends RELOADING=1 with the time that Type=notify-reload asks for. READY=1 ends it. */
 void umbd_notify_reloading(void);
 
-/* Milliseconds between two signs of life that the manager wants, halved; 0 = none wanted. */
+/* Half of the manager's watchdog interval in milliseconds; 0 = no watchdog. */
 uint64_t umbd_watchdog_ms(void);
 
-#define UMBD_HANDED_FIRST 3 /* the number of the first descriptor */
+#define UMBD_HANDED_FIRST 3 /* number of the first descriptor */
 
 /*
- * Listening sockets that the manager hands over: descriptors UMBD_HANDED_FIRST on, as many as the
- * return value, 0 without any. They get close-on-exec; the environment says so only once.
+ * Number of listening sockets that the manager hands over, 0 without any: their descriptors begin
+ * at UMBD_HANDED_FIRST. They get close-on-exec; a second call returns 0.
  */
 unsigned umbd_handed_sockets(void);
 

@@ -12,18 +12,19 @@
 #include <math.h>
 #include <string.h>
 
-#define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES)) /* prefix, stats, ids */
+/* Bytes of a reply's prefix, stats and ids. */
+#define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES))
 
-/* About 0.2 ms of work at 0.1 us a look-up: below that, two thread switches cost more than they
- * win. */
+/* Work that is answered on the loop: about 0.2 ms at 0.1 us a look-up. Below that, two thread
+ * switches cost more than they save. */
 #define INLINE_WORK 2048
 
-/* Look-ups of one tap that a penumbra takes as long as, about: under a narrow light, and what a
- * radian of the light's extent adds. */
+/* Look-ups of one tap that equal a penumbra, about: under a narrow light, and in addition for each
+ * radian of the light's extent. */
 #define PENUMBRA_WORK        32
 #define PENUMBRA_WORK_RADIAN 900.0
 
-/* Look-ups of one tap that a footprint takes: two levels of 32. */
+/* Look-ups of one tap that equal a footprint: two levels of 32. */
 #define FOOTPRINT_WORK 64
 
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
@@ -40,7 +41,7 @@ static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
     return (uint64_t)count * (each + (taps * taps + 7) / 8);
 }
 
-/* Mean edge of the voxels that a part looks up. */
+/* Mean edge in metres of the voxels that a part looks up. */
 static double voxel_edge_m(const struct umbd_part *part)
 {
     const struct umb_asset *asset = umbs_entry_asset(part->entry);
@@ -58,7 +59,7 @@ static double voxel_edge_m(const struct umbd_part *part)
     return sum / 3;
 }
 
-/* Says what setting answered the first part, and what it gives. */
+/* Writes the setting that answered the first part, and its accuracy. */
 static void state_setting(const struct umbd_batch *batch, struct umbw_query_reply *reply)
 {
     const struct umbd_part *part = &batch->parts[0];
@@ -76,7 +77,7 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     (void)umb_asset_get_curve(asset, part->light, rows, &count);
     for (size_t i = 0; i < count; i++) {
         if (rows[i].level == part->level && rows[i].taps == part->taps &&
-            settings.filter == UMB_FILTER_BOX) { /* what the curve was measured with */
+            settings.filter == UMB_FILTER_BOX) { /* filter that the curve was measured with */
             reply->visibility_error = rows[i].visibility_error;
             reply->lines = rows[i].lines;
         }
@@ -88,7 +89,7 @@ static int is_small(const struct umb_query_settings *settings, size_t count, siz
     return work_of(settings, count) * parts <= INLINE_WORK;
 }
 
-/* What the reply says about the batch, but for its answers. ids: [part_count * UMB_ID_BYTES]. */
+/* Description of the batch in the reply, without its answers. ids: [part_count * UMB_ID_BYTES]. */
 static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with_targets,
                                         uint8_t *ids)
 {
@@ -113,7 +114,7 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     return reply;
 }
 
-/* Answers into the reply itself. What one version answers is proven with the next flush. */
+/* Answers into the reply itself. The next flush revalidates the answers of one version. */
 static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
                           const struct umbw_query_request *request)
 {
@@ -145,7 +146,7 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
     umbd_call_commit(call, head + batch->value_bytes);
 }
 
-/* What a batch's answers take: packing holds them, the ones before, and the packed ones. */
+/* Bytes of a batch's answers: packing holds them, those of the base, and the packed ones. */
 static size_t answer_bytes(const struct umbd_batch *batch)
 {
     return (batch->picture_work.pack ? 5 : 1) * batch->value_bytes;
@@ -181,7 +182,7 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
     batch->done = umbd_loop_batch_done;
     batch->home = call->conn->loop;
     call->batch_bytes = call->message_size + answer_bytes(batch);
-    call->batch = batch; /* before: it may come home at once */
+    call->batch = batch; /* before the submit: it may come home at once */
     status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
     if (status != UMB_OK) {
         call->batch = NULL;
@@ -197,7 +198,8 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 
-/* The same where there is one: requests of one event mostly ask the same asset. */
+/* Adds the one part of a batch, reusing the last one if it is equal: requests of one event mostly
+ * ask the same asset. */
 static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *batch,
                                      const struct umbw_query_request *request,
                                      struct umb_error *error)
@@ -220,8 +222,8 @@ static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *
     return status;
 }
 
-/* A batch with a part for each target. Out: NULL if the call is away to be calibrated, or failed
- * by its rate. */
+/* A batch with a part for each target. Out: NULL if the call is away to be calibrated, or failed by
+ * its rate. */
 static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_request *request,
                                   struct umbd_batch **out, struct umb_error *error)
 {
@@ -263,7 +265,8 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     return status;
 }
 
-/* What the stream keeps goes along if the client has it, too; else nobody needs it any more. */
+/* Reuses the stream's last answers as the base if the client still has them; otherwise frees
+ * them. */
 static void take_base(struct umbd_call *call, struct umbd_batch *batch, uint64_t mark)
 {
     if (mark != 0 && mark == call->kept_picture.mark &&
@@ -285,7 +288,7 @@ void umbd_service_query(struct umbd_call *call)
     if (!umbd_optimistic_reads_has_room(loop)) {
         umbd_optimistic_reads_revalidate(loop);
         if (call->reply_ended) {
-            return; /* an answer before this one had to be taken back */
+            return; /* an earlier answer had to be discarded */
         }
     }
     enum umb_status status = umbw_decode_query_request(
@@ -365,7 +368,7 @@ void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
     memcpy(block + first, head, size);
     *answers = NULL;
     if (!umbd_method_takes_many(call->method)) {
-        (void)umbd_call_charge(call, batch->value_bytes); /* less than before: cannot fail */
+        (void)umbd_call_charge(call, batch->value_bytes); /* fewer bytes than before: cannot fail */
     }
     if (batch->picture_work.pack && umbd_method_takes_many(call->method)) {
         umbd_kept_picture_drop(&call->kept_picture);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Regions.Stream and Follow: ranges of the packed file, as they stand in it. The file is read by
- * the workers, which may block on the disk; a request is a batch without points, so that queue,
- * fairness, deadlines and cancelling are those of queries.
+ * Regions.Stream and Follow: byte ranges of the packed file, unchanged. The workers read the file,
+ * since that may block on the disk. A request is a batch without points, so the queue, fairness,
+ * deadlines and cancelling are those of queries.
  */
 #include "daemon/call_rights.h"
 
@@ -14,11 +14,10 @@
 #include "daemon/loop.h"
 #include "wire/regions.h"
 
-#define BYTES_A_POINT                                                                              \
-    16 /* what a token or an address pays for bytes: about what an answer costs                    \
-        */
+/* Bytes that a token or an address pays for as a point: about what an answer costs. */
+#define BYTES_A_POINT 16
 
-/* What the worker is to read, behind the batch. */
+/* A read for the workers, placed after the batch. */
 struct reading {
     struct umbs_entry *entry; /* owned */
     struct umbw_region_request request;
@@ -78,7 +77,7 @@ static void free_reading(void *user)
     }
 }
 
-/* Memory for what is read. Out: reading, the caller's. */
+/* Makes the memory of a read. Out: reading, the caller's. */
 static enum umb_status make_reading(struct umbd_call *call, struct reading **out, size_t *bytes,
                                     struct umb_error *error)
 {
@@ -129,7 +128,7 @@ enum umb_status umbd_call_send_work(struct umbd_call *call, const struct umbd_wo
     batch->done = umbd_loop_batch_done;
     batch->home = call->conn->loop;
     call->batch_bytes = work->bytes;
-    call->batch = batch; /* before: it may come home at once */
+    call->batch = batch; /* before the submit: it may come home at once */
     status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
     if (status != UMB_OK) {
         call->batch = NULL;
@@ -145,9 +144,10 @@ void umbd_service_regions(struct umbd_call *call)
     struct umb_error error = {0};
     size_t bytes;
     enum umb_status status = make_reading(call, &reading, &bytes, &error);
+    /* Read first, then copied into a message. */
     if (status == UMB_OK &&
         (!umbd_call_take_points(call, UMBD_CALL_POINTS + bytes / BYTES_A_POINT) ||
-         !umbd_call_charge(call, call->charged + 2 * bytes))) { /* read, then as a message */
+         !umbd_call_charge(call, call->charged + 2 * bytes))) {
         free_reading(reading);
         return;
     }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Questions.Segments, Columns and Boxes: admitted here, answered by the workers
+ * Volume queries (segments, columns, boxes): admitted here, answered by the workers
  * (volume_query_work.h) under the queue, turns, deadlines and rates of queries. Never on the loop:
- * what a segment or a box takes is not known before.
+ * the cost of a segment or a box is not known before.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -12,12 +12,12 @@
 #include "daemon/loop.h"
 #include "daemon/volume_query_work.h"
 
-/* Points that a slice counts as, about a millisecond. */
+/* Points that a slice is priced as, about a millisecond. */
 #define SLICE_POINTS 4096
 
-#define BRICK_POINTS 16 /* of a brick that a side cuts */
+#define BRICK_POINTS 16 /* points for a brick that a side cuts */
 
-/* Of a box that takes all its steps, 64 a brick. */
+/* Turns of a box that takes all its steps, 64 a brick. */
 #define TURNS_MAX (UMBD_BOX_STEPS_MAX / 64 * BRICK_POINTS / SLICE_POINTS)
 
 #define BOXES_CHUNK 64
@@ -32,7 +32,7 @@ static void free_volume_query(void *user)
     free(volume_query);
 }
 
-/* Points that counting the sides of all boxes counts as. */
+/* Points that counting the sides of all boxes is priced as. */
 static uint64_t side_points(const struct umbd_volume_query *volume_query)
 {
     const struct umb_segments pairs = umbd_volume_query_pairs(&volume_query->request);
@@ -42,7 +42,7 @@ static uint64_t side_points(const struct umbd_volume_query *volume_query)
     double sum = 0;
     if (umb_asset_get_light(asset, volume_query->request.light, &light) != UMB_OK ||
         umb_asset_get_frustum(asset, light.first_frustum, &frustum) != UMB_OK) {
-        return 0; /* cannot be: the light was prepared */
+        return 0; /* cannot happen: the light was prepared */
     }
     for (size_t at = 0; at < pairs.count; at += BOXES_CHUNK) {
         struct umb_box boxes[BOXES_CHUNK];
@@ -55,7 +55,7 @@ static uint64_t side_points(const struct umbd_volume_query *volume_query)
     return (uint64_t)(BRICK_POINTS * sum);
 }
 
-/* Allocates the answers: intervals first, since they are aligned as malloc's blocks are. */
+/* Allocates the answers: intervals first, since they are aligned like malloc's blocks. */
 static enum umb_status make_room(struct umbd_volume_query *volume_query, size_t *bytes,
                                  struct umb_error *error)
 {
@@ -74,7 +74,7 @@ static enum umb_status make_room(struct umbd_volume_query *volume_query, size_t 
     for (size_t k = 0; k < UMBW_ANSWER_FIELDS; k++) {
         volume_query->fields[k] = volume_query->answers + offsets[k];
     }
-    *bytes = 2 * offset; /* and as a message */
+    *bytes = 2 * offset; /* the answers, and the message made of them */
     return UMB_OK;
 }
 
@@ -90,7 +90,7 @@ static enum umb_status take_message(struct umbd_call *call, struct umbd_volume_q
                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the request");
 }
 
-/* Reads the request and finds who answers it. */
+/* Reads the request and finds the version that answers it. */
 static enum umb_status open_volume_query(struct umbd_call *call, enum umbw_volume_query kind,
                                          struct umbd_volume_query *volume_query,
                                          struct umb_error *error)
@@ -114,7 +114,7 @@ static enum umb_status open_volume_query(struct umbd_call *call, enum umbw_volum
                : status;
 }
 
-/* Hands the work over; the question is the work's then. */
+/* Hands the work to the workers, which then own the query. */
 static enum umb_status hand_over(struct umbd_call *call, struct umbd_volume_query *volume_query,
                                  uint64_t points, size_t bytes, struct umb_error *error)
 {
@@ -142,7 +142,7 @@ static enum umb_status hand_over(struct umbd_call *call, struct umbd_volume_quer
     return umbd_call_send_work(call, &work, error);
 }
 
-/* Nothing was asked: says who would have answered. */
+/* Answers an empty request: names the version that would have answered. */
 static void answer_nothing(struct umbd_call *call, struct umbd_volume_query *volume_query)
 {
     struct umb_error error = {0};

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The store's own thread: rescans, checks and frees, off the loops.
+ * The store's own thread: rescans, checks and frees, away from the loops.
  *
- * It sleeps in one poll, on the folders' events and on a counter that others raise to wake it.
+ * It sleeps in one poll, on the folders' events and on a counter that other threads raise to wake
+ * it.
  */
 #define _GNU_SOURCE /* eventfd and inotify are Linux's */
 #include "daemon/store_watch.h"
@@ -31,8 +32,9 @@
 struct umbd_store_watch {
     pthread_mutex_t mutex;
     pthread_cond_t ended;
-    atomic_int kicked, retired, stopping; /* set, then wake is raised: nobody waits for anybody */
-    int finished;                         /* the thread touches nothing any more; under mutex */
+    /* Set first, then wake is raised: no thread waits for another. */
+    atomic_int kicked, retired, stopping;
+    int finished; /* 1 when the thread touches nothing any more; under mutex */
     int running;
     pthread_t thread;
     int wake;    /* eventfd */
@@ -40,12 +42,12 @@ struct umbd_store_watch {
     struct umbs_store *store;
     const char *const *paths; /* the store's folders, up to a NULL */
     atomic_uint_fast64_t scrub_interval_ms;
-    uint64_t rescan_at_ms, scrub_at_ms; /* the thread's */
+    uint64_t rescan_at_ms, scrub_at_ms; /* touched by the thread only */
     struct umbd_metrics *metrics;
     const struct umbs_log *log;
 };
 
-/* Watches a folder of the store and the folders in it; those that are watched already stay so. */
+/* Watches a folder of the store and its subfolders; those already watched stay so. */
 static void watch_folder(struct umbd_store_watch *watch, const char *path)
 {
     int bad = inotify_add_watch(watch->folders, path, FOLDER_EVENTS) < 0;
@@ -99,7 +101,7 @@ static void scan(struct umbd_store_watch *watch)
                           (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
 }
 
-/* Checks one asset if one is due; the next one comes when the disk has had its rest. */
+/* Checks one asset if one is due; schedules the next so that the disk gets a rest. */
 static void scrub(struct umbd_store_watch *watch)
 {
     uint64_t bytes = 0;
@@ -111,7 +113,7 @@ static void scrub(struct umbd_store_watch *watch)
     watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + pause_ms;
 }
 
-/* Sleeps until woken, until a folder changes or until something is due. Returns 1 if a folder
+/* Sleeps until woken, until a folder changes or until an action is due. Returns 1 if a folder
  * changed. */
 static int wait_for_work(struct umbd_store_watch *watch)
 {
@@ -151,10 +153,9 @@ static void *watch_thread(void *argument)
         if (rescan) {
             struct timespec pause = {.tv_nsec = UMBD_RESCAN_PAUSE_MS * 1000000L};
             nanosleep(&pause, NULL);
-            /* Kicks from here on may be about what the scan has passed. */
+            /* Kicks from here on may concern folders that the scan has passed. */
             atomic_store(&watch->kicked, 0);
-            watch_folders(
-                watch); /* before the scan: what comes into a new folder after it is seen */
+            watch_folders(watch); /* before the scan, which then sees files in new folders */
             scan(watch);
         } else if ((uint64_t)umbu_clock_ms() >= watch->scrub_at_ms) {
             scrub(watch);
@@ -206,7 +207,7 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     watch->paths = folders;
     umbd_store_watch_set_scrub(watch, scrub_interval_ms);
     watch->rescan_at_ms =
-        (uint64_t)umbu_clock_ms(); /* at once: for what came between the first scan and now */
+        (uint64_t)umbu_clock_ms(); /* at once: for changes between the first scan and now */
     watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + UMBD_SCRUB_PAUSE_MS;
     enum umb_status status = umbs_store_lane_start(store, UMBD_LANE_BYTES, error);
     if (status != UMB_OK) {
@@ -214,7 +215,7 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     }
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);
     if (code != 0) {
-        (void)umbs_store_lane_stop(store, UMBD_WATCH_END_MS); /* it has nothing to load yet */
+        (void)umbs_store_lane_stop(store, UMBD_WATCH_END_MS); /* it has no file to load yet */
         return umb_fail_errno(error, UMB_E_LIMIT, code, "cannot start the store's thread");
     }
     watch->running = 1;
@@ -226,7 +227,8 @@ static void tell(struct umbd_store_watch *watch, atomic_int *flag)
 {
     const uint64_t one = 1;
     atomic_store(flag, 1);
-    (void)!write(watch->wake, &one, sizeof one); /* full: it is awake anyway */
+    /* The counter is full: the thread is awake anyway. */
+    (void)!write(watch->wake, &one, sizeof one);
 }
 
 void umbd_store_watch_kick(struct umbd_store_watch *watch)
@@ -245,7 +247,7 @@ void umbd_store_watch_faulted(void *user)
     umbd_store_watch_kick(user);
 }
 
-/* Tells the thread to end and waits for it, but not for long. */
+/* Tells the thread to end and waits for it up to a limit. */
 static int end_thread(struct umbd_store_watch *watch)
 {
     const struct timespec until = umbu_clock_deadline(UMBD_WATCH_END_MS);

@@ -4,22 +4,24 @@
 /*
  * The thread that rescans the store, checks assets again and frees retired ones, so that no loop
  * ever blocks on the disk. It scans when a folder of the store changes (inotify), when kicked
- * (SIGHUP, an asset set aside), every 30 s in any case, and soon again while a young file looks
- * half copied. Between scans it checks the mapped files again, one by one.
+ * (SIGHUP, an asset taken out of use), and every 30 s in any case. It scans again soon while a new
+ * file looks half copied. Between scans it checks the mapped files again, one by one.
  */
 #include "store/store.h"
 #include "daemon/daemon_metrics.h"
 
-#define UMBD_RESCAN_S           30 /* events can be lost; this is the safety */
-#define UMBD_WATCH_END_MS       1000
-#define UMBD_RESCAN_PAUSE_MS    50     /* a burst of events becomes one scan */
-#define UMBD_LANE_BYTES         (UINT64_C(64) << 20) /* packed; larger ones do not hold up a scan */
-#define UMBD_SCRUB_PAUSE_MS     1000   /* between looks for something to check */
-#define UMBD_SCRUB_BYTES_PER_MS 262144 /* rate of checking: leaves the disk to the calls */
+#define UMBD_RESCAN_S        30 /* scan interval, since events can be lost */
+#define UMBD_WATCH_END_MS    1000
+#define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
+/* Packed size from which a file does not delay a scan. */
+#define UMBD_LANE_BYTES     (UINT64_C(64) << 20)
+#define UMBD_SCRUB_PAUSE_MS 1000 /* between searches for an asset to check */
+/* Rate of checking: leaves most of the disk's bandwidth to the calls. */
+#define UMBD_SCRUB_BYTES_PER_MS 262144
 
 struct umbd_store_watch; /* opaque */
 
-/* Makes the object; the store may be opened with its umbd_store_watch_retired before start. */
+/* Makes the object. The store may be opened with its umbd_store_watch_retired before the start. */
 UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics,
                                                     const struct umbs_log *log,
                                                     struct umbd_store_watch **out,
@@ -44,15 +46,15 @@ void umbd_store_watch_set_scrub(struct umbd_store_watch *watch, uint64_t interva
 /* Asks for a scan soon. Any thread, at once. */
 void umbd_store_watch_kick(struct umbd_store_watch *watch);
 
-/* The store's `retired` and `faulted` call-backs; user is the watch. */
+/* Callbacks `retired` and `faulted` of the store; user is the watch. */
 void umbd_store_watch_retired(void *user);
 void umbd_store_watch_faulted(void *user);
 
 /*
  * Stops and joins the thread, frees the object; returns 1. NULL is allowed. Returns 0, with the
  * thread running and nothing freed, if it is busy with files for longer than UMBD_WATCH_END_MS: a
- * large asset takes minutes to load, and nobody waits so long for the end of a daemon. The process
- * must then end by _exit: what the thread leaves behind is a temporary that the next daemon sweeps.
+ * large asset takes minutes to load, too long for the end of a daemon. The process must then end by
+ * _exit: the thread leaves a temporary that the next daemon sweeps.
  */
 int umbd_store_watch_destroy(struct umbd_store_watch *watch);
 

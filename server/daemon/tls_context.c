@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Certificates and the rules of sessions. The context in use is swapped under a mutex and counted
+ * Certificates and the rules of sessions. The current context is swapped under a mutex and counted
  * by OpenSSL, so a session that is being made keeps the one it began with.
  */
 #include "daemon/tls_context.h"
@@ -62,10 +62,10 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
             sk_X509_NAME_pop_free(names, X509_NAME_free);
             return umbn_tls_refuse_file(&named[3], error);
         }
-        /* A missing or expired list of an authority refuses all of its clients. */
+        /* With a missing or expired list of an authority, all its clients are refused. */
         X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);
     }
-    /* A ticket would let a client in again without its certificate being looked at. */
+    /* A ticket would admit a client again without a check of its certificate. */
     SSL_CTX_set_options(context, SSL_OP_NO_TICKET);
     (void)SSL_CTX_set_num_tickets(context, 0);
     SSL_CTX_set_client_CA_list(context, names);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The file of tokens, and finding one. */
+/* Reading the file of tokens, and looking tokens up. */
 #include "daemon/tokens.h"
 
 #include <errno.h>
@@ -26,7 +26,7 @@ struct umbd_token_set {
 struct umbd_tokens {
     const char *path;
     pthread_mutex_t mutex;
-    struct umbd_token_set *set; /* under the mutex; the object is one of its holders */
+    struct umbd_token_set *set; /* under the mutex; the object holds one count of it */
     atomic_uint generation;
 };
 
@@ -56,8 +56,8 @@ static int parse_scopes(char *text, unsigned *scopes)
     return 1;
 }
 
-/* Splits at blanks, in place, up to a word that begins with '#'; returns how many words there are,
- * at most `limit`. */
+/* Splits at blanks, in place, up to a word that begins with '#'. Returns the number of words, at
+ * most `limit`. */
 static size_t split(char *line, char **words, size_t limit)
 {
     size_t count = 0;
@@ -76,7 +76,7 @@ static size_t split(char *line, char **words, size_t limit)
     return count;
 }
 
-/* Reads one line; says what is wrong with it, or NULL. */
+/* Reads one line; returns its error in words, or NULL. */
 static const char *take_line(struct umbd_token_set *set, char *line)
 {
     char *words[5];
@@ -140,10 +140,10 @@ static enum umb_status read_set(FILE *file, const char *path, struct umbd_token_
 
 static enum umb_status load(const char *path, struct umbd_token_set **out, struct umb_error *error)
 {
-    char buffer[BUFSIZ]; /* ours, so that no secret stays in freed memory */
+    char buffer[BUFSIZ]; /* own buffer, so that no secret stays in freed memory */
     struct stat info;
     *out = NULL;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO must not hold a loop up */
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO must not block a loop */
     FILE *file = fd >= 0 ? fdopen(fd, "r") : NULL;
     if (file == NULL) {
         enum umb_status status = umb_fail_errno(error, UMB_E_NO_INPUT, errno,

@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TOKENS_H
 #define UMBRAGE_SERVER_DAEMON_TOKENS_H
 /*
- * Bearer tokens: who may do what, and how much.
+ * Bearer tokens: the rights and rates of callers.
  *
  * The file has a line for each token: NAME SCOPES TOKEN [POINTS_PER_SECOND]. SCOPES is a list of
- * query, submit, admin with commas; `#` behind a blank begins a comment, and is refused elsewhere.
+ * query, submit, admin with commas; `#` after a blank begins a comment, and is refused elsewhere.
  * Only hashes are kept, and all are compared on each call, so the time reveals nothing.
  *
- * Threads: all functions from any thread. A set is immutable and counted: who holds one keeps its
+ * Threads: all functions from any thread. A set is immutable and counted: its holder keeps its
  * tokens across a reload.
  */
 #include <stdatomic.h>
@@ -22,7 +22,7 @@
 #define UMBD_HASH_BYTES      32
 
 enum umbd_scope {
-    UMBD_SCOPE_NONE = 0, /* anybody: health */
+    UMBD_SCOPE_NONE = 0, /* every caller: health */
     UMBD_SCOPE_QUERY = 1,
     UMBD_SCOPE_SUBMIT = 2,
     UMBD_SCOPE_ADMIN = 4,
@@ -30,7 +30,7 @@ enum umbd_scope {
 
 struct umbd_token {
     char name[UMBD_TOKEN_NAME_SIZE];
-    unsigned scopes; /* enum umbd_scope, added */
+    unsigned scopes; /* sum of enum umbd_scope */
     uint8_t hash[UMBD_HASH_BYTES];
     uint64_t points_per_second; /* 0 = no limit */
     atomic_uint_fast64_t paid_until_ns;
@@ -45,7 +45,7 @@ UMB_CHECKED enum umb_status umbd_tokens_create(const char *path, struct umbd_tok
                                                struct umb_error *error);
 void umbd_tokens_destroy(struct umbd_tokens *tokens);
 
-/* Reads it again; on failure the old ones stay. */
+/* Reads the file again; on failure the old tokens stay. */
 UMB_CHECKED enum umb_status umbd_tokens_reload(struct umbd_tokens *tokens, struct umb_error *error);
 
 /* Grows with every reload: a set held from before is out of date. One atomic read. */
@@ -55,7 +55,7 @@ unsigned umbd_tokens_generation(const struct umbd_tokens *tokens);
 struct umbd_token_set *umbd_tokens_acquire(struct umbd_tokens *tokens);
 void umbd_token_set_release(struct umbd_token_set *set);
 
-/* The token of that hash, or NULL; valid as long as the set. */
+/* The token with that hash, or NULL; valid as long as the set. */
 struct umbd_token *umbd_token_find(struct umbd_token_set *set, const uint8_t hash[UMBD_HASH_BYTES]);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * See volume_query_work.h. A slice is answered in chunks: the library's structs on the stack, then
- * each of their fields into its array. Between chunks it is looked whether anybody still waits.
+ * each of their fields into its array. Between chunks it checks whether the call still waits.
  */
 #include "daemon/volume_query_work.h"
 
@@ -14,7 +14,7 @@
 
 #define CHUNK 64
 
-/* What may be left midway if the asset's file is cut: it owns nothing. */
+/* A slice in progress. It owns nothing, since it may be left midway if the asset's file is cut. */
 struct slice {
     const struct umbd_batch *batch;
     struct umbd_volume_query *volume_query;
@@ -24,7 +24,7 @@ struct slice {
     struct umb_volume_stats stats;
 };
 
-/* Whether nobody waits any more: the status that says why, or UMB_OK. */
+/* UMB_OK while the call waits for the answers; else the status that ended the wait. */
 static enum umb_status stopped(const struct umbd_batch *batch)
 {
     if (atomic_load_explicit(&batch->given_up, memory_order_relaxed)) {
@@ -55,7 +55,7 @@ static size_t scalar_bytes(const struct umbw_volume_query_request *request)
     return request->format == UMB_POINT_F64 ? sizeof(double) : sizeof(float);
 }
 
-/* Pairs first .. first + count - 1 alone. */
+/* A view of pairs first .. first + count - 1. */
 static struct umb_segments sub_pairs(const struct umbw_volume_query_request *request, size_t first,
                                      size_t count)
 {
@@ -65,7 +65,8 @@ static struct umb_segments sub_pairs(const struct umbw_volume_query_request *req
     return pairs;
 }
 
-/* Checks records first .. first + count - 1, of which `first` is to be 0 for a whole message. */
+/* Checks records first .. first + count - 1; with first 0, indices count from the message's
+ * start. */
 static enum umb_status check_some(const struct umbw_volume_query_request *request, size_t first,
                                   size_t count, struct umb_error *error)
 {
@@ -86,7 +87,7 @@ static enum umb_status check(const struct umbw_volume_query_request *request, si
     if (check_some(request, first, count, error) == UMB_OK) {
         return UMB_OK;
     }
-    /* Say it again with indices of the whole batch: everything before `first` is or was good. */
+    /* Checks again with indices of the whole batch in the message: all before `first` are good. */
     return check_some(request, 0, first + count, error);
 }
 
@@ -104,7 +105,7 @@ static void run_segments(struct slice *slice, size_t first, size_t count)
     const struct umb_segments pairs = sub_pairs(&volume_query->request, first, count);
     uint8_t *room = volume_query->fields[UMBW_FIELD_INTERVALS];
     struct umb_segment_answers answers = {.segments = segments, .interval_max = most};
-    if (most > 0) { /* malloc's block begins with them, so they are aligned */
+    if (most > 0) { /* they start malloc's block, so they are aligned */
         answers.intervals = (struct umb_interval *)(void *)room + first * most;
     }
     umb_volume_segments(&volume_query->volume, &pairs, 0, count, &answers);

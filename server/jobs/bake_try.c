@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What tries share, and the bake on this machine; see bake_try.h. */
+/* Common parts of all tries, and the bake on this machine; see bake_try.h. */
 #include "jobs/bake_try.h"
 
 #include <stdarg.h>
@@ -109,8 +109,8 @@ static void on_progress(void *user, const char *line)
     umbj_try_tell(try, &report);
 }
 
-/* 1 if a write met the limit that the process was given: that comes again with every try. The
- * program says the system's error, in the C locale. */
+/* 1 if a write met the process's limit of file size, which would happen in every try. The program
+ * prints the system's error text, in the C locale. */
 static int met_size_limit(const struct umbj_try *try, const struct umbj_process_end *end)
 {
     return end->exit_code == EX_IOERR && strstr(try->said, "File too large") != NULL;
@@ -174,7 +174,7 @@ enum umbj_failure umbj_bake_here(struct umbj_try *try)
     umbj_words_add(&words, "--threads=%u", options->threads);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
     umbj_words_add_sandbox(&words, options->sandbox);
-    /* Embree does not tell which triangles reach a tile, so that its tiles cannot be kept. */
+    /* With Embree the triangles that reach a tile are not known, so its tiles cannot be kept. */
     if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree") &&
         !umbj_settings_have(work->settings, "--static") &&
         !umbj_settings_have(work->settings, "--effect=static=on")) {

@@ -2,7 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_BAKE_TRY_H
 #define UMBRAGE_SERVER_JOBS_BAKE_TRY_H
 /*
- * One try of a job, on its own thread: FOLDER/out.umb from the bundle, or why not.
+ * One try of a job, on its own thread: it makes FOLDER/out.umb from the bundle, or fails with a
+ * cause.
  *
  *     struct umbj_try try = {.options = &options, .work = &work, .stop = fd};
  *     failure = umbj_bake_here(&try);       or umbj_bake_on_farm(&try)
@@ -13,37 +14,37 @@
 
 struct umbj_try {
     const struct umbj_try_options *options;
-    const struct umbj_work *work; /* its folder is there already */
-    int stop;                     /* descriptor that becomes readable when it shall end */
-    uint64_t tiles;               /* as a process told last */
-    char said[UMBJ_CAUSE_SIZE];   /* what a process said last */
-    char cause[UMBJ_CAUSE_SIZE];  /* of the failure that was returned */
+    const struct umbj_work *work; /* the executor's work; its folder exists */
+    int stop;                     /* descriptor that becomes readable when the try shall end */
+    uint64_t tiles;               /* number of tiles that a process reported last */
+    char said[UMBJ_CAUSE_SIZE];   /* last line that a process wrote to stderr */
+    char cause[UMBJ_CAUSE_SIZE];  /* cause of the failure that was returned */
 };
 
-/* A report of the try, to be filled and told. */
+/* An empty report of the try, to be filled and sent. */
 struct umbj_report umbj_try_report(const struct umbj_try *try, enum umbj_report_kind kind);
 void umbj_try_tell(const struct umbj_try *try, const struct umbj_report *report);
 void umbj_try_tell_phase(const struct umbj_try *try, const char *phase);
 
-/* Cleans a text from a process that read a stranger's scene. */
+/* Cleans a text from a process that read a foreign scene. */
 void umbj_try_text(char out[UMBJ_CAUSE_SIZE], const char *text);
 
-/* Notes why; returns the failure. */
+/* Stores the cause; returns the failure. */
 enum umbj_failure umbj_try_fail(struct umbj_try *try, enum umbj_failure failure, const char *format,
                                 ...) __attribute__((format(printf, 3, 4)));
 
-/* A failure of ours, with its message. */
+/* Stores the message of a failure of the daemon's own. */
 enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status status,
                                        const struct umb_error *error);
 
-/* Runs umbrage-bake in a folder to its end; what it tells is told on. words: taken, and finished.
- */
+/* Runs umbrage-bake in a folder to its end and passes its reports on. words: taken over, and
+ * finished. */
 enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, const char *folder);
 
-/* What the end of a process of the try means, with its cause. */
+/* Classifies the end of a process of the try, and stores its cause. */
 enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process_end *end);
 
-/* Bakes on this machine, in one process; its tiles go through the owner's folder of them. */
+/* Bakes on this machine, in one process; the owner's folder of tiles is its cache. */
 enum umbj_failure umbj_bake_here(struct umbj_try *try);
 
 /* Bakes on options->farm (farm_bake.c). */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checks of what strangers submit, and its key. */
+/* Checks of submitted manifests, and their key. */
 #include "jobs/bundle.h"
 
 #include <ctype.h>
@@ -15,7 +15,7 @@
 
 _Static_assert(UMBJ_HEAD_BYTES == UMBS_SCENE_FILE_MAGIC_BYTES, "the head is the magic");
 
-/* What the importer reads; it also looks at the content. */
+/* Endings of files that the importer reads; it also checks the content. */
 static const char *const scene_endings[] = {".gltf", ".glb", ".obj", ".ply", ".stl"};
 
 static int is_component(const char *text, size_t length)
@@ -24,7 +24,7 @@ static int is_component(const char *text, size_t length)
            !(length == 2 && text[0] == '.' && text[1] == '.');
 }
 
-/* Depth of a path that may be unpacked, or 0. */
+/* Number of components of a path that may be unpacked, or 0. */
 static int path_depth(const char *path)
 {
     int depth = 0;
@@ -113,7 +113,7 @@ static int compare_files_folded(const void *a, const void *b)
     return order != 0 ? order : strcmp((*left)->path, (*right)->path);
 }
 
-/* Pointers to the files in an order of their paths; free() them. */
+/* Pointers to the files, sorted by their paths; free() them. */
 static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *manifest,
                                                   int (*compare)(const void *, const void *))
 {
@@ -271,7 +271,7 @@ enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,
     return UMB_OK;
 }
 
-/* The text whose hash is the key, malloc. Control characters cannot be in any of its parts. */
+/* The text whose hash is the key, malloc. None of its parts can hold control characters. */
 static char *key_text(const struct umbj_manifest *manifest,
                       const struct umbj_bundle_file *const *sorted, const char *settings)
 {
@@ -320,7 +320,7 @@ enum umb_status umbj_manifest_prepare(const struct umbj_manifest *manifest, uint
     return status == UMB_OK ? umbj_settings_text(manifest, prepared->settings, error) : status;
 }
 
-/* Takes a line "--name=value" apart, in place. */
+/* Splits a line "--name=value", in place. */
 static enum umb_status check_line(char *line, struct umb_error *error)
 {
     if (strncmp(line, "--", 2) != 0) {

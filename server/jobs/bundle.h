@@ -4,10 +4,10 @@
 /*
  * A submission: a scene's files with their sizes and hashes, and the settings of its bake.
  *
- * Everything in a manifest comes from a stranger. Paths are relative, of plain components, without
- * "." and "..", so that a bundle unpacked into an empty folder of our own stays in it. Settings are
- * the options of umbrage-bake that decide what an asset holds, by an allow-list; they reach the
- * program as one word each, so no value can become another option.
+ * Everything in a manifest is foreign. Paths are relative, of plain components, without "." and
+ * "..", so a bundle that is unpacked into an empty folder stays in it. Settings are the options of
+ * umbrage-bake that decide what an asset holds, by an allow-list. Each reaches the program as one
+ * word, so no value can become another option.
  *
  * The key is the SHA-256 of all of that and of the program's version: equal keys give equal assets.
  */
@@ -39,7 +39,7 @@ struct umbj_manifest {
     int priority;
 };
 
-/* Checks a manifest. max_bytes: of all files together. Out: bytes: their sum.
+/* Checks a manifest. max_bytes: limit of all files together. Out: bytes: their sum.
  * Fails: E_ARGUMENT naming field, value and limit; E_TOO_LARGE (--max-bundle). */
 UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest,
                                                 uint64_t max_bytes, uint64_t *bytes,
@@ -47,13 +47,12 @@ UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *mani
 
 #define UMBJ_HEAD_BYTES 8
 
-/* Refuses a file of the bundle by its first bytes: those of a scene buffer (scene/scene_file.h),
- * which only this program's own stages may hand on. In: head: UMBJ_HEAD_BYTES. Fails: E_ARGUMENT.
- */
+/* Refuses a file of the bundle that begins like a scene buffer (scene/scene_file.h): only this
+ * program's own stages may pass those on. In: head: UMBJ_HEAD_BYTES. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_bundle_check_head(size_t index, const char *path,
                                                    const uint8_t *head, struct umb_error *error);
 
-/* The key of a checked manifest; files in any order give the same. Fails: E_NO_MEMORY. */
+/* The key of a checked manifest; the order of its files does not count. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
                                               uint8_t key[UMBJ_HASH_BYTES],
                                               struct umb_error *error);
@@ -72,13 +71,13 @@ UMB_CHECKED enum umb_status umbj_manifest_prepare(const struct umbj_manifest *ma
                                                   struct umbj_prepared *prepared,
                                                   struct umb_error *error);
 
-/* Checks a manifest's fields in a row of the table: settings as umbj_settings_text writes them, and
+/* Checks a manifest's fields in a row of the table: settings in the form of umbj_settings_text, and
  * the name of the scene. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_settings_check(const char *text, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_scene_check(const char *scene, struct umb_error *error);
 
-/* Writes the settings of a checked manifest as lines of --name=value. Fails: E_ARGUMENT (they are
- * longer than UMBJ_SETTINGS_SIZE). */
+/* Writes the settings of a checked manifest as lines of --name=value. Fails: E_ARGUMENT (longer
+ * than UMBJ_SETTINGS_SIZE). */
 UMB_CHECKED enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,
                                                char text[UMBJ_SETTINGS_SIZE],
                                                struct umb_error *error);

@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RESOLUTION 16384 /* of umbrage-bake, if none is set */
+#define RESOLUTION 16384 /* umbrage-bake's resolution without the option */
 
-/* Takes a word over; NULL: memory was refused. */
+/* Takes a word over; NULL: out of memory. */
 static void take_word(struct umbj_words *words, char *word)
 {
     char **list = word != NULL && !words->failed
@@ -45,14 +45,14 @@ void umbj_words_add_sandbox(struct umbj_words *words, const char *mode)
     umbj_words_add(words, "--sandbox=%s", mode != NULL ? mode : "required");
 }
 
-/* The line behind this one; the last may lack its end. */
+/* The line after this one; the last line may lack its end. */
 static const char *next_line(const char *line)
 {
     const size_t length = strcspn(line, "\n");
     return line + length + (line[length] == '\n');
 }
 
-/* What the last --resolution says; what is no number is refused by umbrage-bake itself. */
+/* Value of the last --resolution; umbrage-bake itself refuses a value that is not a number. */
 static unsigned long resolution_of(const char *settings)
 {
     static const char name[] = "--resolution=";

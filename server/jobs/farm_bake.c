@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A bake on a farm: the scene is read here, in its sandbox, so that no other machine sees foreign
- * formats; then an array of tasks bakes a tile each into the shared folder of tiles, and one more
- * merges them. What counts is only what lies in the try's folder (farm.h): a task that the farm
- * does not know any more and that left no end is submitted again, one that ran twice wrote the same
+ * A bake on a farm. The scene is read here, in its sandbox, so that no other machine parses foreign
+ * formats. Then each task of an array bakes a tile into the shared folder of tiles, and one more
+ * task merges them. Only the end files in the try's folder count (farm.h). A task that the farm no
+ * longer knows and that left no end file is submitted again; a task that ran twice wrote the same
  * bytes twice.
  *
- * The loops end: each submission of a task counts, each stage has the try's time, in which waiting
- * for a place in the queue does not count, and a farm that does not answer is given up.
+ * The loops end: submissions of a task are limited, each stage has the try's time limit (waiting in
+ * the queue does not count), and a farm that stays silent is abandoned.
  */
 #include "jobs/bake_try.h"
 
@@ -23,12 +23,12 @@
 #include "tool/clock.h"
 #include "jobs/folder.h"
 
-#define LOOK_MS     500    /* between looks into the stage's folder, at most */
-#define ORPHANS_MS  60000  /* between looks for tasks of nobody */
-#define PATIENCE_MS 120000 /* with a farm that does not answer, or takes nothing: it may again */
-#define LOST_LOOKS  3      /* so often unknown without an end: it will not come any more */
+#define LOOK_MS     500    /* between reads of the stage's folder, at most */
+#define ORPHANS_MS  60000  /* between searches for orphaned tasks */
+#define PATIENCE_MS 120000 /* until a farm that is silent, or takes no tasks, is abandoned */
+#define LOST_LOOKS  3      /* status calls without the task, and no end file: it is lost */
 #define TASK_TRIES  4      /* submissions of one task */
-#define ROUNDS      3      /* of array and merge: tiles may go for room meanwhile */
+#define ROUNDS      3      /* rounds of array and merge: the cache may drop tiles in between */
 
 /* A stage under way. */
 struct stage {
@@ -38,11 +38,11 @@ struct stage {
     int is_array;
     uint8_t *done, *wanted, *known, *tries, *unknown, *asked; /* [count] of one block */
     uint32_t done_count, found_count;
-    uint64_t texels; /* of one task */
+    uint64_t texels; /* texels of one task */
     int64_t ask_ms, answered_ms, orphans_ms;
-    int64_t ran_ms;     /* as long as some of its tasks ran */
-    int64_t refused_ms; /* since then it has taken nothing that it told of; 0: it does */
-    int heard;          /* the farm answered the last question */
+    int64_t ran_ms;     /* milliseconds in which some of its tasks ran */
+    int64_t refused_ms; /* time since which it refuses tasks; 0: it takes them */
+    int heard;          /* the farm answered the last call */
     char folder[4300], name[80];
 };
 
@@ -60,7 +60,7 @@ static void read_part(int folder, const char *name, int from_end, char *text, si
     text[count > 0 ? count : 0] = '\0';
 }
 
-/* Takes the last line of a log as what was said last. */
+/* Keeps the last line of a log as the try's last words. */
 static void take_last_line(struct umbj_try *try, int folder, const char *name)
 {
     static const char program[] = "umbrage-bake: ";
@@ -76,7 +76,7 @@ static void take_last_line(struct umbj_try *try, int folder, const char *name)
     umbj_try_text(try->said, line);
 }
 
-/* Tells of a task that ended badly or not at all. */
+/* Reports a task that failed or was lost. */
 static void tell_task(const struct stage *stage, uint32_t number, enum umbj_failure failure,
                       const char *cause)
 {
@@ -106,7 +106,7 @@ static void tell_count(const struct stage *stage)
     }
 }
 
-/* What a task's bad end means: tried again, or the end of the try. */
+/* Handles a task's failure: the task is tried again, or the try ends. */
 static enum umbj_failure take_failure(struct stage *stage, int folder, const char *name,
                                       uint32_t number, int code)
 {
@@ -137,7 +137,7 @@ static void take_done(struct stage *stage, int folder, const char *name, uint32_
     }
 }
 
-/* Looks what has ended. */
+/* Reads the end files that are there. */
 static enum umbj_failure read_ends(struct stage *stage)
 {
     enum umbj_failure failure = UMBJ_NO_FAILURE;
@@ -156,7 +156,7 @@ static enum umbj_failure read_ends(struct stage *stage)
         } else if (sscanf(names.list[i], "fail.%u.%u.", &number, &code) == 2 &&
                    number < stage->farm.count && code < 256) {
             if (stage->done[number]) {
-                continue; /* a twin's */
+                continue; /* end file of a duplicate */
             }
             failure = take_failure(stage, folder, names.list[i], number, (int)code);
         }
@@ -166,7 +166,7 @@ static enum umbj_failure read_ends(struct stage *stage)
     return failure;
 }
 
-/* Notes which of the tasks that were asked for the farm took. */
+/* Notes which of the submitted tasks the farm took. */
 static void note_taken(struct stage *stage)
 {
     for (uint32_t i = 0; i < stage->farm.count; i++) {
@@ -184,8 +184,8 @@ static int has_any(const struct stage *stage)
            memchr(stage->known, UMBJ_TASK_RUNS, stage->farm.count) != NULL;
 }
 
-/* The farm refused `first` and maybe more, or its answer was lost: it is asked again later, also
- * for long, if there are tasks of ours whose place it may be waiting for. */
+/* The farm refused `first` and maybe more, or its answer was lost. The submission is repeated
+ * later, for a long time if tasks of ours hold the places it may be waiting for. */
 static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
                                       const struct umb_error *error)
 {
@@ -204,7 +204,7 @@ static int is_stopped(const struct stage *stage, int wait_ms)
     return poll(&stop, 1, wait_ms) > 0;
 }
 
-/* Submits what is wanted. */
+/* Submits the wanted tasks. */
 static enum umbj_failure submit(struct stage *stage)
 {
     struct umbj_try *try = stage->try;
@@ -235,7 +235,8 @@ static enum umbj_failure submit(struct stage *stage)
                : note_refusal(stage, (uint32_t)(first - stage->wanted), status, &error);
 }
 
-/* Asks the farm; tasks that it does not know and that left no end are wanted again. */
+/* Asks the farm for the tasks; those that it does not know and that left no end are wanted
+ * again. */
 static enum umbj_failure ask(struct stage *stage)
 {
     struct umbj_farm *farm = stage->try->options->farm;
@@ -254,7 +255,7 @@ static enum umbj_failure ask(struct stage *stage)
     tell_count(stage);
     for (uint32_t i = 0; i < stage->farm.count; i++) {
         if (stage->refused_ms != 0 && stage->wanted[i] && stage->known[i]) {
-            stage->wanted[i] = 0; /* taken, and the answer was lost */
+            stage->wanted[i] = 0; /* the farm took it, and its answer was lost */
             stage->tries[i]++;
         }
         const int missing = !stage->done[i] && !stage->known[i] && !stage->wanted[i];
@@ -267,7 +268,7 @@ static enum umbj_failure ask(struct stage *stage)
     return UMBJ_NO_FAILURE;
 }
 
-/* From time to time, and until the farm has answered once. */
+/* Ends orphaned tasks every ORPHANS_MS; a failed attempt is repeated in the next round. */
 static void end_orphans(struct stage *stage)
 {
     const struct umbj_try_options *options = stage->try->options;
@@ -279,7 +280,7 @@ static void end_orphans(struct stage *stage)
     }
 }
 
-/* One look at everything. Returns 1 if the stage is over: with *failure or done. */
+/* One round of the loop. Returns 1 if the stage is over: with *failure or done. */
 static int step(struct stage *stage, enum umbj_failure *failure)
 {
     struct umbj_try *try = stage->try;
@@ -298,7 +299,8 @@ static int step(struct stage *stage, enum umbj_failure *failure)
     }
     if (umbu_clock_ms() >= stage->ask_ms) {
         *failure = ask(stage);
-        if (*failure == UMBJ_NO_FAILURE && stage->heard) { /* else some may be there already */
+        /* Else some tasks may be there already. */
+        if (*failure == UMBJ_NO_FAILURE && stage->heard) {
             *failure = submit(stage);
         }
         end_orphans(stage);
@@ -319,7 +321,8 @@ static enum umbj_failure run_stage(struct stage *stage)
         }
     }
     if (stage->orphans_ms == 0) {
-        end_orphans(stage); /* it was over before its first look, and the next may be so too */
+        /* The stage was over before its first round, and the next may be so too. */
+        end_orphans(stage);
     }
     return failure;
 }
@@ -339,7 +342,7 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
     enum umbj_failure failure = UMBJ_NO_FAILURE;
     snprintf(stage.folder, sizeof stage.folder, "%s/%s", work->folder, kind);
     snprintf(stage.name, sizeof stage.name, "%s.%lld.%s", work->job, (long long)work->epoch, kind);
-    umbj_folder_remove(AT_FDCWD, stage.folder); /* of an earlier round */
+    umbj_folder_remove(AT_FDCWD, stage.folder); /* files of an earlier round */
     if (block == NULL || words->failed) {
         failure = umbj_try_fail(try, UMBJ_TEMPORARY, "out of memory for %u tasks", count);
     } else if (mkdir(stage.folder, 0700) != 0) {
@@ -367,7 +370,7 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
     return failure;
 }
 
-/* The words that all commands of a try have behind their task. */
+/* Adds the words that all commands of a try have after their task. */
 static void add_common(const struct umbj_try *try, struct umbj_words *words)
 {
     umbj_words_add(words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
@@ -392,7 +395,7 @@ static enum umbj_failure import(struct umbj_try *try)
     return umbj_try_run(try, &words, try->work->bundle);
 }
 
-/* Refuses settings before anything goes to the farm, tells the plan, and counts the tiles. */
+/* Refuses bad settings before the farm is used, reports the plan, and counts the tiles. */
 static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
 {
     struct umbj_words words = {0};
@@ -412,7 +415,7 @@ static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
     return failure;
 }
 
-/* Where tiles go: the owner's folder, or the try's. */
+/* Path of the tiles' folder: the owner's, or the try's. */
 static void tiles_folder(const struct umbj_try *try, char *path, size_t size)
 {
     if (try->work->cache != NULL) {
@@ -438,7 +441,7 @@ static enum umbj_failure bake_tiles(struct umbj_try *try, const char *folder, ui
     return do_stage(try, "tile", count, (uint64_t)edge * edge, &words);
 }
 
-/* folder: of tiles; NULL: the whole bake in one task. */
+/* Runs the merge. folder: of tiles; NULL: the whole bake in one task. */
 static enum umbj_failure merge(struct umbj_try *try, const char *folder)
 {
     struct umbj_words words = {0};
@@ -468,7 +471,7 @@ static enum umbj_failure bake(struct umbj_try *try)
     if (umbj_settings_have(settings, "--depth=embree") ||
         umbj_settings_have(settings, "--static") ||
         umbj_settings_have(settings, "--effect=static=on")) {
-        return merge(try, NULL); /* tiles of these cannot be kept */
+        return merge(try, NULL); /* tiles of these settings cannot be kept */
     }
     tiles_folder(try, folder, sizeof folder);
     for (int round = 0; round < ROUNDS; round++) {
@@ -491,6 +494,6 @@ enum umbj_failure umbj_bake_on_farm(struct umbj_try *try)
     char name[80];
     const enum umbj_failure failure = bake(try);
     snprintf(name, sizeof name, "%s.%lld", try->work->job, (long long)try->work->epoch);
-    farm->cancel(farm, name); /* twins, and whatever a failure left */
+    farm->cancel(farm, name); /* duplicates, and tasks that a failure left */
     return failure;
 }

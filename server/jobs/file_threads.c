@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One thread; owner: owner of its current request, NULL = it waits. Under the mutex. */
+/* One thread; owner: owner of its current request, NULL = idle. Under the mutex. */
 struct file_thread {
     struct umbj_file_threads *home;
     pthread_t thread;
@@ -20,8 +20,8 @@ struct umbj_file_threads {
     pthread_cond_t wake;
     struct umbj_request *first, *last; /* under mutex */
     atomic_int stop;
-    char served[UMBJ_OWNER_SIZE]; /* Whose request was taken last; under mutex */
-    unsigned count, running;      /* running: threads that were started */
+    char served[UMBJ_OWNER_SIZE]; /* owner of the request taken last; under mutex */
+    unsigned count, running;      /* running: number of threads that were started */
     struct file_thread list[];
 };
 
@@ -35,9 +35,8 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
     return count;
 }
 
-/* Removes the first request of the owner with the fewest running requests from the queue; of
- * several such owners not of the one served last. NULL: the queue is empty, or all its owners have
- * their share. */
+/* Takes the first request of the owner with the fewest running requests; of several such owners,
+ * not the one served last. NULL: the queue is empty, or all its owners have their share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
     struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;
@@ -77,7 +76,7 @@ static void *run_thread(void *user)
         request->files(request);
         pthread_mutex_lock(&threads->mutex);
         thread->owner = NULL;
-        pthread_cond_signal(&threads->wake); /* another of this owner may go on */
+        pthread_cond_signal(&threads->wake); /* another request of this owner may go on */
         pthread_mutex_unlock(&threads->mutex);
         umbj_service_files_done(threads->service, request);
         pthread_mutex_lock(&threads->mutex);

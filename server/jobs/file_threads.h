@@ -10,9 +10,9 @@
  *     umbj_file_threads_end(threads);                waiting requests are skipped
  *     umbj_file_threads_destroy(threads);
  *
- * Fairness: the next request is that of the owner with the fewest running requests, of several such
- * owners not of the one served last. One owner never has all threads where there are several. One
- * owner's large bundles, or many lists, therefore do not delay other owners.
+ * Fairness: the next request is that of the owner with the fewest running requests; of several such
+ * owners, not the one served last. If there are several threads, one owner never has all of them.
+ * So one owner's large bundles, or many lists, do not delay other owners.
  *
  * Order: requests of one upload follow each other, because the next is posted when the one before
  * is done. Requests of different calls have no order.
@@ -35,7 +35,7 @@ const atomic_int *umbj_file_threads_stop(const struct umbj_file_threads *threads
 /* Stops the work, skips waiting requests, joins the threads. Later posts are skipped. */
 void umbj_file_threads_end(struct umbj_file_threads *threads);
 
-/* Ends them if need be. NULL is allowed. */
+/* Ends the threads if they run. NULL is allowed. */
 void umbj_file_threads_destroy(struct umbj_file_threads *threads);
 
 #endif

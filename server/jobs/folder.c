@@ -58,7 +58,7 @@ int umbj_names_read(int folder, struct umbj_names *names)
     return failed;
 }
 
-/* stop: may be NULL. */
+/* Removes everything in a folder. stop: may be NULL. */
 static void empty_until(int folder, const atomic_int *stop)
 {
     struct umbj_names names;
@@ -81,7 +81,7 @@ void umbj_folder_remove_until(int parent, const char *name, const atomic_int *st
         empty_until(folder, stop);
         close(folder);
     }
-    (void)unlinkat(parent, name, AT_REMOVEDIR); /* what stays is swept at the next start */
+    (void)unlinkat(parent, name, AT_REMOVEDIR); /* files that stay are swept at the next start */
 }
 
 void umbj_folder_empty(int folder)
@@ -101,7 +101,7 @@ void umbj_folder_drop(int parent, const char *name)
     umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
 }
 
-/* Syncs the folder that holds the name: until then a power cut takes the new folder away. */
+/* Syncs the folder that holds the name: without it a power cut may remove the new folder. */
 static int sync_parent(int parent, const char *name)
 {
     const char *slash = strrchr(name, '/');
@@ -123,7 +123,7 @@ enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error 
                               "cannot create the folder '%.100s'", name);
     }
     /* Also for a folder that exists: a process may have ended between mkdir and sync. The folder
-     * above may then not be readable. */
+     * above may be unreadable; that counts only if the folder is new. */
     if (sync_parent(parent, name) != 0 && made) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot sync what holds the folder '%.100s'", name);

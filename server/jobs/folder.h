@@ -17,11 +17,11 @@ struct umbj_names {
 int umbj_names_read(int folder, struct umbj_names *names);
 void umbj_names_finish(struct umbj_names *names);
 
-/* Removes a file, or a folder with all that is in it. Missing is fine. Source: the bundle's paths
- * have at most UMBJ_PATH_DEPTH_MAX components, so that the recursion is as deep. */
+/* Removes a file, or a folder with all its content. A missing one is fine. A bundle's paths have at
+ * most UMBJ_PATH_DEPTH_MAX components, which bounds the recursion. */
 void umbj_folder_remove(int parent, const char *name);
 
-/* The same, ended early once *stop is 1. */
+/* umbj_folder_remove, ended early once *stop is 1. */
 void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop);
 
 /* As umbj_folder_remove, for a folder that other processes may still write into. It is first
@@ -29,10 +29,10 @@ void umbj_folder_remove_until(int parent, const char *name, const atomic_int *st
  * stay under that name. */
 void umbj_folder_drop(int parent, const char *name);
 
-/* Removes everything in a folder but not itself. */
+/* Removes everything in a folder but not the folder. */
 void umbj_folder_empty(int folder);
 
-/* Makes a folder, for us alone, if it is not there; it is there after a power cut, too. Fails:
+/* Makes a folder, for this user alone, unless it exists; it survives a power cut. Fails:
  * E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assets that jobs made, and whose they are. An asset lives as long as one owner has it; its file
- * is removed first and its row after that, so that no file is ever left without a row.
+ * Assets made by jobs, and their owners. An asset lives as long as it has an owner. Its file is
+ * removed first and its row after that, so that no file is ever left without a row.
  */
 #include "jobs/job_table_internal.h"
 

@@ -117,7 +117,7 @@ enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                         "ti", owner, kept.jobs - most);
 }
 
-/* Counts a refusal, and fails with the name of the full quota. */
+/* Counts a refusal, and fails with the name of the exceeded quota. */
 static enum umb_status refuse(struct umbj_table *table, enum umbj_quota quota)
 {
     table->refused[quota]++;
@@ -165,7 +165,7 @@ static enum umb_status count_unfinished(struct umbj_table *table, const char *ow
             "SELECT coalesce(sum(bundle_bytes), 0) FROM job WHERE state IN (0, 1) AND owner = ?",
             "t", owner);
     }
-    if (status == UMB_OK) { /* unfinished ones only: their number has its quota */
+    if (status == UMB_OK) { /* unfinished jobs have no other quota than their number */
         status = umbj_sql_run(sql, error, umbj__take_number, &used->all_bytes,
                               "SELECT coalesce(sum(bytes), 0) FROM (SELECT max(bundle_bytes) AS"
                               " bytes FROM job WHERE state IN (0, 1) GROUP BY key)",

@@ -60,7 +60,7 @@ enum umb_status umbj_table_submit(struct umbj_table *table,
     return umbj_sql_end(&table->sql, status, error);
 }
 
-/* Fewest running, then longest not served, then priority, then age: see the header. */
+/* Order: fewest running, then longest not served, then priority, then age: see the header. */
 static enum umb_status choose(struct umbj_table *table, int64_t now, struct umbj_job *job,
                               struct umb_error *error)
 {
@@ -179,7 +179,7 @@ static int may_pass(enum umbj_failure failure)
     return failure == UMBJ_TEMPORARY || failure == UMBJ_IO || failure == UMBJ_LOST;
 }
 
-/* Pause before the next try after so many failed ones. */
+/* Pause in milliseconds before the next try, by the number of failed tries. */
 static int64_t pause_ms(int64_t tries)
 {
     int64_t pause = UMBJ_PAUSE_MS;
@@ -189,7 +189,7 @@ static int64_t pause_ms(int64_t tries)
     return pause < UMBJ_PAUSE_MAX_MS ? pause : UMBJ_PAUSE_MAX_MS;
 }
 
-/* What becomes of a job whose try failed; tries and hard_tries count this one. */
+/* Sets the state of a job whose try failed; tries and hard_tries include this try. */
 static void judge(struct umbj_job *job, int64_t now)
 {
     const enum umbj_failure failure = job->failure;
@@ -256,7 +256,7 @@ enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady, str
     return umbj__found(status, job, "with a lease that is over", error);
 }
 
-/* Every job that ran is lost. */
+/* Marks every running job as lost. */
 static enum umb_status lose_running(struct umbj_table *table, int64_t now, int64_t *count,
                                     struct umb_error *error)
 {

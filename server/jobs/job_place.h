@@ -30,12 +30,13 @@ struct umbj_place {
 UMB_CHECKED enum umb_status umbj_place_check(const char *folder, const char *table,
                                              struct umbj_place *place, struct umb_error *error);
 
-/* The same, and takes both locks. Fails: also E_BUSY (names the other daemon), E_CANNOT_CREATE. */
+/* umbj_place_check, then takes both locks. Fails: also E_BUSY (names the other daemon),
+ * E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbj_place_take(const char *folder, const char *table,
                                             struct umbj_place *place, struct umb_error *error);
 
-/* Shows that this daemon is alive, if it is time. Fails: E_STATE (another daemon took over), E_IO.
- */
+/* Shows that this daemon is alive, when it is due. Fails: E_STATE (another daemon took over),
+ * E_IO. */
 UMB_CHECKED enum umb_status umbj_place_beat(struct umbj_place *place, struct umb_error *error);
 
 /* Releases the locks. A place that was not taken is allowed, after umbj_place_check or _init. */

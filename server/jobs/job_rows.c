@@ -16,7 +16,7 @@
 #include "common/clean_text.h"
 #include "jobs/bundle.h"
 
-#define NUMBER_MAX ((int64_t)1 << 53) /* of times, epochs, bytes: exact in every language */
+#define NUMBER_MAX ((int64_t)1 << 53) /* limit of times, epochs, bytes: exact as a double */
 
 /* Row being read, with the name of its first damaged column. */
 struct reading {
@@ -31,7 +31,7 @@ static void blame(struct reading *reading, int is_sound, const char *column)
     }
 }
 
-/* Takes a text of less than `size` bytes; "" if it is none. */
+/* Takes a text of less than `size` bytes; "" if the column is not one. */
 static int take_text(struct reading *reading, int column, char *out, size_t size)
 {
     out[0] = '\0';
@@ -181,7 +181,7 @@ static enum umb_status look_at_row(void *user, sqlite3_stmt *row)
     struct look *look = user;
     struct umbj_job *job = &look->jobs[look->count < LOOK_MOST ? look->count : LOOK_MOST - 1];
     if (look->count == LOOK_MOST) {
-        return UMB_OK; /* read again in the next scan */
+        return UMB_OK; /* the row is read again in the next scan */
     }
     umbj__read_job(row, job);
     look->last = job->row;

@@ -142,7 +142,7 @@ enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj
     if (status == UMB_OK && code != SQLITE_DONE) {
         status = fail(sql, code, error);
     }
-    (void)sqlite3_finalize(statement); /* says again what step said */
+    (void)sqlite3_finalize(statement); /* repeats the status of step */
     return status;
 }
 
@@ -191,7 +191,7 @@ enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status, struc
         status = umbj_sql_run(sql, error, NULL, NULL, "COMMIT", "");
     }
     if (status != UMB_OK && !sqlite3_get_autocommit(sql->database)) {
-        struct umb_error ignored; /* the first failure is the one to tell */
+        struct umb_error ignored; /* the first failure is the one to report */
         if (umbj_sql_run(sql, &ignored, NULL, NULL, "ROLLBACK", "") != UMB_OK) {
             return status;
         }

@@ -18,8 +18,8 @@ struct umbj_sql {
 };
 
 /* Opens or makes a database and sets it up. Fails: E_CANNOT_CREATE, E_CORRUPT (not a database),
- * E_BUSY (another process writes to it), E_UNSUPPORTED (it cannot have the journal or be synced as
- * said above), E_IO, E_NO_MEMORY. */
+ * E_BUSY (another process writes to it), E_UNSUPPORTED (the journal or the syncs described above
+ * are not available), E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql,
                                           struct umb_error *error);
 void umbj_sql_close(struct umbj_sql *sql);
@@ -44,14 +44,14 @@ UMB_CHECKED enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb
 /* Rows that the last changing statement touched. */
 int64_t umbj_sql_changes(const struct umbj_sql *sql);
 
-/* One transaction. _end commits if status is UMB_OK, else rolls back; returns status, or why the
- * commit failed (then rolled back too). */
+/* One transaction. _end commits if status is UMB_OK, else rolls back. Returns status, or the
+ * failure of the commit (then rolled back too). */
 UMB_CHECKED enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status,
                                          struct umb_error *error);
 
-/* Copies a text column, cut at size - 1 bytes; a blob column of UMBJ_HASH_BYTES (0 if it is not).
- */
+/* Copies a text column, cut at size - 1 bytes. _hash: copies a blob column of UMBJ_HASH_BYTES and
+ * returns 1, or 0 if the column is not one. */
 void umbj_sql_text(sqlite3_stmt *row, int column, char *out, size_t size);
 int umbj_sql_hash(sqlite3_stmt *row, int column, uint8_t out[UMBJ_HASH_BYTES]);
 

@@ -23,10 +23,10 @@ static const char *const schema[] = {
     " NOT NULL)",
     "CREATE INDEX job_by_owner ON job(owner, key)",
     "CREATE INDEX job_by_state ON job(state, owner)",
-    /* When an owner was last served, in claims: their order is that of the clock, and never ties.
-     */
+    /* Time when an owner was last served, counted in claims: ordered like the clock, without
+     * ties. */
     "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
-    "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* and the columns of version 2 */
+    "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* more columns come with version 2 */
     ("CREATE TABLE owned(asset BLOB NOT NULL REFERENCES asset(id), owner TEXT NOT NULL,"
      " PRIMARY KEY(asset, owner))"),
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
@@ -38,7 +38,7 @@ enum umb_status umbj__take_number(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
-/* Takes the one job of a result; an empty id tells that there was none. */
+/* Takes the one job of a result; an empty id means that there was none. */
 enum umb_status umbj__take_job(void *user, sqlite3_stmt *row)
 {
     umbj__read_job(row, user);
@@ -54,7 +54,7 @@ enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job, 
     return status;
 }
 
-/* Additions of version 2: sizes of assets, their numbers of owners, and counts. */
+/* Additions of version 2: sizes of assets, number of their owners, and counts. */
 static const char *const sizes[] = {
     "ALTER TABLE asset ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0",
     "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",

@@ -2,23 +2,23 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_H
 /*
- * The durable table of bake jobs, and who owns the assets they made.
+ * The durable table of bake jobs, and the owners of the assets they made.
  *
  *     umbj_table_open("jobs.db", &limits, &table, &error);
- *     umbj_table_recover(table, now, &count, &error);       once: what ran has lost its worker
+ *     umbj_table_recover(table, now, &count, &error);       once: running jobs lost their worker
  *     umbj_table_submit(table, &submission, now, &job, &is_new, &error);
  *     umbj_table_claim(table, now, steady, &job, &error);   the next in fair order
  *     umbj_table_renew / _finish / _fail (table, id, epoch, ...);
  *
  * Acknowledged changes survive kill -9 and power cuts (job_sql.h). Time is an argument, so that
  * tests control the clocks: `now` is in Unix milliseconds, `steady` in milliseconds of a monotonic
- * clock. Leases use `steady` and end with the process: after a start, jobs that ran have lost their
+ * clock. Leases use `steady` and end with the process: after a start, running jobs have lost their
  * worker. Pauses use `now`. A pause that seems longer than the longest one means that the clock was
  * set back; it is over.
  *
  * Order: owners take turns. The owner with the fewest running jobs comes first, then the one whose
- * last start is longest ago; among one owner's jobs the higher priority, then the older. Nobody
- * gets more by submitting more.
+ * last start is longest ago; among one owner's jobs the higher priority, then the older. More
+ * submissions give an owner no larger share.
  *
  * Tries: rejected, timeout, internal and cancelled end a job. Temporary, io and lost are tried
  * again after a pause that doubles, UMBJ_TRIES_MAX times; then temporary and io are failed, lost is
@@ -31,22 +31,22 @@
 #include "jobs/job.h"
 
 #define UMBJ_TRIES_MAX      6    /* claims of one job that may fail */
-#define UMBJ_HARD_TRIES_MAX 2    /* those that took the worker down */
+#define UMBJ_HARD_TRIES_MAX 2    /* claims of one job that may take the worker down */
 #define UMBJ_PAUSE_MS       1000 /* after the first failure; doubles */
 #define UMBJ_PAUSE_MAX_MS   300000
 
 struct umbj_table; /* opaque */
 
 struct umbj_limits {
-    int64_t owner_jobs;  /* unfinished ones of one owner */
-    int64_t owner_bytes; /* of their bundles */
-    int64_t total_bytes; /* of the bundles of all */
+    int64_t owner_jobs;  /* unfinished jobs of one owner */
+    int64_t owner_bytes; /* bytes of one owner's bundles */
+    int64_t total_bytes; /* bytes of all bundles */
     int64_t lease_ms;
     int64_t owner_assets;  /* Limit of the bytes of one owner's assets; 0 = none */
     int64_t owner_history; /* Limit of the finished jobs of one owner; 0 = none */
 };
 
-/* Which quota refused. */
+/* The quota that refused. */
 enum umbj_quota {
     UMBJ_QUOTA_JOBS = 0, /* owner_jobs */
     UMBJ_QUOTA_BYTES,    /* owner_bytes */
@@ -55,7 +55,7 @@ enum umbj_quota {
     UMBJ_QUOTA_COUNT,
 };
 
-/* "jobs". Never NULL. */
+/* Name of a quota, such as "jobs". Never NULL. */
 const char *umbj_quota_name(enum umbj_quota quota);
 
 struct umbj_submission {
@@ -76,7 +76,7 @@ UMB_CHECKED enum umb_status umbj_table_freeze(struct umbj_table *table, struct u
 
 /*
  * Adds a job, unless the same owner has one of the same key that is queued, running, or done with
- * an asset that is still the owner's: then that one is returned.
+ * an asset that is still the owner's: then it returns that job.
  *
  * Fails: E_BUSY (a quota of the owner; the message names it), E_LIMIT (disk; all bundles).
  */
@@ -90,9 +90,9 @@ UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);
 
-/* Uploads on their way, which are no jobs yet but take their space already. */
+/* Uploads in progress: not jobs yet, but their space already counts. */
 struct umbj_pending {
-    int64_t own_jobs, own_bytes; /* of the owner */
+    int64_t own_jobs, own_bytes; /* unfinished jobs of the owner, and bytes of their bundles */
     int64_t all_bytes;
 };
 
@@ -103,7 +103,7 @@ UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, con
                                                    const struct umbj_pending *pending,
                                                    struct umb_error *error);
 
-/* How often each quota refused since the table was opened. */
+/* Number of refusals by a quota since the table was opened. */
 int64_t umbj_table_refused(const struct umbj_table *table, enum umbj_quota quota);
 
 /* Jobs and bytes kept for an owner (NULL: for all owners together). */
@@ -114,7 +114,7 @@ struct umbj_kept {
 UMB_CHECKED enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner,
                                             struct umbj_kept *kept, struct umb_error *error);
 
-/* Checks whether an asset of so many bytes may become the owner's. Fails: E_BUSY (owner_assets). */
+/* Checks whether an asset of `bytes` bytes may become the owner's. Fails: E_BUSY (owner_assets). */
 UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *owner,
                                                    const uint8_t *asset, int64_t bytes,
                                                    struct umb_error *error);
@@ -123,7 +123,7 @@ UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, con
 UMB_CHECKED enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                                             struct umb_error *error);
 
-/* Takes the next job: it is running then, with a new epoch and a lease. Fails: E_NOT_FOUND. */
+/* Takes the next job: it then runs, with a new epoch and a lease. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
                                              struct umbj_job *job, struct umb_error *error);
 
@@ -133,29 +133,29 @@ UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char
                                             char settings[UMBJ_SETTINGS_SIZE],
                                             struct umb_error *error);
 
-/* Reports for an epoch. Fails: E_STATE if it is not the running one: nothing is changed. */
+/* Renews the lease of an epoch. Fails: E_STATE if it is not the running one: nothing is changed. */
 UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const char *id,
                                              int64_t epoch, int64_t steady,
                                              struct umb_error *error);
 
-/* The asset is in the store: the job is done, the asset its owner's, and the key remembered.
- * bake_ms: how long the work took. */
+/* Records that the asset is in the store: the job is done, the asset is its owner's, and the key is
+ * remembered. bake_ms: duration of the work. */
 UMB_CHECKED enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_job *job,
                                               const uint8_t *asset, int64_t bake_ms, int64_t now,
                                               struct umb_error *error);
 
-/* The try failed; *job becomes what the table then holds: queued again, failed or poison. */
+/* Records a failed try; *job becomes the table's new state: queued again, failed or poison. */
 UMB_CHECKED enum umb_status umbj_table_fail(struct umbj_table *table, struct umbj_job *job,
                                             enum umbj_failure failure, const char *cause,
                                             int64_t now, struct umb_error *error);
 
-/* Ends a job of an owner (NULL = anybody's) if it is not over. Fails: E_NOT_FOUND, also for
- * other owners' jobs. */
+/* Ends a job of an owner (NULL = any owner) if it is not over. Fails: E_NOT_FOUND, also for other
+ * owners' jobs. */
 UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const char *id,
                                               const char *owner, int64_t now, struct umbj_job *job,
                                               struct umb_error *error);
 
-/* The next running job whose lease is over. Fails: E_NOT_FOUND. */
+/* The next running job whose lease has expired. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady,
                                                struct umbj_job *job, struct umb_error *error);
 
@@ -167,10 +167,10 @@ UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t
 /* Number of damaged rows since the table was opened. */
 int64_t umbj_table_damaged(const struct umbj_table *table);
 
-/* Before a planned end: running jobs are queued again, and it counts for nothing. */
+/* Before a planned end: queues running jobs again, without counting a try. */
 UMB_CHECKED enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error);
 
-/* Reads a job of an owner (NULL = anybody's). Fails: E_NOT_FOUND. */
+/* Reads a job of an owner (NULL = any owner). Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_get(struct umbj_table *table, const char *id,
                                            const char *owner, struct umbj_job *job,
                                            struct umb_error *error);
@@ -185,15 +185,15 @@ UMB_CHECKED enum umb_status umbj_table_count(struct umbj_table *table,
                                              int64_t counts[UMBJ_STATE_COUNT],
                                              struct umb_error *error);
 
-/* When the next queued job may start: now or later; INT64_MAX = none is queued. */
+/* Time when the next queued job may start: now or later; INT64_MAX = none is queued. */
 UMB_CHECKED enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now,
                                                   int64_t *when, struct umb_error *error);
 
-/* How many unfinished jobs need the bundle of a key. */
+/* Number of unfinished jobs that need the bundle of a key. */
 UMB_CHECKED enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t *key,
                                                     int64_t *count, struct umb_error *error);
 
-/* Forgets jobs that were over before a time. */
+/* Removes jobs that ended before a time. */
 UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before,
                                              struct umb_error *error);
 
@@ -204,17 +204,17 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
                                                 int64_t bytes, struct umb_error *error);
 
-/* Calls found(user, asset) for the assets whose size is not known: those of an older program. */
+/* Calls found(user, asset) for the assets of unknown size: those of an older program. */
 typedef void (*umbj_unsized_fn)(void *user, const uint8_t *asset);
 UMB_CHECKED enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn found,
                                                void *user, struct umb_error *error);
 
-/* What somebody's earlier bake of the key gave. Fails: E_NOT_FOUND. */
+/* Asset and duration of an earlier bake of the key, of any owner. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
                                                  uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
                                                  struct umb_error *error);
 
-/* 1 if a job made the asset; *owned: 1 if it is the owner's (NULL: anybody's). */
+/* 1 if a job made the asset; *owned: 1 if it is the owner's (NULL: any owner's). */
 UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset,
                                              const char *owner, int *known, int *owned,
                                              struct umb_error *error);
@@ -223,8 +223,8 @@ UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uin
 UMB_CHECKED enum umb_status umbj_table_disown(struct umbj_table *table, const uint8_t *asset,
                                               const char *owner, struct umb_error *error);
 
-/* An asset without owners, if there is one; _forget: its file is gone, so forget the asset and the
- * bakes that gave it (unless it has an owner again). Fails: E_NOT_FOUND. */
+/* Finds an asset without owners. _forget: its file is gone, so the asset and the bakes that gave it
+ * are removed (unless it has an owner again). Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_unowned(struct umbj_table *table,
                                                uint8_t asset[UMBJ_HASH_BYTES],
                                                struct umb_error *error);

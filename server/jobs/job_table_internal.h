@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
-/* Between the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c owns,
- * job_rows.c validates rows, job_counts.c counts. */
+/* Shared by the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c keeps
+ * owners, job_rows.c validates rows, job_counts.c counts. */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
 
@@ -13,7 +13,7 @@ struct umbj_table {
     int64_t refused[UMBJ_QUOTA_COUNT];
 };
 
-/* What umbj__take_job reads, in its order. */
+/* Columns that umbj__take_job reads, in its order. */
 #define UMBJ__JOB_COLUMNS                                                                          \
     "id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms, "           \
     "started_ms,"                                                                                  \
@@ -25,16 +25,16 @@ struct umbj_table {
 #define UMBJ__TEXT(number)     UMBJ__TEXT_OF(number)
 #define UMBJ__TEXT_OF(number)  #number
 
-/* A queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
+/* Condition of a queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
 
-/* A row call-back: takes the one job of a result; user is a zeroed struct umbj_job, whose empty id
- * tells afterwards that there was none. _found turns that into E_NOT_FOUND, naming `id`. */
+/* A row callback: takes the one job of a result. user is a zeroed struct umbj_job; afterwards an
+ * empty id means that there was none. _found turns that into E_NOT_FOUND, naming `id`. */
 enum umb_status umbj__take_job(void *user, sqlite3_stmt *row);
 UMB_CHECKED enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job,
                                         const char *id, struct umb_error *error);
 
-/* A row call-back: takes a number; user is an int64_t. */
+/* A row callback: takes a number; user is an int64_t. */
 enum umb_status umbj__take_number(void *user, sqlite3_stmt *row);
 
 /* --- job_rows.c --- */
@@ -43,15 +43,15 @@ enum umb_status umbj__take_number(void *user, sqlite3_stmt *row);
  * its id is empty if it has no valid owner. */
 void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
 
-/* Makes a damaged row what umbj__read_job made of it, or removes it. */
+/* Stores the failed job that umbj__read_job made of a damaged row, or removes the row. */
 UMB_CHECKED enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job,
                                          int64_t now, struct umb_error *error);
 
-/* For loops: 1 if *job was damaged and is retired, so that the query must run again. */
+/* For loops: 1 if *job was damaged and is retired, so the query must run again. */
 int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
                   int64_t now, struct umb_error *error);
 
-/* A row call-back for scene and settings. */
+/* A row callback for scene and settings. */
 struct umbj__spec {
     int found;
     char *scene, *settings; /* [UMBJ_SCENE_SIZE], [UMBJ_SETTINGS_SIZE] */

@@ -23,11 +23,11 @@
 #include "jobs/try_executor.h"
 #include "jobs/staging.h"
 
-#define LOOK_MS      1000    /* longest sleep: leases and pauses are looked at so often */
+#define LOOK_MS      1000    /* longest sleep: leases and pauses are checked at least this often */
 #define SERVE_MS     20      /* between checks whether the daemon serves a published asset */
 #define PRUNE_MS     3600000 /* between removals of old jobs */
-#define FILE_THREADS 4       /* for bundles; one owner has at most one less */
-#define REQUESTS_MS  100 /* of requests without a break: they must not keep jobs from starting */
+#define FILE_THREADS 4       /* threads for bundles; one owner has at most one fewer */
+#define REQUESTS_MS  100     /* longest run of requests before jobs get their turn */
 
 static int64_t system_unix_ms(void *user)
 {
@@ -79,7 +79,7 @@ void umbj_service_post(struct umbj_service *service, struct umbj_request *reques
     }
 }
 
-/* A report on its way to the service's thread. */
+/* A report that is queued for the service's thread. */
 struct report_request {
     struct umbj_request request;
     struct umbj_report report;
@@ -100,8 +100,8 @@ static void end_report(struct umbj_request *request)
     free(message);
 }
 
-/* From the executor's threads. Without memory a step is not told; an end is noticed by its lease.
- */
+/* Called on the executor's threads. If memory is short, a progress report is dropped; a dropped end
+ * is noticed by its lease. */
 static void on_report(void *user, const struct umbj_report *report)
 {
     struct report_request *message = malloc(sizeof *message);
@@ -115,7 +115,7 @@ static void on_report(void *user, const struct umbj_report *report)
     umbj_service_post(user, &message->request);
 }
 
-/* Leases that are over: their tries are ended, and the jobs lost. */
+/* Ends the tries of expired leases; their jobs are lost. */
 static void expire(struct umbj_service *service)
 {
     struct umbj_job job;
@@ -147,7 +147,7 @@ static void claim(struct umbj_service *service)
     }
 }
 
-/* How long to sleep: until something may start, or be looked at. */
+/* Time to sleep: until a job may start, or something must be checked. */
 static int64_t sleep_ms(struct umbj_service *service)
 {
     struct umb_error error;
@@ -164,7 +164,7 @@ static int64_t sleep_ms(struct umbj_service *service)
     return when > now ? when - now : 1;
 }
 
-/* Increments the owner's counter, and learns whether another daemon has taken over. */
+/* Increments the owner's counter; this shows whether another daemon has taken over. */
 static void beat(struct umbj_service *service)
 {
     struct umb_error error;
@@ -176,7 +176,7 @@ static void beat(struct umbj_service *service)
             umbj__log_error(service, "jobs_lost", &error);
         }
     } else if (status != UMB_OK && status != UMB_E_STATE) {
-        umbj__log_error(service, "jobs_beat", &error); /* tried again */
+        umbj__log_error(service, "jobs_beat", &error); /* the next beat tries again */
     }
 }
 
@@ -187,7 +187,7 @@ static void housekeeping(struct umbj_service *service)
     const int64_t now = umbj__steady_ms(service);
     umbj__look_at_loading(service);
     if (service->lost) {
-        return; /* jobs of the table are another daemon's, and its clock may be another */
+        return; /* another daemon has the table's jobs, and its clock may differ */
     }
     if (now >= service->look_at_ms) {
         service->look_at_ms = now + LOOK_MS;
@@ -204,7 +204,7 @@ static void housekeeping(struct umbj_service *service)
     }
 }
 
-/* Takes the next request; sleeps if there is none. NULL: woken, or it ends. */
+/* Takes the next request; sleeps if there is none. NULL: woken, or the service ends. */
 static struct umbj_request *next_request(struct umbj_service *service, int64_t wait_ms)
 {
     const struct timespec until = umbu_clock_deadline(wait_ms);
@@ -325,7 +325,7 @@ static enum umb_status open_table(const struct umbj_service *service, struct umb
     return umbj_table_open(service->place.table_path, &service->options.limits, out, error);
 }
 
-/* NULL: bakes run here. */
+/* Makes the farm of the options; NULL: bakes run here. */
 static enum umb_status make_farm(struct umbj_service *service, struct umbj_farm **farm,
                                  struct umb_error *error)
 {
@@ -342,7 +342,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
     const struct umbj_service_options *options = &service->options;
     struct umbj_farm *farm = NULL;
     if (service->executor != NULL) {
-        return UMB_OK; /* a test's */
+        return UMB_OK; /* a test's executor */
     }
     enum umb_status status = make_farm(service, &farm, error);
     if (status != UMB_OK) {
@@ -502,7 +502,7 @@ void umbj_service_destroy(struct umbj_service *service)
         request = next_request(service, 0);
     }
     if (service->opened && !service->lost && umbj_table_release(service->table, &error) != UMB_OK) {
-        umbj__log_error(service, "job_release", &error); /* then they are lost ones */
+        umbj__log_error(service, "job_release", &error); /* then the next start finds them lost */
     }
     umbj_table_close(service->table);
     umbj_snapshot_destroy(service->snapshot);

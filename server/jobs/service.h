@@ -5,23 +5,23 @@
  * The job service: one thread that owns the table and the executor, threads for the files of calls
  * (file_threads.h), and the requests to both.
  *
- *     umbj_service_create(&options, &service, &error);      recovers what an earlier daemon left
+ *     umbj_service_create(&options, &service, &error);      recovers an earlier daemon's jobs
  *     umbj_service_post(service, &request);                 request.files, then request.run
  *     umbj_service_destroy(service);                        workers are ended; their jobs go on
  *                                                           with the next daemon
  *
- * Publishing an asset: the worker's file is staged (staging.h); then, on this thread, the asset is
- * announced in the table, the file gets its name, and job, asset and owner are noted in one
+ * Publishing an asset: the worker's file is staged (staging.h). Then, on this thread, the asset is
+ * announced in the table, the file gets its name, and job, asset and owner are recorded in one
  * transaction that the epoch fences. A crash between any two steps leaves at most an announced file
- * without an owner, which the next start removes; the job itself is tried again and gives the same
- * bytes. Watchers are told that a job is done when the daemon serves the asset, and only then may
- * its owner see it. Each step is the same, and takes as long, whether or not other owners have the
- * asset: the file is copied, synced, read again, renamed and loaded anew.
+ * without an owner, which the next start removes; the job is tried again and gives the same bytes.
+ * Watchers see a job as done when the daemon serves the asset, and only then may its owner see it.
+ * Each step is the same, and takes as long, whether or not other owners have the asset: the file is
+ * copied, synced, read again, renamed and loaded anew.
  *
- * Assets lie in a folder of their own in that of the jobs, and nothing else does: what an operator
- * put into a store is never a job's, whatever its name, and is neither taken over nor removed.
+ * Assets of jobs lie in a folder of their own inside the jobs folder. A file that an operator put
+ * into a store never becomes a job's, whatever its name: it is neither taken over nor removed.
  *
- * One daemon a jobs folder and table: job_place.h. A daemon that learns that another one took over
+ * One daemon a jobs folder and table: job_place.h. A daemon that finds another one has taken over
  * starts no job, takes no submission, publishes nothing and removes no file. It cancels its tries
  * at their next report; the epoch fences reports from before that.
  */
@@ -45,26 +45,26 @@ struct umbj_clocks {
 };
 
 struct umbj_service_options {
-    const char *folder;      /* of the jobs; made if it is not there */
+    const char *folder;      /* path of the jobs folder; made if it does not exist */
     const char *table;       /* file of the job table; NULL = FOLDER/jobs.db */
     const char *program;     /* umbrage-bake; NULL = beside the running program */
-    const char *sandbox;     /* of umbrage-bake --sandbox; NULL = required */
+    const char *sandbox;     /* mode of umbrage-bake --sandbox; NULL = required */
     int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
-    uint64_t interval_ms;    /* between questions to Slurm */
+    uint64_t interval_ms;    /* milliseconds between status calls to Slurm */
     const char *slurm_words; /* more options of sbatch, with blanks between; NULL = none */
     uint32_t workers;        /* bakes at once */
-    uint32_t threads;        /* of one bake */
-    uint32_t tile;           /* texels along its side, a power of 2; 0 = as umbrage-bake has it */
-    uint64_t memory_bytes, timeout_ms, max_output_bytes; /* of one bake */
-    uint64_t cache_bytes;      /* of one owner's tiles; 0 = none are kept */
-    uint64_t max_bundle_bytes; /* of one submission */
-    uint64_t keep_ms;          /* jobs that are over */
+    uint32_t threads;        /* threads of one bake */
+    uint32_t tile; /* texels along a tile's side, a power of 2; 0 = umbrage-bake's choice */
+    uint64_t memory_bytes, timeout_ms, max_output_bytes; /* limits of one bake */
+    uint64_t cache_bytes;      /* limit of one owner's tiles; 0 = none are kept */
+    uint64_t max_bundle_bytes; /* limit of one submission */
+    uint64_t keep_ms;          /* milliseconds for which finished jobs are kept */
     struct umbj_limits limits;
     const struct umbs_log *log;
-    /* The store has a new file, or one less: called on the service's thread. */
+    /* Called on the service's thread when the store has a new file, or one fewer. */
     void (*store_changed)(void *user);
     /* Called before the asset's file gets its name, and again with yes = 0 if it then does not get
-     * it. An equal file of other owners must not change the time of the following steps. NULL:
+     * it. The following steps must take equally long if other owners have an equal file. NULL:
      * nothing to do. */
     void (*replacing)(void *user, const uint8_t *asset, int yes);
     /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
@@ -75,22 +75,22 @@ struct umbj_service_options {
     struct umbj_executor *executor; /* the service's, also if create fails */
 };
 
-/* What the metrics tell; each only grows but for the states. */
+/* Counters for the metrics; all but the states only grow. */
 struct umbj_counters {
-    atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* jobs now */
+    atomic_int_fast64_t states[UMBJ_STATE_COUNT]; /* number of jobs now, by state */
     atomic_uint_fast64_t failures[UMBJ_FAILURE_COUNT];
-    atomic_uint_fast64_t task_failures[UMBJ_FAILURE_COUNT]; /* of a farm */
+    atomic_uint_fast64_t task_failures[UMBJ_FAILURE_COUNT]; /* failed tasks of a farm, by failure */
     atomic_int_fast64_t owned_bytes; /* Bytes of assets; an asset of two owners counts twice */
-    atomic_uint_fast64_t refused[UMBJ_QUOTA_COUNT]; /* submissions and assets, by quota */
-    atomic_uint_fast64_t damaged_rows;              /* of the table */
+    atomic_uint_fast64_t refused[UMBJ_QUOTA_COUNT]; /* refused submissions and assets, by quota */
+    atomic_uint_fast64_t damaged_rows;              /* damaged rows of the table */
     atomic_uint_fast64_t submitted, finished;
-    atomic_uint_fast64_t bake_ms;                  /* of all that finished */
+    atomic_uint_fast64_t bake_ms;                  /* milliseconds of all finished bakes */
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */
 };
 
-/* Work for the service: `files` is called on a thread for files, then run on the service's own,
+/* A request to the service: `files` is called on a thread for files, then run on the service's own,
  * then done. Either of the first two may be NULL. The request is the sender's again from done on.
- * At the end of the service done is called without run, or without both: `skipped`. */
+ * When the service ends, done is called without run, or without both: `skipped`. */
 struct umbj_request {
     struct umbj_request *next;
     void (*files)(struct umbj_request *request);
@@ -101,25 +101,25 @@ struct umbj_request {
     int skipped;
 };
 
-/* Makes the jobs folder and, in it, the folder of assets if they are not there, so that a store can
- * be opened on it before the service is created. Out: assets: its path. Fails: E_CANNOT_CREATE,
- * E_LIMIT (a path that is too long). */
+/* Makes the jobs folder and its folder of assets if they do not exist, so that a store can be
+ * opened on it before the service is created. Out: assets: its path. Fails: E_CANNOT_CREATE,
+ * E_LIMIT (path too long). */
 UMB_CHECKED enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t size,
                                                  struct umb_error *error);
 
-/* Fails: E_CANNOT_CREATE, E_BUSY (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake),
- * what umbj_table_open fails with. */
+/* Opens the table, recovers earlier jobs, and starts the thread. Fails: E_CANNOT_CREATE, E_BUSY
+ * (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake), as umbj_table_open. */
 UMB_CHECKED enum umb_status umbj_service_create(const struct umbj_service_options *options,
                                                 struct umbj_service **out, struct umb_error *error);
 
-/* Ends the workers, answers what waits, joins the thread. NULL is allowed. */
+/* Ends the workers, answers waiting requests, joins the thread. NULL is allowed. */
 void umbj_service_destroy(struct umbj_service *service);
 
-/* Any thread, at once. */
+/* Queues a request whose `files` was called. Any thread, at once. */
 void umbj_service_files_done(struct umbj_service *service, struct umbj_request *request);
 void umbj_service_post(struct umbj_service *service, struct umbj_request *request);
 
-/* Any thread. */
+/* The service's snapshot. Any thread. */
 struct umbj_snapshot *umbj_service_snapshot(struct umbj_service *service);
 struct umbj_counters *umbj_service_counters(struct umbj_service *service);
 const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service);
@@ -127,7 +127,7 @@ const struct umbj_service_options *umbj_service_options_of(const struct umbj_ser
 /* --- on the service's thread, in umbj_request.run --- */
 
 /*
- * Looks at a submission: a job that stands for it already, or an upload to be filled.
+ * Begins a submission: finds an equal job, or makes an upload to be filled.
  *
  * In:    prepared: of the manifest (umbj_manifest_prepare), made on a thread for files.
  * Out:   job: the existing job, or an empty id and *upload, for umbj_service_drop_upload: its bytes
@@ -144,7 +144,7 @@ UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, co
  * files before (umbj_upload_discard). */
 void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload);
 
-/* Makes the job of an upload whose bundle is in its place (umbj_upload_accept, on a thread for
+/* Makes the job of an upload whose bundle has its final name (umbj_upload_accept, on a thread for
  * files). Fails: as umbj_table_submit. */
 UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
                                                 const struct umbj_manifest *manifest,
@@ -152,7 +152,7 @@ UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, co
                                                 struct umbj_upload *upload, struct umbj_job *job,
                                                 struct umb_error *error);
 
-/* Puts a job in the snapshot if it is not there. Fails: E_NOT_FOUND. owner: NULL = anybody's. */
+/* Puts a job in the snapshot if it is not there. Fails: E_NOT_FOUND. owner: NULL = any owner. */
 UMB_CHECKED enum umb_status umbj_service_show(struct umbj_service *service, const char *id,
                                               const char *owner, struct umb_error *error);
 
@@ -160,7 +160,7 @@ UMB_CHECKED enum umb_status umbj_service_cancel(struct umbj_service *service, co
                                                 const char *owner, struct umbj_job *job,
                                                 struct umb_error *error);
 
-/* In umbj_request.files of a request that reads. */
+/* Lists jobs; for umbj_request.files of a request that reads. */
 UMB_CHECKED enum umb_status umbj_service_list(struct umbj_service *service, const char *owner,
                                               int64_t most, struct umbj_job **jobs, size_t *count,
                                               struct umb_error *error);
@@ -171,7 +171,7 @@ UMB_CHECKED enum umb_status umbj_service_open_asset(struct umbj_service *service
                                                     int *fd, uint64_t *bytes,
                                                     struct umb_error *error);
 
-/* Takes an asset from an owner; the last one takes the file along. Fails: E_NOT_FOUND, E_IO. */
+/* Takes an asset from an owner; without owners its file is removed. Fails: E_NOT_FOUND, E_IO. */
 UMB_CHECKED enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
                                                 const char *owner, struct umb_error *error);
 

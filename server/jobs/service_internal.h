@@ -1,21 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
-/* Between the files of the job service: service.c is the thread, service_tries.c what tries do to
- * jobs, service_requests.c what owners ask for. Everything on the service's thread. */
+/* Shared by the files of the job service: service.c is the thread, service_tries.c applies the
+ * results of tries to jobs, service_requests.c serves owners. All of it runs on the service's
+ * thread. */
 #include <pthread.h>
 #include "jobs/executor.h"
 #include "jobs/file_threads.h"
 #include "jobs/job_place.h"
 #include "jobs/service.h"
 
-/* A job that is done and whose asset the daemon does not serve yet. */
+/* A finished job whose asset the daemon does not serve yet. */
 struct umbj_loading {
     struct umbj_job job;
     int64_t since_ms;
 };
 
-/* An upload that is no job yet: its bytes count for the quotas, and a bundle of its key is not
+/* An upload that is not a job yet: its bytes count for the quotas, and a bundle of its key is not
  * removed, since the upload may have put it there. */
 struct umbj_promise {
     struct umbj_promise *next;
@@ -69,21 +70,21 @@ int64_t umbj__steady_ms(const struct umbj_service *service);
 UMB_CHECKED enum umb_status umbj__find_program(struct umbj_service *service,
                                                struct umb_error *error);
 
-/* Before the thread: lost jobs are queued again; bundles, folders and assets of nobody removed. */
+/* Before the thread: queues lost jobs again, removes bundles, folders and assets without owners. */
 UMB_CHECKED enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error);
 
-/* Hands a claimed job to the executor; what fails then is a failed try. */
+/* Gives a claimed job to the executor; a failure to do so counts as a failed try. */
 void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job);
 
-/* Takes a report; takes its staged file over. */
+/* Handles a report, and takes over its staged file. */
 void umbj__take_report(struct umbj_service *service, struct umbj_report *report);
 
-/* Notes a failed try: table, snapshot, log, bundle. *job is then as the table has it. */
+/* Records a failed try: table, snapshot, log, bundle. *job becomes the table's new state. */
 UMB_CHECKED enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *job,
                                            enum umbj_failure failure, const char *cause,
                                            struct umb_error *error);
 
-/* Tells those who wait for assets that the daemon serves by now. */
+/* Notifies the watchers of assets that the daemon now serves. */
 void umbj__look_at_loading(struct umbj_service *service);
 
 /* Removes files of assets without owners. */
@@ -92,7 +93,7 @@ void umbj__collect_assets(struct umbj_service *service);
 /* Removes a key's bundle if no unfinished job needs it. */
 void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
 
-/* A job's state changed: snapshot, counters, one line in the log. */
+/* After a change of a job's state: updates snapshot and counters, writes one line of the log. */
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
 
 /* Copies the table's counts of refusals. */

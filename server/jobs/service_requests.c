@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What owners ask of the job service. */
+/* Requests of owners to the job service. */
 #include "jobs/service_internal.h"
 
 #include <errno.h>
@@ -12,7 +12,7 @@
 
 #include "jobs/staging.h"
 
-/* An asset whose file somebody removed is nobody's any more: else it could never be made again. */
+/* Forgets an asset whose file was removed from outside: otherwise it could never be made again. */
 static void disown_missing(struct umbj_service *service, const struct umbj_job *job)
 {
     char path[4200];
@@ -37,7 +37,7 @@ static struct umbj_pending pending_of(const struct umbj_service *service, const 
     return pending;
 }
 
-/* Begins an upload, and counts its bytes from now on. */
+/* Begins an upload; from now on its bytes count for the quotas. */
 static enum umb_status begin_upload(struct umbj_service *service, const char *owner,
                                     const struct umbj_manifest *manifest,
                                     const struct umbj_prepared *prepared,
@@ -60,10 +60,10 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
         free(promise);
         return status;
     }
-    memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+    memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners are read */
     memcpy(promise->key, prepared->key, sizeof promise->key);
     promise->upload = *upload;
-    umbj_upload_hold(*upload); /* a call that is skipped at the end destroys its own hold alone */
+    umbj_upload_hold(*upload); /* if the service ends, a skipped call releases only its own hold */
     promise->bytes = bytes;
     promise->next = service->promises;
     service->promises = promise;
@@ -83,7 +83,7 @@ static void drop_promise(struct umbj_service *service, const struct umbj_upload 
         memcpy(key, promise->key, sizeof key);
         umbj_upload_let_go(promise->upload);
         free(promise);
-        umbj__drop_bundle(service, key); /* that it kept, and perhaps put there */
+        umbj__drop_bundle(service, key); /* bundle that the upload kept, and perhaps made */
     }
 }
 
@@ -149,7 +149,7 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
         status = umbj_table_submit(service->table, &submission, umbj__unix_ms(service), job,
                                    &is_new, error);
     }
-    drop_promise(service, upload); /* now it counts as a job; or the bundle goes */
+    drop_promise(service, upload); /* the upload counts as a job now; or its bundle is removed */
     if (status == UMB_OK && is_new) {
         atomic_fetch_add(&service->counters.submitted, 1);
         umbj__changed(service, job, 0);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What tries do to jobs: begun, reported on, published, failed; and what a start finds. */
+/* Tries and their jobs: start, reports, publishing, failure; and recovery at a start. */
 #define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
 #include "jobs/service_internal.h"
 
@@ -16,9 +16,9 @@
 #include "jobs/staging.h"
 
 #define PATH_SIZE     4200
-#define SERVE_MOST_MS 600000 /* then a job is told as done all the same, with a warning */
-#define SIZES_MOST    256    /* assets of one look */
-#define LEASE_PARTS   4      /* a lease is renewed when a quarter of it is over */
+#define SERVE_MOST_MS 600000 /* then the job is reported as done anyway, with a warning */
+#define SIZES_MOST    256    /* assets handled at a time */
+#define LEASE_PARTS   4      /* a lease is renewed after this part of it */
 
 /* Assets without a size. */
 struct unsized_assets {
@@ -60,7 +60,7 @@ void umbj__note_refusals(struct umbj_service *service)
     }
 }
 
-/* An owner's history has its quota. */
+/* Removes an owner's oldest finished jobs beyond its quota. */
 static void trim(struct umbj_service *service, const char *owner)
 {
     struct umb_error error;
@@ -87,10 +87,10 @@ void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int
                    umbs_log_quote(job->cause, cause), asset);
 }
 
-/* A removal that a thread for files makes. */
+/* Removal of a folder on a thread for files. */
 struct removal {
     struct umbj_request request;
-    int folder; /* descriptor of the jobs folder, our own */
+    int folder; /* own descriptor of the jobs folder */
     const atomic_int *stop;
     char gone[UMBJ_GONE_SIZE];
 };
@@ -128,7 +128,7 @@ static void remove_later(struct umbj_service *service, const char *gone)
     umbj_service_post(service, &removal->request);
 }
 
-/* 1 if an upload of the key is on its way. */
+/* 1 if an upload of the key is in progress. */
 static int is_promised(const struct umbj_service *service, const uint8_t *key)
 {
     const struct umbj_promise *at = service->promises;
@@ -148,7 +148,7 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
         return;
     }
     if (umbj_bundle_take_away(service->folder, key, gone) != 0) {
-        (void)umb_fail_errno(&error, UMB_E_IO, errno, "a bundle that nobody needs stays");
+        (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot remove a bundle without jobs");
         umbj__log_error(service, "bundle_remove", &error);
     } else if (gone[0] != '\0') {
         remove_later(service, gone);
@@ -162,7 +162,7 @@ void umbj__collect_assets(struct umbj_service *service)
     struct umb_error error;
     int removed = 0;
     if (service->lost) {
-        return; /* files of the folder are another daemon's */
+        return; /* the folder's files are another daemon's */
     }
     while (umbj_table_unowned(service->table, asset, &error) == UMB_OK) {
         umbj_asset_path(service->assets_path, asset, path, sizeof path);
@@ -203,8 +203,9 @@ enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *jo
     return status;
 }
 
-/* 1 if an earlier bake of the key gave an asset that is the owner's already. Those of others are
- * baked again: the steps that Watch shows of a bake would be missing, and tell of them. */
+/* 1 if an earlier bake of the key gave an asset that the owner already has. An asset of another
+ * owner is baked again: Watch would show no steps of a bake, and so reveal that the asset
+ * exists. */
 static int find_known(struct umbj_service *service, const struct umbj_job *job,
                       struct umbj_work *work)
 {
@@ -222,8 +223,9 @@ static int find_known(struct umbj_service *service, const struct umbj_job *job,
     return access(path, R_OK) == 0;
 }
 
-/* An owner's folder of tiles, made if need be: one for each, since a tile that is there already
- * tells by its speed that somebody baked it. Returns path, or NULL: the bake then goes without. */
+/* An owner's folder of tiles, made if needed. Each owner has one: a tile that is there already
+ * would reveal by its speed that another owner baked it. Returns path, or NULL: the bake then runs
+ * without. */
 static const char *cache_of(struct umbj_service *service, const char *owner, char path[PATH_SIZE])
 {
     uint8_t hash[UMBJ_HASH_BYTES];
@@ -268,10 +270,10 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
     }
     if (status != UMB_OK) {
         const struct umb_error cause = error;
-        const enum umbj_failure failure =
-            status == UMB_E_CORRUPT ? UMBJ_INTERNAL : UMBJ_TEMPORARY; /* a damaged row stays so */
+        /* A damaged row stays damaged. */
+        const enum umbj_failure failure = status == UMB_E_CORRUPT ? UMBJ_INTERNAL : UMBJ_TEMPORARY;
         if (umbj__fail_try(service, &failed, failure, cause.message, &error) != UMB_OK) {
-            umbj__log_error(service, "job_start", &error); /* its lease will end */
+            umbj__log_error(service, "job_start", &error); /* the lease will end the job */
         }
     }
 }
@@ -295,7 +297,7 @@ static void wait_until_served(struct umbj_service *service, const struct umbj_jo
         size_t capacity = service->loading_capacity * 2 + 8;
         struct umbj_loading *loading = realloc(service->loading, capacity * sizeof *loading);
         if (loading == NULL) {
-            tell_served(service, job); /* a little early */
+            tell_served(service, job); /* a little early, for lack of memory */
             return;
         }
         service->loading = loading;
@@ -329,8 +331,8 @@ void umbj__look_at_loading(struct umbj_service *service)
     }
 }
 
-/* A file that was there when the try ended may have gone with its last owner since. From here on
- * it cannot: only this thread removes files. */
+/* A file that was there when the try ended may have been removed with its last owner. From here on
+ * it stays: only this thread removes files. */
 static enum umb_status check_there(struct umbj_service *service, const uint8_t *asset,
                                    struct umb_error *error)
 {
@@ -369,7 +371,7 @@ static enum umb_status give_name(struct umbj_service *service, struct umbj_repor
     return status;
 }
 
-/* The steps of publishing, in the order that service.h argues. */
+/* The steps of publishing, in the order that service.h explains. */
 static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
                                struct umbj_report *report, struct umb_error *error)
 {
@@ -409,20 +411,20 @@ static void take_end(struct umbj_service *service, struct umbj_job *job, struct 
             umbj__drop_bundle(service, job->key);
         } else if (status != UMB_E_STATE) {
             const struct umb_error cause = error;
-            const enum umbj_failure failure =
-                status == UMB_E_BUSY ? UMBJ_REJECTED : UMBJ_IO; /* a quota: no try changes that */
+            /* A quota: another try changes nothing. */
+            const enum umbj_failure failure = status == UMB_E_BUSY ? UMBJ_REJECTED : UMBJ_IO;
             status = umbj__fail_try(service, job, failure, cause.message, &error);
         }
-        umbj__collect_assets(service); /* what a late or failed publish left */
+        umbj__collect_assets(service); /* files of a late or failed publish */
     } else {
         status = umbj__fail_try(service, job, report->failure, report->text, &error);
     }
     if (status != UMB_OK && status != UMB_E_STATE) {
-        umbj__log_error(service, "job_end", &error); /* its lease will end */
+        umbj__log_error(service, "job_end", &error); /* the lease will end the job */
     }
 }
 
-/* A task of a farm that ended badly, or not at all. */
+/* Logs a farm's task that failed or was lost. */
 static void log_task(const struct umbj_service *service, const struct umbj_report *report)
 {
     char cause[UMBS_LOG_QUOTE_SIZE];
@@ -471,7 +473,7 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
         umbs_log_event(service->options.log, UMB_LOG_INFO, "job_late", "job=%s epoch=%lld now=%lld",
                        report->job, (long long)report->epoch, (long long)job.epoch);
     }
-    umbu_output_abandon(&report->staged); /* harmless if it was committed */
+    umbu_output_abandon(&report->staged); /* no effect if it was committed */
     if (status != UMB_OK && status != UMB_E_NOT_FOUND) {
         umbj__log_error(service, "job_report", &error);
     }
@@ -545,7 +547,7 @@ static void empty_folder(struct umbj_service *service, const char *name)
     }
 }
 
-/* Temporaries of assets that an earlier daemon was staging. */
+/* Removes temporaries of assets that an earlier daemon was staging. */
 static void sweep_staged(struct umbj_service *service)
 {
     struct umbj_names names;

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Slurm as a farm, see slurm_farm.h. Tasks are known by their name,
- * umbrage-TAG-JOB.EPOCH.KIND.OFFSET: numbers that Slurm gave are not kept, so that nothing is lost
- * with them.
+ * Slurm as a farm, see slurm_farm.h. Tasks are identified by their name,
+ * umbrage-TAG-JOB.EPOCH.KIND.OFFSET. Slurm's job numbers are not stored, so they cannot get lost.
  */
 #include "jobs/slurm_farm.h"
 
@@ -18,17 +17,20 @@
 #include "jobs/command_words.h"
 #include "jobs/worker_process.h"
 
-#define ARRAY_MOST 1000  /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
-#define IDS_MOST   500   /* that one command names: a command line has its limit, CALL_MS too */
-#define CALL_MS    30000 /* a command of Slurm: several times its MessageTimeout */
-#define LAST_MS    5000  /* of those that end a try's tasks: a daemon that stops waits for them */
-#define BLOCK      512   /* bytes, of the shell's ulimit */
-#define TAG_SIZE   24
-#define NAME_SIZE  128
-#define ID_SIZE    64
-#define WORD_MOST  4096
+#define ARRAY_MOST 1000 /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
+/* Job ids in one command: a command line has its limit, and so has CALL_MS. */
+#define IDS_MOST 500
+#define CALL_MS  30000 /* time limit of a Slurm command: several times its MessageTimeout */
+/* Time limit of the commands that end a try's tasks: a stopping daemon waits for them. */
+#define LAST_MS   5000
+#define BLOCK     512 /* unit in bytes of the shell's ulimit */
+#define TAG_SIZE  24
+#define NAME_SIZE 128
+#define ID_SIZE   64
+#define WORD_MOST 4096
 
-/* Slurm copies it to the nodes. The environment is Slurm's; the command is told in words. */
+/* The script that Slurm copies to the nodes. It gets Slurm's environment; its arguments are the
+ * command. */
 static const char script[] =
     "#!/bin/sh\n"
     "# A task of a bake that umbraged submitted: FOLDER OFFSET ARRAY BLOCKS COMMAND...\n"
@@ -62,16 +64,17 @@ struct slurm {
     char *words, *search, *configuration; /* may be NULL */
 };
 
-/* How long a command may take: so many milliseconds, and no longer than until it shall end. */
+/* Time limit of commands: milliseconds, cut short when the try or the daemon ends. */
 struct patience {
     uint64_t ms;
-    int stop; /* as umbj_process.stop */
+    int stop; /* descriptor as in umbj_process.stop */
 };
 
-/* A command's last words, or each of its lines. */
+/* Output of a command: its last words, or a callback for each line. */
 struct talk {
     char last[UMBJ_CAUSE_SIZE];
-    void (*line)(void *user, const char *line); /* of standard output; may be NULL */
+    /* Called for each line of standard output; may be NULL. */
+    void (*line)(void *user, const char *line);
     void *user;
 };
 
@@ -89,7 +92,7 @@ static void on_line(void *user, const char *line)
     }
 }
 
-/* The words before a command of Slurm: its standard output comes on the progress descriptor. */
+/* Adds the first words of a Slurm command: its standard output goes to the progress descriptor. */
 static void begin_words(const struct slurm *slurm, struct umbj_words *words)
 {
     umbj_words_add(words, "/bin/sh");
@@ -112,7 +115,8 @@ static enum umb_status call(struct umbj_words *words, struct patience patience, 
         .program = "/bin/sh",
         .arguments = words->list,
         .folder = "/",
-        .max_output_bytes = (uint64_t)1 << 62, /* sbatch hands its limits on to the tasks */
+        /* No limit here: sbatch would pass its own limits on to the tasks. */
+        .max_output_bytes = (uint64_t)1 << 62,
         .timeout_ms = patience.ms,
         .stop = patience.stop,
         .said = on_said,
@@ -142,7 +146,7 @@ static int write_script(const char *path)
     return fd >= 0 && close(fd) == 0 && written ? 0 : -1;
 }
 
-/* Adds sbatch with all that it needs but the array. */
+/* Adds sbatch with all its options but the array. */
 static void add_sbatch(const struct slurm *slurm, const struct umbj_farm_stage *stage,
                        uint32_t offset, struct umbj_words *words)
 {
@@ -189,8 +193,8 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
     return call(&words, (struct patience){CALL_MS, stage->stop}, &talk, error);
 }
 
-/* Writes the wanted numbers of one submission as Slurm has them: "0-15,17". Returns the number that
- * did not fit any more, or `to`. */
+/* Writes the wanted numbers of one submission in Slurm's form: "0-15,17". Returns the first number
+ * that did not fit, or `to`. */
 static uint32_t write_array(const uint8_t *wanted, uint32_t from, uint32_t to, char *text,
                             size_t size)
 {
@@ -242,23 +246,23 @@ static enum umb_status slurm_submit_merge(struct umbj_farm *self,
 
 /* A line of the queue. */
 struct task {
-    char id[ID_SIZE];     /* 17_3 */
-    char index[16];       /* 3, or N/A */
-    char state[16];       /* PD, R, ... */
-    char name[NAME_SIZE]; /* without the tag */
+    char id[ID_SIZE];     /* such as 17_3 */
+    char index[16];       /* such as 3, or N/A */
+    char state[16];       /* such as PD or R */
+    char name[NAME_SIZE]; /* name without the tag */
     char reason[64];
 };
 
-/* Hears of our tasks: who looks, and what is done with them. */
+/* State of one walk through Slurm's queue: its purpose, and the results. */
 struct look {
     const struct slurm *slurm;
     struct patience patience;
     void (*task)(struct look *look, const struct task *task);
-    const struct umbj_farm_stage *stage; /* status */
+    const struct umbj_farm_stage *stage; /* for status */
     uint8_t *known;
-    const char *name, *work;  /* cancel; reconcile */
-    struct umbj_words ending; /* numbers of arrays to be cancelled */
-    struct umbj_words held;   /* ids that wait for their time only */
+    const char *name, *work;  /* for cancel; for reconcile */
+    struct umbj_words ending; /* ids of arrays to be cancelled */
+    struct umbj_words held;   /* ids of tasks that are only held back */
 };
 
 static void on_task(void *user, const char *line)
@@ -289,7 +293,7 @@ static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
     return call(&words, look->patience, &talk, error);
 }
 
-/* What cannot be reached is left: tasks end by themselves. Finishes the ids. */
+/* Cancels tasks. Unreachable ones are left: they end by themselves. Finishes the ids. */
 static void end_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->ending;
@@ -309,8 +313,8 @@ static void end_tasks(struct look *look)
     umbj_words_finish(&look->ending);
 }
 
-/* Lets tasks start that only wait for their time. A list of them fails if one of it has just
- * started, and the others are started all the same; the next look tells. Finishes the ids. */
+/* Releases tasks that are only held back. The command fails if one of its list has just started,
+ * and still releases the others; the next status tells. Finishes the ids. */
 static void start_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->held;
@@ -330,7 +334,7 @@ static void start_tasks(struct look *look)
         umbj_words_add(&words, "JobId=%s", list);
         umbj_words_add(&words, "StartTime=now");
         if (call(&words, look->patience, &talk, &ignored) != UMB_OK && from == 0) {
-            break; /* perhaps the controller is gone: it is not asked for each list */
+            break; /* perhaps the controller is gone: it is not tried for each list */
         }
     }
     free(list);
@@ -346,13 +350,13 @@ static void note_known(struct look *look, const struct task *task)
         return;
     }
     if (sscanf(task->index, "%u", &index) != 1) {
-        index = 0; /* the merge */
+        index = 0; /* task 0, the merge */
     }
     if (offset < look->stage->count && index < look->stage->count - offset) {
         const int waits = strcmp(task->state, "PD") == 0;
         const uint8_t state = waits ? UMBJ_TASK_WAITS : UMBJ_TASK_RUNS;
         uint8_t *known = &look->known[offset + index];
-        *known = state > *known ? state : *known; /* of twins */
+        *known = state > *known ? state : *known; /* highest state of duplicates */
         if (waits && strcmp(task->reason, "BeginTime") == 0) {
             umbj_words_add(&look->held, "%s", task->id);
         }
@@ -373,7 +377,7 @@ static enum umb_status slurm_status(struct umbj_farm *self, const struct umbj_fa
     return status;
 }
 
-/* All tasks of an array are of one try: its number ends them together. */
+/* Adds the array of a task to those to be cancelled: all its tasks belong to one try. */
 static void end_array_of(struct look *look, const struct task *task)
 {
     struct umbj_words *ids = &look->ending;
@@ -398,7 +402,7 @@ static void slurm_cancel(struct umbj_farm *self, const char *name)
         .slurm = (struct slurm *)self, .patience = {LAST_MS, -1}, .task = note_try, .name = name};
     struct umb_error ignored;
     (void)!look_at_queue(&look, &ignored);
-    end_tasks(&look); /* those that were heard of */
+    end_tasks(&look); /* the tasks that were listed */
 }
 
 static void note_orphan(struct look *look, const struct task *task)
@@ -434,7 +438,7 @@ static void slurm_destroy(struct umbj_farm *self)
     free(slurm);
 }
 
-/* Copies a text that may be NULL; clears *good without memory. */
+/* Copies a text that may be NULL; clears *good if out of memory. */
 static char *copy(const char *text, int *good)
 {
     char *made = text != NULL ? strdup(text) : NULL;

@@ -5,16 +5,16 @@
  * Slurm as a farm, through its command line: sbatch, squeue, scancel, scontrol (22.05). The library
  * is not used: its ABI changes with each release.
  *
- * Source: measured behaviour of Slurm 22.05: jobs accepted less than 5 s before its controller is
- * killed are lost, a task whose agent died runs on while a second one is started, requeued tasks
- * are held back for 121 s.
+ * Measured with Slurm 22.05: jobs accepted less than 5 s before its controller is killed are lost.
+ * A task whose agent died runs on while a second one is started. Requeued tasks are held back for
+ * 121 s.
  */
 #include "jobs/farm.h"
 
 struct umbj_slurm_options {
-    const char *words;         /* more options of sbatch, with blanks between; NULL = none */
-    const char *tag_of;        /* jobs folder: tells our tasks from those of other daemons */
-    const char *search;        /* PATH of the programs; NULL = the usual */
+    const char *words;  /* more options of sbatch, with blanks between; NULL = none */
+    const char *tag_of; /* jobs folder; its hash tells our tasks from those of other daemons */
+    const char *search; /* PATH of Slurm's programs; NULL = the usual */
     const char *configuration; /* SLURM_CONF; NULL = Slurm's own */
 };
 

@@ -85,7 +85,7 @@ void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], c
     (void)snprintf(path, size, "%s/%s.umb", folder, id);
 }
 
-/* Writes, syncs, reads again, compares. */
+/* Writes the file, syncs it, reads it again and compares. */
 static enum umb_status write_checked(const struct block *block, struct umbu_output *file,
                                      struct umb_error *error)
 {

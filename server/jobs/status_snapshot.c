@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The snapshot, see status_snapshot.h. Two hash tables by the first byte of id: jobs, and (asset,
- * owner) pairs.
+ * The snapshot, see status_snapshot.h: two hash tables, one of jobs and one of (asset, owner)
+ * pairs, both by the first byte of the id.
  */
 #include "jobs/status_snapshot.h"
 
@@ -13,7 +13,7 @@
 
 struct entry {
     struct entry *next;
-    struct entry *older; /* of those that are over: in the order of their end */
+    struct entry *older; /* next finished job, in the order of their ends */
     struct umbj_standing standing;
     char *plan, *notices;
     int64_t phase_at_ms; /* when the phase began; 0 = not known */
@@ -174,7 +174,7 @@ void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *jo
     pthread_mutex_unlock(&snapshot->mutex);
 }
 
-/* Adds a line to a text of lines; what is over the limit, or the memory, is left out. */
+/* Appends a line to a text of lines; a line over the limit, or without memory, is dropped. */
 static void add_line(char **text, const char *line)
 {
     const size_t have = *text != NULL ? strlen(*text) : 0, more = strlen(line);
@@ -211,7 +211,7 @@ static void take_progress(struct entry *entry, const struct umbj_report *report,
             : -1;
 }
 
-/* What a worker says of its tiles; it may say anything. */
+/* Takes a worker's report on its tiles; its numbers are not trusted. */
 static struct umbj_tiles take_tiles(struct entry *entry, const struct umbj_report *report)
 {
     const struct umbj_tiles before = entry->standing.tiles;
@@ -250,7 +250,7 @@ static void take_report(struct entry *entry, const struct umbj_report *report, i
     entry->standing.notices = entry->notices;
 }
 
-/* A further try begins with its own plan, notices and tiles. */
+/* Clears plan, notices and tiles, which each try reports anew. */
 static void forget_try(struct entry *entry)
 {
     entry->standing.tiles = (struct umbj_tiles){0, 0, 0};
@@ -319,7 +319,7 @@ uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id)
     return version;
 }
 
-/* The link that leads to the pair, or to the end of its list. */
+/* Pointer to the link that leads to the pair, or to the end of its list. */
 static struct owned **find_owned(struct umbj_snapshot *snapshot, const uint8_t *asset,
                                  const char *owner)
 {
@@ -339,7 +339,7 @@ void umbj_snapshot_own(struct umbj_snapshot *snapshot, const uint8_t *asset, con
         *at = calloc(1, sizeof **at);
         if (*at != NULL) {
             memcpy((*at)->asset, asset, UMBJ_HASH_BYTES);
-            memcpy((*at)->owner, owner, strlen(owner) + 1); /* checked where owners come from */
+            memcpy((*at)->owner, owner, strlen(owner) + 1); /* checked where owners are read */
         }
     }
     pthread_mutex_unlock(&snapshot->mutex);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The executor. A slot is free, or belongs to one try and its thread until the service's
- * thread has seen that it ended and joined it; only that thread changes who a slot belongs to.
+ * The executor. A slot is free, or belongs to one try and its thread. It becomes free when the
+ * service's thread has seen the try's end and joined the thread; only the service's thread assigns
+ * slots.
  */
 #include "jobs/try_executor.h"
 
@@ -25,12 +26,12 @@
 
 struct slot {
     struct executor *owner;
-    int taken;        /* the service thread's */
-    atomic_int ended; /* set by the try's thread as its last act */
+    int taken;        /* touched by the service's thread only */
+    atomic_int ended; /* set by the try's thread as its last action */
     pthread_t thread;
     int stop; /* eventfd */
     struct umbj_work work;
-    char *bundle, *folder, *scene, *settings, *cache; /* work's; cache may be NULL */
+    char *bundle, *folder, *scene, *settings, *cache; /* copies of the work's; cache may be NULL */
 };
 
 struct executor {
@@ -62,7 +63,7 @@ static enum umbj_failure bake(struct umbj_try *try, struct umbj_report *ended)
     return status == UMB_OK ? UMBJ_NO_FAILURE : umbj_try_fail_status(try, status, &error);
 }
 
-/* Takes as long as the bake took that gave the asset. */
+/* Waits as long as the bake took that gave the asset. */
 static enum umbj_failure wait_as_known(struct umbj_try *try)
 {
     const int64_t start = umbu_clock_ms();
@@ -80,7 +81,8 @@ static enum umbj_failure wait_as_known(struct umbj_try *try)
     return UMBJ_NO_FAILURE;
 }
 
-/* To tasks of a farm that nobody could end it is the sign to end themselves (farm.h). */
+/* Removes the try's folder. Tasks of a farm that could not be cancelled then end by themselves
+ * (farm.h). */
 static void drop_folder(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -117,7 +119,8 @@ static void *run_try(void *user)
     if (closing) {
         umbu_output_abandon(&ended.staged);
     }
-    atomic_store(&slot->ended, 1); /* before the report: who gets it may start the next at once */
+    /* Before the report: its receiver may start the next try at once. */
+    atomic_store(&slot->ended, 1);
     if (!closing) {
         umbj_try_tell(&try, &ended);
     }
@@ -208,7 +211,7 @@ static enum umb_status executor_start(struct umbj_executor *self, const struct u
 static void stop(struct slot *slot)
 {
     const uint64_t one = 1;
-    (void)!write(slot->stop, &one, sizeof one); /* cannot fail: nobody counts up to 2^64 */
+    (void)!write(slot->stop, &one, sizeof one); /* cannot fail: the counter never reaches 2^64 */
 }
 
 static void executor_cancel(struct umbj_executor *self, const char *job, int64_t epoch)
@@ -222,7 +225,7 @@ static void executor_cancel(struct umbj_executor *self, const char *job, int64_t
     }
 }
 
-/* The farm is the executor's, also where that could not be made. */
+/* The executor owns the farm, even if it could not be created. */
 static void destroy_farm(const struct umbj_try_options *options)
 {
     if (options->farm != NULL) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Bundles on their way in, see upload.h. */
 #define _GNU_SOURCE                    /* syncfs */
-#define OPENSSL_API_COMPAT 0x10100000L /* as common/sha256.c, for its reasons */
+#define OPENSSL_API_COMPAT 0x10100000L /* as in common/sha256.c, for the same reasons */
 #include "jobs/upload.h"
 
 #include <errno.h>
@@ -28,20 +28,20 @@ struct upload_file {
 };
 
 struct umbj_upload {
-    const char *path;           /* of the jobs folder */
+    const char *path;           /* path of the jobs folder */
     const atomic_int *stop;     /* may be NULL */
     int jobs, incoming, folder; /* descriptors */
     char name[NAME_SIZE];       /* in incoming */
     char key[UMB_ID_TEXT_SIZE];
     struct upload_file *files;
     size_t file_count, current;
-    int fd; /* of the current file, -1 = not open */
+    int fd; /* descriptor of the current file, -1 = not open */
     uint64_t written;
-    uint8_t head[UMBJ_HEAD_BYTES]; /* of the current file */
+    uint8_t head[UMBJ_HEAD_BYTES]; /* first bytes of the current file */
     SHA256_CTX hash;
     size_t folders; /* Number of folders made below the bundle's */
     int accepted, left;
-    atomic_int holders; /* who may still look at it: the call, and the service's promise */
+    atomic_int holders; /* number of holders: the call, and the service's promise */
 };
 
 static int is_stopped(const struct umbj_upload *upload)
@@ -82,7 +82,7 @@ static enum umb_status open_folders(struct umbj_upload *upload, struct umb_error
     if (upload->folder >= 0) {
         return UMB_OK;
     }
-    if (upload->jobs >= 0) { /* it failed before */
+    if (upload->jobs >= 0) { /* an earlier attempt failed */
         return umb_fail(error, UMB_E_IO, "bundle: its folder could not be made");
     }
     if (getrandom(&number, sizeof number, 0) != (ssize_t)sizeof number) {
@@ -195,7 +195,7 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
     return UMB_OK;
 }
 
-/* Opens the current file, and closes those that are whole: also those of no bytes. */
+/* Opens the current file, and closes complete ones, including empty files. */
 static enum umb_status advance(struct umbj_upload *upload, struct umb_error *error)
 {
     enum umb_status status = open_folders(upload, error);
@@ -274,8 +274,8 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
     return status;
 }
 
-/* Syncs a folder and those in it: the names in them are part of the bundle. Takes the descriptor.
- */
+/* Syncs a folder and the folders in it: the names in them are part of the bundle. Takes over the
+ * descriptor. */
 static int sync_folders(int folder)
 {
     struct umbj_names names;
@@ -286,7 +286,8 @@ static int sync_folders(int folder)
     }
     for (size_t i = 0; i < names.count && !failed; i++) {
         int below = openat(folder, names.list[i], O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-        failed = below >= 0 ? sync_folders(below) != 0 : errno != ENOTDIR; /* a file has its own */
+        /* Files are synced apart. */
+        failed = below >= 0 ? sync_folders(below) != 0 : errno != ENOTDIR;
     }
     umbj_names_finish(&names);
     close(folder);
@@ -297,7 +298,7 @@ static int sync_folders(int folder)
 static int sync_bundle(const struct umbj_upload *upload)
 {
     if (upload->file_count > SYNC_EACH_MAX || upload->folders > SYNC_EACH_MAX) {
-        return syncfs(upload->folder); /* tells of failed writes since the folder was opened */
+        return syncfs(upload->folder); /* reports failed writes since the folder was opened */
     }
     const int copy = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
     return copy >= 0 ? sync_folders(copy) : -1;
@@ -344,7 +345,8 @@ int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gon
     snprintf(gone, UMBJ_GONE_SIZE, "incoming/gone.%s", id);
     int failed = renameat(jobs, source, jobs, gone);
     for (int i = 0; failed && (errno == ENOTEMPTY || errno == EEXIST) && i < 1000; i++) {
-        snprintf(gone, UMBJ_GONE_SIZE, "incoming/gone.%s.%d", id, i); /* one is being removed */
+        /* Another one is being removed. */
+        snprintf(gone, UMBJ_GONE_SIZE, "incoming/gone.%s.%d", id, i);
         failed = renameat(jobs, source, jobs, gone);
     }
     gone[0] = failed ? '\0' : gone[0];
@@ -356,7 +358,7 @@ int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES])
     char gone[UMBJ_GONE_SIZE], id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(key, id);
     snprintf(gone, sizeof gone, "incoming/gone.%s", id);
-    umbj_folder_remove(jobs, gone); /* what an earlier removal left */
+    umbj_folder_remove(jobs, gone); /* files of an earlier removal */
     if (umbj_bundle_take_away(jobs, key, gone) != 0) {
         return -1;
     }

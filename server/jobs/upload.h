@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_UPLOAD_H
 #define UMBRAGE_SERVER_JOBS_UPLOAD_H
 /*
- * A bundle on its way in: its files, one behind the other in the manifest's order, are written to
- * an empty folder and hashed; only when every byte agreed with the manifest and is durable does the
+ * Upload of a bundle. Its files come one after the other in the manifest's order, are written to an
+ * empty folder and hashed. Only when every byte agrees with the manifest and is durable does the
  * folder get its name, the key.
  *
  * Durability: a bundle of a few files is synced file by file, a larger one by one syncfs for all.
@@ -12,8 +12,8 @@
  *     umbj_upload_begin(folder, &manifest, key, stop, &upload, &error);
  *     umbj_upload_write(upload, bytes, count, &error);          as they come
  *     umbj_upload_accept(upload, &error);
- *     umbj_upload_discard(upload);                              removes an upload that was not
- * accepted umbj_upload_destroy(upload);
+ *     umbj_upload_discard(upload);               removes an upload that was not accepted
+ *     umbj_upload_destroy(upload);
  *
  * Folders of a jobs folder: incoming/RANDOM, bundles/KEY, work/JOB.EPOCH.
  * Threads: one at a time. All but begin block on the disk.
@@ -32,18 +32,18 @@ UMB_CHECKED enum umb_status umbj_upload_begin(const char *folder,
                                               const atomic_int *stop, struct umbj_upload **out,
                                               struct umb_error *error);
 
-/* Takes the next bytes. Fails: E_ARGUMENT (more than the manifest says, a hash that does not fit,
- * a file that is also a folder), E_IO, E_LIMIT (disk full), E_UNAVAILABLE (it was stopped). */
+/* Takes the next bytes. Fails: E_ARGUMENT (more than the manifest says, a wrong hash, a file that
+ * is also a folder), E_IO, E_LIMIT (disk full), E_UNAVAILABLE (it was stopped). */
 UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
                                               size_t count, struct umb_error *error);
 
-/* Syncs the bundle and gives it its name; harmless if it is there already. Fails: E_ARGUMENT (bytes
+/* Syncs the bundle and gives it its name; no effect if it has it already. Fails: E_ARGUMENT (bytes
  * are missing), E_IO, E_LIMIT, E_UNAVAILABLE. */
 UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error);
 
-/* Takes an accepted bundle out of its place in one step, then removes it: a removal that is cut
- * short leaves nothing that a later upload of the key would take for whole. In: jobs: descriptor of
- * the jobs folder. Returns 0, also if there is none, or -1 with errno: it stays whole. */
+/* Renames an accepted bundle in one step, then removes it. So an interrupted removal leaves nothing
+ * that a later upload of the key would take for complete. In: jobs: descriptor of the jobs folder.
+ * Returns 0, also if there is none, or -1 with errno: the bundle is unchanged. */
 int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES]);
 
 /* First step of the removal only. Out: gone: path in the jobs folder that the caller must remove,
@@ -58,11 +58,11 @@ void umbj_upload_discard(struct umbj_upload *upload);
 /* Forgets the stop flag and leaves the files to the next start. */
 void umbj_upload_leave(struct umbj_upload *upload);
 
-/* A second holder: its memory stays until that one lets go, too, whatever is done with it. */
+/* Adds a holder: the upload's memory stays until every holder has released it. */
 void umbj_upload_hold(struct umbj_upload *upload);
 void umbj_upload_let_go(struct umbj_upload *upload);
 
-/* Discards and lets go: without a second holder it is freed. NULL is allowed. */
+/* Discards the upload and releases it: the last holder frees it. NULL is allowed. */
 void umbj_upload_destroy(struct umbj_upload *upload);
 
 #endif

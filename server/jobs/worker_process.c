@@ -20,15 +20,15 @@
 #include "tool/clock.h"
 
 #define NOT_STARTED 127
-#define STEP_MS     20   /* between looks whether it has ended */
+#define STEP_MS     20   /* between checks for its end */
 #define NICENESS    5    /* queries come first */
-#define GRACE_MS    3000 /* from SIGTERM to SIGKILL: it may have work elsewhere */
+#define GRACE_MS    3000 /* from SIGTERM to SIGKILL: it may have to end work elsewhere */
 
-/* Bytes of a pipe that are no whole line yet. */
+/* Bytes of a pipe that are not a whole line yet. */
 struct line_reader {
     int fd;
     size_t used;
-    int skipping; /* behind a line that was too long */
+    int skipping; /* 1 after a line that was too long, until its end */
     char text[UMBJ_CAUSE_SIZE];
 };
 
@@ -51,11 +51,12 @@ static void take_bytes(struct line_reader *reader, const char *bytes, size_t cou
     }
 }
 
-/* Reads what is there; hangs up at the end. */
+/* Reads the available bytes; closes the pipe at its end. */
 static void read_lines(struct line_reader *reader, void (*line)(void *, const char *), void *user)
 {
     char chunk[4096];
-    for (int rounds = 0; rounds < 64; rounds++) { /* whoever never stops talking waits in turn */
+    /* A process that writes without end must not block the loop. */
+    for (int rounds = 0; rounds < 64; rounds++) {
         ssize_t count = read(reader->fd, chunk, sizeof chunk);
         if (count > 0) {
             take_bytes(reader, chunk, (size_t)count, line, user);
@@ -69,7 +70,7 @@ static void read_lines(struct line_reader *reader, void (*line)(void *, const ch
     }
 }
 
-/* The first that the kernel ends when memory is short; where that cannot be said, it is not. */
+/* Makes this process the kernel's first choice when memory is short. A failure is ignored. */
 static void offer_to_oom_killer(void)
 {
     int fd = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
@@ -98,7 +99,7 @@ static void become_program(const struct umbj_process *process, char *const *envi
     _exit(NOT_STARTED);
 }
 
-/* Hands lines on until the child has ended, or has to. */
+/* Passes lines on until the child has ended, or must be ended. */
 static void attend(const struct umbj_process *process, pid_t child, struct line_reader *said,
                    struct line_reader *progress, struct umbj_process_end *end)
 {

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_JOBS_WORKER_PROCESS_H
 #define UMBRAGE_SERVER_JOBS_WORKER_PROCESS_H
 /*
- * A bake's process as the daemon sees it: a process group of its own with limits, dying with the
- * thread that started it, killed as a whole, always reaped. What it says on two pipes is handed on
- * line by line. Linux only.
+ * A bake's process as the daemon sees it: a process group of its own with limits. It dies with the
+ * thread that started it, is killed as a group, and is always reaped. Its lines on two pipes are
+ * passed to callbacks. Linux only.
  */
 #include "jobs/executor.h"
 
@@ -14,7 +14,7 @@ struct umbj_process {
     const char *program;
     char *const *arguments;    /* NULL-terminated, program first */
     const char *folder;        /* to run in */
-    uint64_t max_output_bytes; /* of one file */
+    uint64_t max_output_bytes; /* limit of each file that it writes */
     uint64_t timeout_ms;       /* wall clock */
     int stop; /* descriptor that becomes readable when it shall end: SIGTERM, soon SIGKILL */
     /* Lines, without their end, cut at UMBJ_CAUSE_SIZE - 1 bytes. */
@@ -29,11 +29,11 @@ struct umbj_process_end {
     int timed_out, stopped;
 };
 
-/* Runs it to its end. Fails: E_LIMIT (no process, no pipe). */
+/* Runs the process to its end. Fails: E_LIMIT (no process, no pipe). */
 UMB_CHECKED enum umb_status umbj_process_run(const struct umbj_process *process,
                                              struct umbj_process_end *end, struct umb_error *error);
 
-/* What an end means. */
+/* Classifies an end. */
 enum umbj_failure umbj_process_judge(const struct umbj_process_end *end);
 
 #endif

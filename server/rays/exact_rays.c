@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Candidates by Embree, as primitives of our own; hits in doubles.
+ * Candidates by Embree, as user primitives; hits in doubles.
  *
  * Boxes are padded by PAD of the scene's radius R, and rays are cut to the sphere around the scene
- * before they become floats. A ray in floats then leaves the ray in doubles by at most
- * sqrt(3) 2^-24 (R + 2 R + 2 R) < 2^-20 R: its start, its direction over a length of 2 R, and the
- * corners of the boxes. Embree's robust box test errs on the safe side by itself.
+ * before they become floats. A ray in floats then deviates from the ray in doubles by at most
+ * sqrt(3) 2^-24 (R + 2 R + 2 R) < 2^-20 R: by its start, its direction over a length of 2 R, and
+ * the corners of the boxes. Embree's robust box test itself errs on the safe side.
  */
 #include "rays/exact_rays.h"
 
@@ -20,7 +20,7 @@
 
 #define PAD 0x1p-19
 
-/* A ray passes through an edge if it misses it by less than this share of their distance: 2^-53
+/* Share of the distance below which a ray that misses an edge counts as passing through it: 2^-53
  * for each of some twenty roundings. Around a corner, signs alone could leave a gap. */
 #define ROUNDING 0x1p-48
 
@@ -29,8 +29,8 @@ struct umbr_exact {
     RTCScene scene;
     const double (*corners)[3][3]; /* world */
     const struct umbs_cuts *cuts;  /* NULL: none */
-    double base[3]; /* world: middle of the scene; Embree's coordinates count from it */
-    double radius;  /* metres, around base */
+    double base[3];                /* middle of the scene, world: origin of Embree's coordinates */
+    double radius;                 /* metres, of the scene around base */
 };
 
 /* Purpose of a ray. */
@@ -40,14 +40,14 @@ enum wanted {
     WANT_WINDING
 };
 
-/* Embree's context, with the ray in doubles and its nearest hit. */
+/* Embree's context, extended by the ray in doubles and its nearest hit. */
 struct search {
-    struct RTCIntersectContext context; /* first: Embree sees only this */
+    struct RTCIntersectContext context; /* first field: Embree sees only this */
     const struct umbr_exact *exact;
     double from[3], direction[3]; /* relative to base */
     double far_m;
     enum wanted wanted;
-    const uint8_t *closed; /* of WANT_WINDING */
+    const uint8_t *closed; /* for WANT_WINDING */
     struct umbr_exact_hit nearest;
     int winding;
 };
@@ -94,8 +94,8 @@ static double largest(const double a[3])
 }
 
 /*
- * Side of an edge on which a ray passes: twice the volume of both, or 0 where rounding decides. The
- * Pluecker form of difference and sum errs by the length of the edge, not by its distance, and
+ * Side of an edge on which a ray passes: twice the volume that both span, or 0 if rounding decides.
+ * The Pluecker form of difference and sum errs by the length of the edge, not by its distance. It
  * changes its sign with the direction of the edge, bit for bit.
  */
 static double side_of_edge(const double a[3], const double b[3], const double direction[3])
@@ -129,7 +129,7 @@ static int hit_triangle(const struct search *search, uint32_t triangle, double *
         beyond |= edge[i] > 0;
         sum += edge[i];
     }
-    if (before == beyond) { /* on both sides, or a triangle seen edge on */
+    if (before == beyond) { /* on both sides, or the triangle is seen edge on */
         return 0;
     }
     for (int k = 0; k < 3; k++) {
@@ -145,7 +145,7 @@ static int hit_triangle(const struct search *search, uint32_t triangle, double *
 
 static void triangle_candidate(const struct RTCOccludedFunctionNArguments *arguments)
 {
-    /* The context is the search's first member, so the cast gives the search back. */
+    /* The context is the search's first member, so the cast yields the search. */
     struct search *search = (struct search *)(void *)arguments->context;
     const struct umbs_cuts *cuts = search->exact->cuts;
     const uint32_t triangle = arguments->primID;
@@ -228,7 +228,7 @@ void umbr_exact_destroy(struct umbr_exact *exact)
     umb__free(NULL, exact);
 }
 
-/* Which part of a ray lies in the sphere around the scene, padding included; 0 if none does. */
+/* The part of a ray inside the padded sphere around the scene; returns 0 if there is none. */
 static int cut_to_scene(const struct search *search, double *begin, double *end)
 {
     const double radius = search->exact->radius * (1 + 4 * PAD);

@@ -5,13 +5,13 @@
  * Ray tracing in doubles, for verify.h where floats are too coarse.
  *
  * Embree's hierarchy only names triangles whose padded boxes a ray meets; each is then tested in
- * doubles, relative to the ray's start. Watertight: the side of an edge that a ray passes on is
- * computed by both triangles of the edge from the same two corners, with opposite signs bit for
- * bit; a ray that passes nearer to the edge than rounding can tell hits both.
+ * doubles, relative to the ray's start. Watertight: both triangles of an edge compute the side on
+ * which a ray passes it from the same two corners, with opposite signs bit for bit. A ray that
+ * passes the edge within rounding error hits both.
  *
  * Precision: 2^-48 of the distance across the ray, whatever the scene's coordinates and sizes;
- * along the ray as much divided by the cosine to the triangle's normal.
- * Cost: two to four times a ray in floats. About 100 bytes a triangle beside the corners.
+ * along the ray the same, divided by the cosine to the triangle's normal.
+ * Cost: two to four times a ray in floats. About 100 bytes a triangle in addition to the corners.
  * Threads: immutable once created; any thread may trace.
  */
 #include <stddef.h>
@@ -47,7 +47,7 @@ UMB_CHECKED enum umb_status umbr_exact_create(const double (*corners)[3][3], siz
                                               struct umbr_exact **out, struct umb_error *error);
 void umbr_exact_destroy(struct umbr_exact *exact);
 
-/* 1 if anything lies on the ray. */
+/* 1 if any triangle lies on the ray. */
 int umbr_exact_occluded(const struct umbr_exact *exact, const struct umbr_exact_ray *ray);
 
 void umbr_exact_nearest(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,

@@ -2,8 +2,8 @@
 /*
  * Embree 3.13 behind rays.h: one triangle geometry, robust.
  *
- * The vertices that Embree traces, floats relative to the centre, stay readable through its own
- * buffer; normals and the treatment of shared edges are computed from them in doubles.
+ * The vertices that Embree traces, floats relative to the centre, stay readable in its own buffer.
+ * Normals and the treatment of shared edges are computed from them in doubles.
  *
  * Counting all crossings needs care in three places:
  * - Embree's high-quality build may split triangles among leaves, and its manual allows the filter
@@ -30,16 +30,16 @@
 #include "rays/ray_holes.h"
 
 enum {
-    HITS_MAX = 128, /* kept at a time; rays through a city have fewer than twenty */
+    HITS_MAX = 128, /* hits kept at a time; rays through a city have fewer than twenty */
 };
 
 /* Barycentric coordinates below this are on the border: float rounding of robust mode, times 16. */
 static const double border_coordinate = 16 * FLT_EPSILON;
 
-/* Hits nearer together than this share of their distance (and of a metre) may be one crossing. */
+/* Hits closer together than this share of their distance (and of a metre) may be one crossing. */
 static const double same_distance = 64 * FLT_EPSILON;
 
-/* Rays in doubles, made when they are first asked for. */
+/* Hierarchy for rays in doubles, built by the first request. */
 struct exact_slot {
     pthread_mutex_t lock; /* guards the rest while it is being filled in */
     struct umbr_exact *exact;
@@ -52,7 +52,7 @@ struct umbr_rays {
     RTCScene scene;
     const float (*vertices)[3]; /* [3 * count], relative to centre; Embree's buffer */
     double centre[3];
-    double radius; /* metres: no corner is farther from the centre */
+    double radius; /* metres: distance of the farthest corner from the centre, or more */
     size_t count;
     enum RTCBuildQuality quality;
     const struct umbs_cuts *cuts; /* NULL: none */
@@ -66,18 +66,18 @@ struct crossing {
     int32_t border; /* 1 if the hit lies on the triangle's border */
 };
 
-/* The context of one all-hits ray. Embree hands its first member back to the filter. */
+/* The context of one all-hits ray. Embree passes its first member back to the filter. */
 struct crossing_list {
     struct RTCIntersectContext context;
     const uint8_t *closed;
     struct crossing hits[HITS_MAX]; /* sorted by distance, then triangle */
     size_t count;
-    int more;     /* hits were left out */
-    int has_last; /* only hits beyond `last` are wanted */
+    int more;     /* 1 if hits were left out */
+    int has_last; /* 1 if only hits beyond `last` count */
     struct crossing last;
 };
 
-/* Remembers Embree's first message. */
+/* Keeps Embree's first message. */
 struct build_report {
     enum RTCError code;
     char text[160];
@@ -111,15 +111,15 @@ static void find_centre(struct umbr_rays *rays, const double (*corners)[3][3], s
     rays->radius = sqrt(square);
 }
 
-/* Copies one of the four-byte numbers of hit i of n; Embree names them so for C++ only. Their order
+/* Copies one of the four-byte numbers of hit i of n, which Embree names for C++ only. Their order
  * is that of struct RTCHit. */
 static void hit_number(const struct RTCHitN *hit, unsigned n, unsigned i, size_t offset, void *out)
 {
     memcpy(out, (const char *)hit + offset * n + 4 * (size_t)i, 4);
 }
 
-/* Embree's filter for scenes with holes: refuses hits on what a texture leaves out, of one ray or
- * of several that are traced together. */
+/* Embree's filter for scenes with holes: refuses hits where the texture cuts the triangle out; for
+ * one ray or for a packet. */
 static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
 {
     const struct RTCHitN *hit = arguments->hit;
@@ -139,7 +139,7 @@ static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
     }
 }
 
-/* Hands the triangles over; on failure Embree has reported why. */
+/* Passes the triangles to Embree; on failure Embree has reported why. */
 static int add_geometry(struct umbr_rays *rays, const double (*corners)[3][3])
 {
     RTCGeometry geometry = rtcNewGeometry(rays->device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -245,7 +245,7 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
     rays->cuts = chosen.cuts != NULL && chosen.cuts->of != NULL ? chosen.cuts : NULL;
     find_centre(rays, corners, count);
     struct build_report report = {.code = RTC_ERROR_NONE};
-    (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree takes all */
+    (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree uses all */
     rays->device = rtcNewDevice(config);
     if (rays->device == NULL) {
         report.code = rtcGetDeviceError(NULL);
@@ -300,7 +300,7 @@ static struct RTCRay ray_of(const struct umbr_rays *rays, const double from[3],
         .dir_x = (float)direction[0],
         .dir_y = (float)direction[1],
         .dir_z = (float)direction[2],
-        .tnear = near_m > 0 ? (float)near_m : 0, /* Embree insists on it */
+        .tnear = near_m > 0 ? (float)near_m : 0, /* Embree requires it */
         .tfar = (float)far_m,
         .mask = UINT32_MAX,
     };
@@ -317,7 +317,7 @@ int umbr_occluded(const struct umbr_rays *rays, const double from[3], const doub
     }
     rtcInitIntersectContext(&context);
     rtcOccluded1(rays->scene, &context, &ray);
-    return isinf(ray.tfar) && ray.tfar < 0; /* how Embree marks a hit */
+    return isinf(ray.tfar) && ray.tfar < 0; /* Embree's mark of a hit */
 }
 
 void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
@@ -394,7 +394,7 @@ static int before(const struct crossing *a, const struct crossing *b)
     return a->distance < b->distance || (a->distance == b->distance && a->triangle < b->triangle);
 }
 
-/* Puts a hit in its place. A repeated one is dropped, of too many the farthest. */
+/* Inserts a hit. A repeated one is dropped; if there are too many, the farthest is dropped. */
 static void keep_hit(struct crossing_list *list, const struct crossing *hit)
 {
     if (list->has_last && !before(&list->last, hit)) {
@@ -420,10 +420,10 @@ static void keep_hit(struct crossing_list *list, const struct crossing *hit)
     list->hits[at] = *hit;
 }
 
-/* Embree's filter: notes the hit and refuses it, so that the ray goes on. */
+/* Embree's filter: records the hit and refuses it, so that the ray goes on. */
 static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
 {
-    /* The context is the list's first member, so the cast gives the list back. */
+    /* The context is the list's first member, so the cast yields the list. */
     struct crossing_list *list = (struct crossing_list *)(void *)arguments->context;
     if (arguments->N != 1 || arguments->valid[0] == 0) {
         return;
@@ -461,7 +461,7 @@ static int share_a_vertex(const struct umbr_rays *rays, uint32_t a, uint32_t b)
     return 0;
 }
 
-/* 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it already. */
+/* 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it. */
 static int crossed_already(const struct umbr_rays *rays, const struct crossing_list *list, size_t i)
 {
     const struct crossing *hit = &list->hits[i];

@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_SERVER_RAYS_RAYS_H
 #define UMBRAGE_SERVER_RAYS_RAYS_H
 /*
- * Ray tracing with Embree 3 (robust mode): the truth that bakes and studies are compared with.
- * Independent of the bake's coverage predicate: Embree intersects the triangles itself.
+ * Ray tracing with Embree 3 (robust mode): the reference for bakes and studies. It is independent
+ * of the bake's coverage predicate: Embree intersects the triangles itself.
  *
- * Precision: Embree works in float; triangles are handed over relative to the centre of the scene,
- * so a ray is off by some 2^-22 of the scene's radius, at most by umbr_rays_error_m. Where that is
- * too coarse, umbr_rays_exact has rays in doubles.
+ * Precision: Embree works in float. Triangles are passed relative to the centre of the scene, so a
+ * ray is off by some 2^-22 of the scene's radius, at most by umbr_rays_error_m. If that is too
+ * coarse, umbr_rays_exact has rays in doubles.
  * Threads: a built scene is immutable; any thread may trace.
  */
 #include <stddef.h>
@@ -23,21 +23,21 @@ struct umbr_hit {
     uint32_t triangle;
 };
 
-/* How the accelerating structure is built. Zeroed: for tracing much, with all processors. */
+/* How the hierarchy is built. Zeroed: for many rays, with all processors. */
 struct umbr_rays_options {
     int quick;        /* 1: built several times as fast, traced about a third slower */
-    unsigned threads; /* that build; 0 = all */
-    /* Triangles with holes, `of` in their order: no ray meets what their textures leave out, nor
-     * what casts nothing, nor what is translucent. Borrowed until destroyed; NULL = every triangle
-     * is whole. */
+    unsigned threads; /* threads of the build; 0 = all */
+    /* Triangles with holes, `of` in their order: rays ignore texels that are cut out, triangles
+     * that cast nothing, and translucent ones. Borrowed until destroyed; NULL = every triangle is
+     * whole. */
     const struct umbs_cuts *cuts;
 };
 
 /*
- * Builds the accelerating structure over world triangles.
+ * Builds the hierarchy over world triangles.
  *
- * In:    corners: double[count][3][3]; read after the call by umbr_rays_exact only, so they must
- *        last as long as that may be called. options: may be NULL.
+ * In:    corners: double[count][3][3]; after the call only umbr_rays_exact reads them, so they must
+ *        last as long as it may be called. options: may be NULL.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (above 1431655765 triangles), E_INTERNAL (Embree's message).
  * Cost:  about 1 us a triangle quick, 3 otherwise, on one processor.
  */
@@ -45,14 +45,14 @@ UMB_CHECKED enum umb_status umbr_rays_build(const double (*corners)[3][3], size_
                                             const struct umbr_rays_options *options,
                                             struct umbr_rays **out, struct umb_error *error);
 
-/* The same with options NULL. */
+/* umbr_rays_build with options NULL. */
 UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
                                              struct umbr_rays **out, struct umb_error *error);
 void umbr_rays_destroy(struct umbr_rays *rays);
 
-/* Metres by which a ray may pass on the wrong side of an edge or corner: 2^-20 of the radius of the
- * scene. Start, direction, corners and the intersection itself are off by 2^-24 of up to two
- * diameters each. */
+/* Greatest error in metres of the side on which a ray passes an edge or corner: 2^-20 of the
+ * scene's radius. Start, direction, corners and the intersection itself are off by 2^-24 of up to
+ * two diameters each. */
 double umbr_rays_error_m(const struct umbr_rays *rays);
 
 /*
@@ -66,7 +66,8 @@ UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
                                             struct umb_error *error);
 
 /*
- * 1 if anything lies on the ray from `from` along unit `direction`, between near and far metres.
+ * 1 if any triangle lies on the ray from `from` along unit `direction`, between near and far
+ * metres.
  *
  * In: from, direction: finite. near_m: below 0 counts as 0. far_m: may be infinite; a range with
  *     far_m < near_m is empty.
@@ -74,7 +75,7 @@ UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
 int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m);
 
-/* The same for eight rays of one direction at once, a packet. Out: occluded: 0 or 1 each. */
+/* umbr_occluded for eight rays of one direction at once, a packet. Out: occluded: 0 or 1 each. */
 void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
                     const double direction[3], double near_m, double far_m, uint8_t occluded[8]);
 
@@ -83,9 +84,9 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
                   double near_m, double far_m, struct umbr_hit *hit);
 
 /*
- * Sums up the crossings of a whole ray, for "is this point inside a closed solid".
+ * Sums up the crossings of a whole ray, to test whether a point is inside a closed solid.
  *
- * In:    closed: uint8[triangle count], 1 where the triangle belongs to a closed part.
+ * In:    closed: uint8[triangle count], 1 for triangles of a closed part.
  * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
  *        crossings: all hits of closed triangles. A ray through an edge or a corner that facets
  *        share crosses there once.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Comparing an asset with traced rays: blocks of points, worked off by threads. What is drawn is in
- * verify_draw.c, what is made of it in verify_judge.c.
+ * Comparing an asset with traced rays: threads work on blocks of points. verify_draw.c draws the
+ * points, verify_judge.c judges the answers.
  */
 #include "rays/verify.h"
 
@@ -21,7 +21,7 @@ enum {
 /* The job and its sums. */
 struct crew {
     struct umbr_verify_job job;
-    const struct umbr_exact *exact; /* NULL: no frame needs it */
+    const struct umbr_exact *exact; /* NULL: no frustum needs it */
     pthread_mutex_t lock;           /* guards total, worst_block and calls of progress */
     struct umbr_verify_result total;
     uint64_t worst_block;
@@ -49,7 +49,7 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
     (void)pthread_mutex_unlock(&crew->lock);
 }
 
-/* Compares so many records. */
+/* Compares `count` records. */
 static void run_block(struct umbr_verify_block *block, uint64_t count)
 {
     uint64_t missing;
@@ -100,7 +100,7 @@ static enum umb_status compare_block(void *user, size_t first, size_t count,
     return UMB_OK;
 }
 
-/* Makes the light local, and finds the distance from a lamp within which nothing casts. A bake
+/* Makes the light local, and computes the distance from a lamp within which nothing casts. A bake
  * leaves out casters nearer than 2^-26 of the distance to the farthest corner of the casters' box,
  * and a surface that the lamp is on (bake/analysis/lamp_contact.h). */
 static void place_light(struct umbr_verify_job *job, const struct umb_asset_info *info)
@@ -117,7 +117,7 @@ static void place_light(struct umbr_verify_job *job, const struct umb_asset_info
     job->free_m = 0x1p-27 * sqrt(square);
 }
 
-/* Rays in doubles for the frames that need them. */
+/* Makes rays in doubles if some frustum needs them. */
 static enum umb_status prepare_exact(struct crew *crew, struct umb_error *error)
 {
     const struct umbr_verify_job *job = &crew->job;
@@ -137,7 +137,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
         .taps = 1,
         .bias_mode = UMB_BIAS_NONE,
         .format = UMB_ANSWER_U8,
-        .opaque_only = 1, /* rays are stopped or not */
+        .opaque_only = 1, /* rays know only opaque and open */
     };
     enum umb_status status = umb_asset_get_light(job->asset, light, &job->light);
     if (status != UMB_OK) {

@@ -2,53 +2,53 @@
 #ifndef UMBRAGE_SERVER_RAYS_VERIFY_H
 #define UMBRAGE_SERVER_RAYS_VERIFY_H
 /*
- * Comparing an asset with traced rays (design: "agrees with traced rays except within one voxel of
- * a shadow boundary").
+ * Comparing an asset with traced rays. The asset must agree with the rays except within one voxel
+ * of a shadow boundary.
  *
- * Half of the points are uniform in the frustum's box, half within 4 voxels of a shadow boundary:
- * half of those of a lit surface found by a ray, the others of a change in the asset found by
+ * Half of the points are uniform in the frustum's box, half within 4 voxels of a shadow boundary.
+ * Of those, half lie at a lit surface found by a ray, the others at a change in the asset found by
  * walking it. Each point is looked up without bias and traced towards the light. A disagreement is
- * inside the band if the traced truth is not the same at every sample of a 5x5x5 grid of offsets
- * within one voxel of the point (the voxel's own centre and rings around it included, for rods
- * thinner than the grid); otherwise it is outside, which must not happen.
+ * inside the band if the traced truth differs among the samples of a 5x5x5 grid of offsets within
+ * one voxel of the point (with the voxel's own centre and rings around it, for rods thinner than
+ * the grid). Otherwise it is outside, which must not happen.
  *
- * Of lamps, as many places again as a quarter of the points are drawn anywhere in the casters' box:
- * those that no face covers must be lit, and are counted only if they are not.
+ * For lamps, places are also drawn anywhere in the casters' box, a quarter as many as points. A
+ * place that no face covers must be lit, and counts only if it is not.
  *
  * Floats and doubles: a frustum needs doubles (exact_rays.h) for all its rays if its voxels are
  * smaller than the error of float rays (umbr_rays_error_m), or if it has casters near its lamp. In
  * other frusta, a point that float rays judge wrong is judged again in doubles. The band is
  * therefore one voxel everywhere.
  *
- * Assets baked under the static rule know of points on surfaces only: all points are such, found by
- * rays along the light from anywhere in the box and moved by the automatic bias of one tap, on the
- * light's side.
+ * Assets baked under the static rule are valid for points on surfaces only. All their points are
+ * such: found by rays along the light from anywhere in the box, and moved by the automatic bias of
+ * one tap, on the light's side.
  *
  * Points inside closed parts of assets baked under the closed rule are left out (counted): answers
  * there are unspecified. A point in shadow that agrees is left out if its ray first meets the inner
- * side of a closed part; one that disagrees only if five of six rays into opposite directions find
- * it inside a solid, so that a surface that is not closed after all cannot excuse a wrong voxel.
- * Other points are drawn instead, up to four times as many: a frustum that is nearly all solid gets
- * fewer points compared than were asked for.
+ * side of a closed part. One that disagrees is left out only if five of six rays in opposite
+ * directions find it inside a solid, so an open surface cannot excuse a wrong voxel. Other points
+ * are drawn instead, up to four times as many: a frustum that is nearly all solid gets fewer points
+ * than requested.
  */
 #include "rays/rays.h"
 #include "umbrage/query.h"
 
-/* What is asked of the asset (umbrage/volume.h), and how an answer is held against rays. */
+/* Kind of query (umbrage/volume.h), and how its answers are compared with rays. */
 enum umbr_verify_kind {
     /* Points, as above. */
     UMBR_VERIFY_POINTS = 0,
-    /* Segments of all lengths, half of them through a boundary: at four parameters of each, two of
-     * them next to the end of an interval, the intervals say lit or shadowed, and that is judged
-     * as a point's answer is. */
+    /* Segments of all lengths, half of them through a boundary. At four parameters of each, two of
+     * them next to the end of an interval, the intervals say lit or shadowed; that is judged like a
+     * point's answer. */
     UMBR_VERIFY_SEGMENTS,
     /* Columns: the first occluder against the nearest hit of the light ray through the texel's
-     * centre. Inside the band: not the same voxel, but within one of those that the rays of a 5x5
+     * centre. Inside the band: another voxel, but within one voxel of those that the rays of a 5x5
      * grid within one texel find. */
     UMBR_VERIFY_COLUMNS,
     /* Boxes of up to five voxels a side: lit voxels against rays from all centres inside. Inside
-     * the band: another number, which the voxels explain that lie in the band or in a closed solid.
-     */
+     * the band: a number that differs by no more than the voxels in the band or in a closed
+     * solid. */
     UMBR_VERIFY_BOXES,
 };
 
@@ -58,16 +58,16 @@ struct umbr_verify_options {
     uint64_t seed;
     const uint8_t *closed;  /* uint8[triangle count], NULL = no closed parts */
     unsigned threads;       /* 0 = all */
-    int (*cancelled)(void); /* asked now and then from any thread; may be NULL */
-    /* Told how many points have been compared: by any thread, but by one at a time; may be NULL. */
+    int (*cancelled)(void); /* called now and then from any thread; may be NULL */
+    /* Called with the number of compared points, by any thread, one at a time; may be NULL. */
     void (*progress)(void *user, uint64_t points);
     void *progress_user;
 };
 
 struct umbr_verify_result {
-    uint64_t records;                   /* segments, columns, boxes that were asked */
-    uint64_t points, near_boundary;     /* compared; of them drawn near a boundary */
-    uint64_t skipped_inside;            /* inside closed parts */
+    uint64_t records;                   /* number of segments, columns, boxes queried */
+    uint64_t points, near_boundary;     /* points compared; part of them drawn near a boundary */
+    uint64_t skipped_inside;            /* points inside closed parts */
     uint64_t inside_band, outside_band; /* disagreements */
     double worst_point[3];              /* a point outside the band, world */
     int has_worst;
@@ -78,9 +78,9 @@ struct umbr_verify_result {
  *
  * In:    options: may be NULL.
  * Out:   result: zeroed on failure. The same for any number of threads.
- * Fails: E_ARGUMENT, E_NO_MEMORY, E_CANCELLED; E_UNSUPPORTED (a light that cannot be asked). A
- * disagreement is not a failure: see the result. Cost:  2 to 5 us a point on one processor: the
- * more, the more of the box lies in closed solids.
+ * Fails: E_ARGUMENT, E_NO_MEMORY, E_CANCELLED; E_UNSUPPORTED (a light that cannot be queried). A
+ *        disagreement is not a failure: see the result.
+ * Cost:  2 to 5 us a point on one processor; more if closed solids fill more of the box.
  */
 UMB_CHECKED enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
                                         const struct umbr_rays *rays,

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_RAYS_VERIFY_BLOCK_H
 #define UMBRAGE_SERVER_RAYS_VERIFY_BLOCK_H
 /*
- * Inside verification (verify.h): the job all threads share, the block of points one of them works
- * on, and the two halves of the work: drawing points and judging them.
+ * Inside verification (verify.h): the job that all threads share, the block of points of one
+ * thread, and the two halves of the work: drawing points and judging them.
  *
  * A block's random numbers follow from the seed and its number alone, and sums do not depend on
  * order, so the result is the same for every number of threads.
@@ -13,7 +13,7 @@
 #include "rays/verify_light_frame.h"
 #include "umbrage/volume.h"
 
-#define UMBR_SAMPLES_MAX 64 /* placed, looked up and judged at a time */
+#define UMBR_SAMPLES_MAX 64 /* samples placed, looked up and judged at a time */
 
 /* Data of all blocks; immutable while they run. Places are local (verify_light_frame.h). */
 struct umbr_verify_job {
@@ -22,8 +22,8 @@ struct umbr_verify_job {
     const struct umbr_verify_options *options;
     struct umb_light_info light;     /* position: local */
     struct umbr_light_frame *frames; /* [light.frustum_count] */
-    double origin[3];                /* of the asset, world */
-    struct umb_box bounds;           /* of the casters, world */
+    double origin[3];                /* origin of the asset, world */
+    struct umb_box bounds;           /* bounds of the casters, world */
     double free_m;                   /* Distance from a lamp within which nothing casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
@@ -34,16 +34,16 @@ struct umbr_verify_block {
     const struct umbr_verify_job *job;
     const struct umbr_light_frame *light_frame;
     const struct umbr_exact *exact; /* rays in doubles, or NULL: floats resolve the voxels */
-    enum umb_status status;         /* E_NO_MEMORY if rays in doubles were wanted and refused */
+    enum umb_status status;         /* E_NO_MEMORY if there was no memory for rays in doubles */
     uint64_t random;
     struct umbr_verify_result result;
 };
 
-/* A point in its three guises. */
+/* A point in voxel space, as a place, and with its voxel's centre. */
 struct umbr_sample {
     double voxel[3]; /* voxel space */
     double local[3];
-    double centre[3]; /* of its voxel, local */
+    double centre[3]; /* centre of its voxel, local */
 };
 
 /* SplitMix64. */
@@ -61,7 +61,7 @@ static inline double umbr_next_unit(struct umbr_verify_block *block)
     return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
 }
 
-/* 1 if floats cannot tell a frame's voxels apart: then all its rays are in doubles. */
+/* 1 if floats cannot resolve a frustum's voxels: then all its rays are in doubles. */
 int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
                             const struct umbr_rays *rays);
 
@@ -69,21 +69,21 @@ int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
                      uint8_t *lit);
 
-/* Nearest hit of a ray, in floats or doubles as the block has it. */
+/* Nearest hit of a ray, in floats or doubles as the block is set. */
 void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray,
                          struct umbr_exact_hit *hit);
 
 /*
  * Traces a point towards the light; returns the truth, 1 lit or 0 shadowed.
  *
- * Out: buried: 1 if the first thing the ray meets is the inner side of a closed solid, so that the
- *      point most likely lies inside it. Always 0 without the closed rule.
+ * Out: buried: 1 if the ray's first hit is the inner side of a closed solid, so that the point most
+ *      likely lies inside it. Always 0 without the closed rule.
  */
 int umbr_verify_trace(const struct umbr_verify_block *block, const double local[3], int *buried);
 
 /*
  * Switches a block to rays in doubles, to judge a point again that float rays judge wrong. Returns
- * 0 if it uses them already, or if memory is refused (status). The caller restores `exact`.
+ * 0 if it uses them already, or if out of memory (status). The caller restores `exact`.
  */
 int umbr_verify_look_again(struct umbr_verify_block *block);
 
@@ -91,37 +91,39 @@ int umbr_verify_look_again(struct umbr_verify_block *block);
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
                            size_t count);
 
-/* Judges samples by answers from elsewhere: lit[i] 1 or 0; otherwise likewise. */
+/* Judges samples by given answers: lit[i] 1 or 0; else as umbr_verify_judge. */
 uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
                                    const struct umbr_sample *samples, const uint8_t *lit,
                                    size_t count);
 
-/* 1 if the asset may say either of a sample of that truth: it lies in the band or in a solid. */
+/* 1 if any answer is allowed for a sample of that truth: it lies in the band or in a solid. */
 int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                           int truth);
 
-/* Notes a disagreement outside the band. */
+/* Records a disagreement outside the band. */
 void umbr_verify_note(struct umbr_verify_block *block, const double local[3]);
 
-/* The light's way through column (x, y) of the block's frustum: from its first voxel, or the lamp
- * if that lies within, to its last. Out: ray; z_first: where in voxels it starts. Returns 0 if the
+/* The light's path through column (x, y) of the block's frustum: from its first voxel, or from the
+ * lamp if that lies within, to its last. Out: ray; z_first: its start in voxels. Returns 0 if the
  * frustum's middle lies behind the lamp. */
 int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
                        struct umbr_exact_ray *ray, double *z_first);
 
-/* Fills local and centre from voxel; 0 if the point is outside the frustum, or another face's. */
+/* Fills local and centre from voxel; 0 if the point is outside the frustum, or in another face. */
 int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample);
 
-/* A boundary of a random kind; lowers *walks by what it took. Returns 0 if none was found. */
+/* Finds a boundary of a random kind; lowers *walks by the rows walked. Returns 0 if none was
+ * found. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3]);
 
-/* Judges a place that no frustum of the light covers: it must be lit. Not counted unless wrong. */
+/* Judges a place that no frustum of the light covers: it must be lit. Counts only if it is
+ * wrong. */
 void umbr_verify_judge_outside(struct umbr_verify_block *block, const double local[3]);
 
 /*
- * Draws places in the casters' box, and judges those that a lamp should cover and does not: of a
- * point light all, of a spot light that needs several faces those before it. A face that is missing
- * or turned is found so; all other points are drawn in the faces that are there.
+ * Draws places in the casters' box, and judges those that a lamp should cover and does not. For a
+ * point light these are all, for a spot light with several faces those before it. This finds a face
+ * that is missing or turned; all other points are drawn in the existing faces.
  */
 void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws);
 
@@ -130,19 +132,19 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count);
 
-/* Draws and judges points near boundaries until `wanted` were compared; returns how many are
- * missing: a scene may hardly have boundaries. */
+/* Draws and judges points near boundaries until `wanted` were compared; returns the number that is
+ * missing: a scene may have few boundaries. */
 uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted);
 
 /*
  * Draws and judges points of surfaces, moved off them by the automatic bias of one tap, until
- * `wanted` were compared or too many draws were in vain: what assets baked under the static rule
- * are asked for.
+ * `wanted` were compared or too many draws failed. Assets baked under the static rule answer such
+ * points.
  */
 void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted);
 
-/* Draws and judges points uniform in the box until `wanted` were compared or too many draws were in
- * vain. */
+/* Draws and judges points uniform in the box until `wanted` were compared or too many draws
+ * failed. */
 void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted);
 
 #endif

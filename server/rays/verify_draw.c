@@ -2,11 +2,11 @@
 /*
  * Drawing points to compare, in voxel space.
  *
- * Shadow boundaries come in two kinds. Surfaces: a ray from the light finds them, whatever the
- * asset says. Everything else, the walls of shadow volumes above all: visibility is looked up at
- * jittered stations along a random row of the asset's voxels, one change is picked and halved down
- * to two neighbouring voxels. (Along the light, most changes of an asset baked under the closed
- * rule lie deep inside solids, where nothing can be compared: hence the ray.)
+ * Shadow boundaries come in two kinds. A ray from the light finds surfaces, whatever the asset
+ * says. All others, above all the walls of shadow volumes, are found in the asset: visibility is
+ * looked up at jittered stations along a random row of its voxels, and one change is picked and
+ * halved down to two neighbouring voxels. (Along the light, most changes of an asset baked under
+ * the closed rule lie deep inside solids, where nothing can be compared: hence the ray.)
  */
 #include "rays/verify_block.h"
 
@@ -15,16 +15,17 @@
 
 #include "base/vec.h"
 
-#define BIAS_SLACK (65.0 / 64.0) /* as automatic biases have (client/core/query) */
+#define BIAS_SLACK (65.0 / 64.0) /* slack of automatic biases, as in client/core/query */
 #define GRAZING    1e-6          /* cosine below which a surface is seen edge on */
 
 enum {
     STATIONS = 32, /* look-ups along a row before halving */
     POINTS_A_BOUNDARY = 8,
     NEAR_VOXELS = 4,
-    TRIES_A_POINT = 24,   /* draws near boundaries for each point wanted, before giving up */
-    DRAWS_A_POINT = 4,    /* uniform ones: one inside a closed solid costs the most rays */
-    WALKS_A_BOUNDARY = 4, /* rows tried before another kind of boundary gets its turn */
+    TRIES_A_POINT = 24, /* draws near boundaries for each wanted point */
+    /* Uniform draws for each wanted point: one inside a closed solid costs the most rays. */
+    DRAWS_A_POINT = 4,
+    WALKS_A_BOUNDARY = 4, /* rows walked before another kind of boundary is tried */
 };
 
 _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES_MAX,
@@ -58,8 +59,8 @@ int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample 
            is_own(block, sample->local);
 }
 
-/* Draws and compares points until so many count, or so many were drawn. In: draw: fills in a sample
- * and returns 1, or 0 if there is none this time. */
+/* Draws and compares points until `wanted` were compared, or a limit of draws. In: draw: fills in a
+ * sample and returns 1, or 0 if it found none this time. */
 static void compare_drawn(struct umbr_verify_block *block,
                           int (*draw)(struct umbr_verify_block *block, struct umbr_sample *sample),
                           uint64_t wanted, uint64_t tries)
@@ -146,7 +147,7 @@ int umbr_verify_column(const struct umbr_verify_block *block, double x, double y
                                      : light_frame->size * (first - light_frame->w_first) /
                                            (light_frame->w_last - light_frame->w_first);
     const double halves =
-        2 - 2 * *z_first / light_frame->size; /* of the way, from the last voxel back */
+        2 - 2 * *z_first / light_frame->size; /* share of the way, from the last voxel back */
     ray->origin = block->job->origin;
     for (int k = 0; k < 3; k++) {
         ray->direction[k] = halves * (at[1][k] - at[0][k]);
@@ -156,7 +157,7 @@ int umbr_verify_column(const struct umbr_verify_block *block, double x, double y
     return umb__unit(ray->direction);
 }
 
-/* The first surface that light meets in a random column; 0 if there is none. */
+/* The first surface on the light's path in a random column; 0 if there is none. */
 static int find_surface(struct umbr_verify_block *block, double boundary[3])
 {
     const double size = block->light_frame->size;
@@ -177,7 +178,7 @@ static int find_surface(struct umbr_verify_block *block, double boundary[3])
 
 /* A random row of voxels: all but coordinate `axis` are fixed. */
 struct row {
-    double voxel[3]; /* of a voxel's centre */
+    double voxel[3]; /* coordinates of a voxel's centre */
     int axis;
 };
 
@@ -197,7 +198,7 @@ static void ask_row(const struct umbr_verify_block *block, const struct row *row
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
 }
 
-/* 1 if both voxels beside a change are inside closed solids, where answers mean nothing. */
+/* 1 if both voxels at a change are inside closed solids, where answers are unspecified. */
 static int is_buried(const struct umbr_verify_block *block, const struct row *row, double change)
 {
     int buried = 1;
@@ -252,7 +253,7 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     return !is_buried(block, &row, high);
 }
 
-/* Half surfaces, the rest changes along the three axes, those along the light the fewest. */
+/* Half are surfaces, the rest changes along the three axes, fewest along the light. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;
@@ -291,7 +292,7 @@ uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
 }
 
 /* Moves a surface's point along its normal, turned to the light, as a query of one tap does.
- * Returns 0 if the light grazes it. */
+ * Returns 0 if the light grazes the surface. */
 static int lift(const struct umbr_verify_block *block, const double normal[3], double local[3])
 {
     const double facing = umb__dot(normal, block->job->light.direction);
@@ -305,8 +306,8 @@ static int lift(const struct umbr_verify_block *block, const double normal[3], d
     return fabs(facing) > GRAZING;
 }
 
-/* A point just off a surface that a ray along the light finds from somewhere in the box; 0 if it
- * finds none. */
+/* Finds a point just off a surface by a ray along the light from somewhere in the box; 0 if the ray
+ * meets none. */
 static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sample)
 {
     const double *light = block->job->light.direction, *origin = block->job->origin;

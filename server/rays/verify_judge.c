@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Judging points: what the asset says against what rays say.
+ * Judging points: the asset's answers against the rays' answers.
  *
- * What a voxel says belongs to its centre, so "inside a closed solid" is asked of the voxel's
- * centre as well as of the point. Nearly all points agree and cost one ray; the expensive questions
- * are asked of the others.
+ * A voxel's answer belongs to its centre, so the test for "inside a closed solid" covers the
+ * voxel's centre as well as the point. Nearly all points agree and cost one ray; the expensive
+ * tests are for the others.
  */
 #include "rays/verify_block.h"
 
@@ -20,7 +20,7 @@
 enum {
     BAND_STEPS = 5, /* samples along each axis of the band's grid */
     BAND_SAMPLES = BAND_STEPS * BAND_STEPS * BAND_STEPS,
-    BAND_STRIDE = 62, /* prime to their number: corners that lie opposite come one after another */
+    BAND_STRIDE = 62, /* coprime to their number: opposite corners come one after another */
     VOTES = 6,
     VOTES_NEEDED = 5,
 };
@@ -46,7 +46,7 @@ void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3]
     }
 }
 
-/* A ray from a place. In: direction: NULL: towards the light, as far as something may cast. */
+/* A ray from a place. In: direction: NULL: towards the light, up to where casters may be. */
 static struct umbr_exact_ray ray_from(const struct umbr_verify_block *block, const double local[3],
                                       const double direction[3])
 {
@@ -66,7 +66,7 @@ static struct umbr_exact_ray ray_from(const struct umbr_verify_block *block, con
     return ray;
 }
 
-/* Where a ray starts, for rays in floats. */
+/* Start of a ray in world space, for rays in floats. */
 static void world_of(const struct umbr_exact_ray *ray, double world[3])
 {
     for (int k = 0; k < 3; k++) {
@@ -110,9 +110,9 @@ void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umb
 }
 
 /*
- * 1 if, seen along a direction, more closed solids are left than entered. A ray that meets the
- * inner side of one first starts in it; only one that enters another first needs all crossings
- * counted, which costs more than twice as much.
+ * 1 if, along a direction, a ray leaves more closed solids than it enters. A ray that first meets
+ * an inner side starts inside. Only if it first enters a solid, all crossings must be counted,
+ * which costs more than twice as much.
  */
 static int is_inside_along(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray)
 {
@@ -162,9 +162,8 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double local[
 }
 
 /*
- * The same by three directions that no modeller would have chosen and their opposites. A ray that
- * grazes an edge may err; from a point that is not in a solid, no surface on one side only can get
- * five votes.
+ * is_inside by a vote of three directions unusual in models, and their opposites. A ray that grazes
+ * an edge may err. A surface on one side only cannot give five votes to a point outside of a solid.
  */
 static int is_inside_by_vote(const struct umbr_verify_block *block, const double local[3])
 {
@@ -185,8 +184,8 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     return votes >= VOTES_NEEDED;
 }
 
-/* 1 if the truth is not the same at all of eight places around a point, so far off across the
- * light. In: voxel: the point. */
+/* 1 if the truth differs among eight places around a point, at a given distance across the light.
+ * In: voxel: the point. */
 static int changes_around(const struct umbr_verify_block *block, const double voxel[3],
                           double voxels, int truth)
 {
@@ -204,7 +203,7 @@ static int changes_around(const struct umbr_verify_block *block, const double vo
 }
 
 /* 1 if the truth changes next to the centre of the point's voxel: a rod may be thinner than the
- * grid of the band, and its edge run through the very centre. */
+ * grid of the band, and its edge may run exactly through the centre. */
 static int has_edge_at_centre(const struct umbr_verify_block *block,
                               const struct umbr_sample *sample, int truth)
 {
@@ -300,7 +299,7 @@ static enum verdict judge_answer(const struct umbr_verify_block *block,
                : WRONG;
 }
 
-/* The same, and judges a point again in doubles if float rays judge it wrong. */
+/* Judges a sample, and judges it again in doubles if float rays judge it wrong. */
 static enum verdict judge_sample(struct umbr_verify_block *block, const struct umbr_sample *sample,
                                  int lit)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Inverse frustum transforms: three equations in three unknowns, by minors. */
+/* Inverse frustum transforms: three equations in three unknowns, solved by minors. */
 #include "rays/verify_light_frame.h"
 
 #include <math.h>
@@ -7,20 +7,20 @@
 
 #include "base/vec.h"
 
-/* Of the way to a lamp, how much has to be free: what lies closer to it may be the surface that the
- * lamp stands on, which rays in floats meet or miss as rounding has it. */
+/* Share of the way to a lamp that must be free. A surface closer to the lamp may be the one it
+ * stands on, which float rays meet or miss by rounding. */
 #define FREE_SHARE (1.0 - 0x1p-16)
 
 /*
  * Solves for the point of voxel (x, y, z): X = x W, Y = y W and Z = z are three linear equations.
- * Returns 0 if they have no one solution.
+ * Returns 0 if they have no unique solution.
  */
 static int solve(const struct umbr_light_frame *light_frame, const double voxel[3], double at[3])
 {
     const double(*m)[4] = light_frame->world_to_voxel;
     double row[3][3], value[3], minors[3][3];
     for (int i = 0; i < 3; i++) {
-        const double share = i < 2 ? voxel[i] : 0; /* of W */
+        const double share = i < 2 ? voxel[i] : 0; /* share of W */
         for (int k = 0; k < 3; k++) {
             row[i][k] = m[i][k] - share * m[3][k];
         }
@@ -38,8 +38,7 @@ static int solve(const struct umbr_light_frame *light_frame, const double voxel[
     return isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]);
 }
 
-/* The inverse of an affine matrix, once, by the same minors: points are asked for by the million.
- */
+/* Inverts an affine matrix once, by the same minors: millions of points use it. */
 static void invert_parallel(struct umbr_light_frame *light_frame)
 {
     const double(*m)[4] = light_frame->world_to_voxel;

@@ -12,12 +12,12 @@
 struct umbr_light_frame {
     double world_to_voxel[4][4]; /* row major, as the asset's frustum has it */
     double origin[3];            /* metres, world */
-    double size;                 /* voxels a side */
+    double size;                 /* number of voxels a side */
     int closed;                  /* baked under the closed rule */
-    int parallel;                /* of a directional light: the matrix is affine */
-    double step[3][3];           /* parallel: what a voxel along x, y, z is in the world, metres */
-    double w_first, w_last; /* else: W where z is 0, below 0 if the eye lies within; and size */
-    double least_edge;      /* of all its voxels' edges, metres; 0 if the eye lies within */
+    int parallel;                /* 1 for a directional light: the matrix is affine */
+    double step[3][3];      /* parallel: world vectors of a voxel's edges along x, y, z, metres */
+    double w_first, w_last; /* else: W at z = 0 (below 0 if the eye lies within) and at z = size */
+    double least_edge;      /* least edge of all its voxels, metres; 0 if the eye lies within */
 };
 
 /*
@@ -32,21 +32,20 @@ UMB_CHECKED enum umb_status umbr_light_frame_init(struct umbr_light_frame *light
 int umbr_light_frame_local(const struct umbr_light_frame *light_frame, const double voxel[3],
                            double local[3]);
 
-/* The same in the world, for absolute coordinates. */
+/* World position of a point in voxel space, for absolute coordinates; 0 as above. */
 int umbr_light_frame_world(const struct umbr_light_frame *light_frame, const double voxel[3],
                            double world[3]);
 
-/* From a place to voxel space; 0 as above. */
+/* Voxel space point of a place; 0 as above. */
 int umbr_light_frame_voxel(const struct umbr_light_frame *light_frame, const double local[3],
                            double voxel[3]);
 
 /* W of a place: 1 for directional lights, the distance along the axis for others. */
 double umbr_light_frame_w(const struct umbr_light_frame *light_frame, const double local[3]);
 
-/* Unit direction from a point to the light, and how far nothing may lie in between for rays in
- * floats: infinite for directional lights; for others the distance less a share of 2^-16, as a lamp
- * may stand exactly on a surface. In: point: relative to what the light's position is relative to.
- */
+/* Unit direction from a point to the light, and the distance that must be free for rays in floats:
+ * infinite for directional lights; for others the distance less a share of 2^-16, as a lamp may
+ * stand exactly on a surface. In: point: relative to the origin of the light's position. */
 void umbr_towards_light(const struct umb_light_info *light, const double point[3],
                         double direction[3], double *distance_m);
 

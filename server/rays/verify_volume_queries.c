@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Segments, columns and boxes against rays: what each says about points, or about voxels, is held
- * against what rays say there (verify.h). What is undefined inside closed solids is left out as
- * for points.
+ * Segments, columns and boxes against rays: each answer about points or voxels is compared with
+ * rays there (verify.h). Undefined voxels inside closed solids are left out, as for points.
  */
 #include "rays/verify_block.h"
 
@@ -12,17 +11,17 @@
 #include "base/vec.h"
 
 enum {
-    KEPT = 64,           /* intervals looked at of a segment */
-    SAMPLES = 4,         /* of each segment */
-    NEAR_VOXELS = 2,     /* how far from an interval's end */
-    TRIES_A_RECORD = 64, /* draws for each, before giving up */
+    KEPT = 64,           /* most intervals of a segment that are read */
+    SAMPLES = 4,         /* samples of each segment */
+    NEAR_VOXELS = 2,     /* greatest distance from an interval's end */
+    TRIES_A_RECORD = 64, /* draws for each record before giving up */
     BOX_VOXELS = 5,      /* longest side */
     BOX_ROOM = (BOX_VOXELS + 2) * (BOX_VOXELS + 2) * (BOX_VOXELS + 2),
-    OFFSETS = 5, /* of the grid around a column, half texels */
+    OFFSETS = 5, /* rays along each axis of the grid around a column, half a texel apart */
     RINGS = 4,
 };
 
-/* A point in voxel space: through a boundary if `near`, else anywhere. Returns 0 if none was found
+/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if none was found
  * within *walks. */
 static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks, double voxel[3])
 {
@@ -35,7 +34,8 @@ static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks
     return 1;
 }
 
-/* Ends of a segment around a voxel: of any direction, and of all lengths alike by their order. */
+/* Draws the ends of a segment around a voxel: any direction, and every order of length equally
+ * likely. */
 static int draw_segment(struct umbr_verify_block *block, const double voxel[3], double ends[2][3])
 {
     double direction[3], square = 0, along;
@@ -53,7 +53,7 @@ static int draw_segment(struct umbr_verify_block *block, const double voxel[3], 
         double end[3];
         for (int k = 0; k < 3; k++) {
             end[k] = voxel[k] + (e - along) * length * direction[k];
-            /* Cut to the frustum, axis by axis: the direction may change. */
+            /* Clips to the frustum, axis by axis: the direction may change. */
             end[k] = fmin(fmax(end[k], 0), block->light_frame->size);
         }
         if (!umbr_light_frame_local(block->light_frame, end, ends[e])) {
@@ -74,7 +74,7 @@ static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, dou
     return 0;
 }
 
-/* A parameter of a segment, one of two next to the end of an interval. */
+/* A parameter of a segment; two of each segment's lie next to the end of an interval. */
 static double draw_parameter(struct umbr_verify_block *block, const struct umb_interval *intervals,
                              size_t count, int which, double voxels)
 {
@@ -86,7 +86,7 @@ static double draw_parameter(struct umbr_verify_block *block, const struct umb_i
     return end + (2 * umbr_next_unit(block) - 1) * NEAR_VOXELS / voxels;
 }
 
-/* Asks one segment and judges what its intervals say. */
+/* Queries one segment and judges its intervals. */
 static void judge_segment(struct umbr_verify_block *block, const double ends[2][3])
 {
     struct umb_interval intervals[KEPT];
@@ -139,9 +139,9 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-/* Depth in voxels of the first thing that the light ray through (x, y) meets, beyond the frustum's
- * last voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves
- * what the frustum sees. */
+/* Depth in voxels of the first hit of the light ray through (x, y), beyond the frustum's last
+ * voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves the
+ * frustum. */
 static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
 {
     const double size = block->light_frame->size;
@@ -157,7 +157,7 @@ static double traced_depth(const struct umbr_verify_block *block, double x, doub
     return step_m;
 }
 
-/* Voxels whose centre lies before a depth. */
+/* Number of voxels whose centre lies before a depth. */
 static double lit_before(const struct umbr_verify_block *block, double depth)
 {
     return fmin(fmax(ceil(depth - 0.5), 0), block->light_frame->size);
@@ -165,8 +165,8 @@ static double lit_before(const struct umbr_verify_block *block, double depth)
 
 /*
  * 1 if a number of lit voxels lies within one voxel of those that rays find within one texel: on a
- * grid, and on rings around the centre, since a rod may be thinner than the grid and its edge run
- * through the centre.
+ * grid, and on rings around the centre, since a rod may be thinner than the grid and its edge may
+ * run through the centre.
  */
 static int is_near_column(const struct umbr_verify_block *block, const double texel[2], double lit)
 {
@@ -196,7 +196,7 @@ static int column_verdict(const struct umbr_verify_block *block, const double vo
     const double step_m = traced_depth(block, voxel[0], voxel[1], &depth);
     const double lit = (double)answer->lit, expected = lit_before(block, depth);
     const int none = lit >= block->light_frame->size;
-    /* The occluder is half a voxel off at most; rays have floats. */
+    /* The occluder is half a voxel off at most; rays have float errors. */
     const int is_told =
         none ? isinf(answer->distance_m)
              : fabs(answer->distance_m - (depth - voxel[2]) * step_m) <= 0.51 * step_m;
@@ -219,7 +219,7 @@ static void judge_column(struct umbr_verify_block *block, const double texel[2],
                                      .format = UMB_POINT_F64,
                                      .origin = {o[0], o[1], o[2]},
                                      .count = 1};
-    if (!umbr_verify_place(block, &sample)) { /* a column is one face's from end to end */
+    if (!umbr_verify_place(block, &sample)) { /* a column belongs to one face from end to end */
         return;
     }
     umb_volume_columns(&block->job->volume, &point, 0, 1, &answers);
@@ -248,7 +248,7 @@ void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-/* The voxels whose centres a box may hold, in the block's frustum. Returns their number. */
+/* Lists the voxels of the block's frustum whose centres a box may hold. Returns their number. */
 static size_t list_voxels(const struct umbr_verify_block *block, const struct umb_box *box,
                           const double middle[3], struct umbr_sample samples[BOX_ROOM])
 {
@@ -348,7 +348,7 @@ void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
             const double *step = block->light_frame->step[axis];
             edge = fmin(edge, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
         }
-        /* No side, and so no extent of the box in voxels, is longer than its diagonal. */
+        /* No side is longer than the diagonal, and so no extent of the box in voxels. */
         for (int k = 0; k < 3; k++) {
             const double side = umbr_next_unit(block) * BOX_VOXELS * edge / sqrt(3);
             box.min[k] = world[k] - 0.5 * side;

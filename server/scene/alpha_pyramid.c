@@ -7,7 +7,7 @@
 
 #define BLOCK_LOG2 4U /* texels a side of a block of level 0 */
 
-/* Texel numbers, both ends included. */
+/* A rectangle of texels; both ends are included. */
 struct rectangle {
     uint32_t x[2], y[2];
 };
@@ -28,7 +28,7 @@ static void widen(struct umbs_alpha_range *range, struct umbs_alpha_range by)
     range->high = by.high > range->high ? by.high : range->high;
 }
 
-/* Blocks along an axis of n texels. */
+/* Number of blocks along an axis of n texels. */
 static uint32_t block_count(uint32_t n, uint32_t level)
 {
     return ((n - 1) >> (BLOCK_LOG2 + level)) + 1;
@@ -40,7 +40,7 @@ static struct umbs_alpha_range *block_at(const struct umbs_alpha_pyramid *pyrami
     return &pyramid->level[level][(size_t)y * block_count(pyramid->texture->width, level) + x];
 }
 
-/* The texels of a block. */
+/* The rectangle of texels that a block covers. */
 static struct rectangle block_texels(const struct umbs_texture *texture, uint32_t level, uint32_t x,
                                      uint32_t y)
 {

@@ -2,30 +2,30 @@
 #ifndef UMBRAGE_SERVER_SCENE_ALPHA_PYRAMID_H
 #define UMBRAGE_SERVER_SCENE_ALPHA_PYRAMID_H
 /*
- * The least and greatest alpha in rectangles of a texture: a pyramid of blocks from 16 x 16 texels
- * on, each level's twice as large a side, up to a single one. A look-up goes into blocks that
- * straddle the rectangle's edge and may still add something, so that what it costs grows with the
- * rectangle's sides, not with its area.
+ * The least and greatest alpha in rectangles of a texture, from a pyramid of blocks. The smallest
+ * blocks have 16 x 16 texels; each level doubles the side, up to a single block. A look-up descends
+ * only into blocks that straddle the rectangle's edge and may still widen the range. So its cost
+ * grows with the rectangle's sides, not with its area.
  */
 #include "scene/scene.h"
 
-#define UMBS_PYRAMID_LEVELS_MAX 13U /* the last one's block has 2^16 texels a side */
+#define UMBS_PYRAMID_LEVELS_MAX 13U /* the single block of the last level has 2^16 texels a side */
 
 struct umbs_alpha_range {
     uint8_t low, high;
 };
 
-/* Zeroed: not found yet. */
+/* The pyramid of a texture. Zeroed: not made yet. */
 struct umbs_alpha_pyramid {
     const struct umbs_texture *texture; /* borrowed */
     const uint8_t *texels;              /* borrowed */
-    /* Row by row; the first holds the memory of all. */
+    /* Blocks of each level, row by row; the first pointer owns the memory of all. */
     struct umbs_alpha_range *level[UMBS_PYRAMID_LEVELS_MAX];
     uint32_t levels; /* the last one is a single block */
 };
 
-/* Finds a texture's pyramid, unless that was done. Fails: E_NO_MEMORY. Cost: 2 bytes for 192
- * texels; reads every texel. */
+/* Makes a texture's pyramid, unless it is made. Fails: E_NO_MEMORY. Cost: 2 bytes for 192 texels;
+ * reads every texel. */
 UMB_CHECKED enum umb_status umbs_alpha_pyramid_find(const struct umbs_scene_view *view,
                                                     uint32_t number,
                                                     struct umbs_alpha_pyramid *pyramid,

@@ -4,7 +4,7 @@
  *
  * Corners are welded (parts_weld.h), then every triangle's three half-edges go into the bucket of
  * their lower vertex. Sorting each small bucket by the other vertex puts all uses of one edge side
- * by side ("a run"): the run joins its triangles in a union-find forest and shows how often and in
+ * by side ("a run"). The run joins its triangles in a union-find forest and shows how often and in
  * which directions the edge is used. Within a run half-edges are in order of their triangles, so
  * nothing depends on hashing, and the result is the same on every machine.
  *
@@ -25,8 +25,8 @@ enum {
     INSERTION_MAX = 24, /* a bucket of a usual mesh has about six entries */
 };
 
-/* Everything alive while the parts are found. Half-edge h belongs to triangle h / 3 and goes from
- * its corner h % 3 to the next. */
+/* State of the search for parts. Half-edge h belongs to triangle h / 3 and goes from its corner h %
+ * 3 to the next. */
 struct finder {
     const double (*corners)[3][3];
     uint32_t count;
@@ -62,7 +62,7 @@ static void cross_product(const double a[3], const double b[3], double out[3])
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Two equal corners, or no area in doubles (a not finite one counts as none). */
+/* 1 if two corners are equal, or if the area in doubles is 0 or not finite. */
 static int is_degenerate(const struct finder *f, uint32_t t)
 {
     const uint32_t *v = f->vertex_of + 3 * (size_t)t;

@@ -26,9 +26,10 @@ struct umbs_part {
     size_t inconsistent_edges; /* used twice in the same direction */
     double volume;             /* signed, cubic metres, relative to the box's centre */
     struct umb_box box;
-    double hole[3];               /* a point on the first bad edge (its midpoint), if not closed */
-    size_t cut_triangles;         /* with holes (umbs_cuts_open_parts) */
-    size_t translucent_triangles; /* that let light through (the same) */
+    double hole[3];       /* a point on the first bad edge (its midpoint), if not closed */
+    size_t cut_triangles; /* number of triangles with holes (umbs_cuts_open_parts) */
+    /* Number of triangles that let light through (umbs_cuts_open_parts). */
+    size_t translucent_triangles;
     int closed;
     int flipped;
 };
@@ -40,7 +41,8 @@ struct umbs_parts {
     uint8_t *closed;         /* uint8[count], 1 if in a closed part */
     size_t degenerate_count;
     size_t closed_triangles;
-    size_t duplicate_triangles; /* same three corners as an earlier one, whatever the order */
+    /* Triangles with the three corners of an earlier one, in any order. */
+    size_t duplicate_triangles;
 };
 
 /*
@@ -61,9 +63,9 @@ void umbs_triangle_turn(double corners[3][3]);
 
 /*
  * Turns the triangles of flipped parts around, so that all closed parts wind outward (cavities
- * inward). Who traces rays or tells front from back must do this once after umbs_parts_find.
+ * inward). Ray tracing, and any test of front against back, needs this once after umbs_parts_find.
  *
- * In: corners: double[count][3][3], those that parts was found from; changed in place.
+ * In: corners: double[count][3][3] that parts was found from; changed in place.
  */
 void umbs_parts_orient(const struct umbs_parts *parts, double (*corners)[3][3], size_t count);
 

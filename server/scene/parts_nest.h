@@ -13,8 +13,8 @@ struct umbs_nest {
 };
 
 /*
- * Builds the tree; takes nothing over, copies the boxes.
- * Returns 0 if memory is short. Cost: O(count log count), 96 bytes a box.
+ * Builds the tree and copies the boxes. Returns 0 if memory is short. Cost: O(count log count), 96
+ * bytes a box.
  */
 int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count);
 void umbs_nest_finish(struct umbs_nest *nest);

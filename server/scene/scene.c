@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What is done with a validated scene: destroy, multiply the instances out (scene.h); its hash is
- * in scene_hash.c. Everything here relies on umbs_scene_view and checks no index again.
+ * Operations on a validated scene (scene.h): destroy it, multiply its instances out. Its hash is in
+ * scene_hash.c. Everything here relies on umbs_scene_view and checks no index again.
  */
 #include "scene/scene.h"
 

@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_H
 #define UMBRAGE_SERVER_SCENE_SCENE_H
 /*
- * The scene as the importer hands it over: flat arrays of doubles, materials, lights and instances,
+ * The scene as the importer delivers it: flat arrays of doubles, materials, lights and instances,
  * in one contiguous validated buffer.
  *
  * Life: umbs_scene_import starts the importer in its own process, which parses the file and writes
- * a scene buffer into a sealed memfd; this side maps it and checks every count, index and number
- * before anybody uses it (umbs_scene_view). Nothing that parses foreign bytes runs in the caller.
+ * a scene buffer into a sealed memfd. This side maps it and checks every count, index and number
+ * before any use (umbs_scene_view). Nothing that parses foreign bytes runs in the caller.
  *
  *     struct umbs_scene *scene;
  *     umbs_scene_import(path, &options, &scene, &error);
@@ -43,7 +43,7 @@ struct umbs_material {
     float alpha_cutoff;    /* 0..1, for MASK */
     float base_alpha;      /* 0..1, factor on the texture's alpha */
     uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
-    float transmission;    /* 0..1, share of the light that goes through where there is something */
+    float transmission;    /* 0..1, share of the light that passes through the surface */
 };
 
 struct umbs_mesh {
@@ -63,7 +63,7 @@ struct umbs_light {
     char name[UMB_NAME_SIZE];
     uint32_t kind; /* enum umb_light_kind */
     uint32_t reserved;
-    double direction[3];           /* unit, in which the light travels; world */
+    double direction[3];           /* unit vector along the light's travel, world */
     double position[3];            /* metres, world */
     double inner_cone, outer_cone; /* radians, spot */
     double range;                  /* metres, 0 = unlimited */
@@ -88,7 +88,7 @@ struct umbs_texture {
     uint32_t reserved;
 };
 
-/* Borrowed arrays of a validated buffer. */
+/* A view of a validated buffer: its arrays are borrowed. */
 struct umbs_scene_view {
     enum umbs_format format;
     int z_up; /* 1 if +z is up in world space, else +y */
@@ -105,8 +105,8 @@ struct umbs_scene_view {
     const uint8_t *alpha;           /* alpha pool */
     uint64_t alpha_bytes;
     uint64_t world_triangle_count; /* instances multiplied */
-    uint32_t
-        dropped_faces;    /* faces the importer could not use: not finite, bad index, < 3 corners */
+    /* Number of faces that the importer could not use: not finite, bad index, < 3 corners. */
+    uint32_t dropped_faces;
     const char *warnings; /* lines, may be empty */
 };
 
@@ -119,21 +119,22 @@ struct umbs_scene {
 /* Handles of the running importer that the caller needs. */
 struct umbs_importer {
     int process; /* Number of its process, and of its process group */
-    int files;   /* the caller's end of scene_broker.h */
+    int files;   /* caller's end of scene_broker.h */
 };
 
-#define UMBS_TRIANGLES_MAX 200000000ULL /* of a scene, instances multiplied */
+#define UMBS_TRIANGLES_MAX 200000000ULL /* limit of a scene, instances multiplied */
 
 struct umbs_import_options {
     uint64_t max_input_bytes;  /* 0 = 4 GiB */
-    uint64_t max_memory_bytes; /* of the importer process; 0 = 8 GiB */
+    uint64_t max_memory_bytes; /* limit of the importer process; 0 = 8 GiB */
     uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
     uint32_t max_files;        /* Number of look-ups of files that it names; 0 = 65536 */
     uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
     const char *importer_path; /* NULL = umbrage-bake beside the running program */
     /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
-     * of the scene or of the importer's answers is read: the caller takes away its own rights here.
-     * importer: NULL where none runs (umbs_scene_load). A failure ends the import with it. */
+     * of the scene or of the importer's answers is read. Here the caller drops its own rights.
+     * importer: NULL where none runs (umbs_scene_load). If the hook fails, the import fails with
+     * its status. */
     enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
                                struct umb_error *error);
     void *user; /* Argument of shut_in */
@@ -142,7 +143,8 @@ struct umbs_import_options {
 /*
  * Imports a scene file in a separate, limited process.
  *
- * Out:   out: the scene, or NULL. Owns: the caller destroys it.
+ * Out:   out: the scene, or NULL.
+ * Owns:  the caller destroys it.
  * Fails: E_NO_INPUT (missing, a folder), E_BAD_SCENE (unknown format, unreadable, no triangles, not
  *        finite; also when the importer crashed), E_LIMIT (over memory, time, size or files),
  *        E_UNAVAILABLE (importer program missing).
@@ -160,7 +162,7 @@ void umbs_scene_destroy(struct umbs_scene *scene);
 
 /*
  * Hash of the scene's content, not of the file: up axis, world triangles in the order of
- * umbs_scene_flatten, what their materials do to light, lights. Vertex numbering, the division into
+ * umbs_scene_flatten, the materials' effects on light, lights. Vertex numbering, the division into
  * meshes and names of materials do not count; the order of triangles and of their corners does.
  *
  * Cost: SHA-256 of 72 bytes a world triangle (about 0.3 us); no allocation.

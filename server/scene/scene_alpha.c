@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* The texel that number i, any whole double, stands for along an axis of n texels. Far outside
- * the image doubles are coarser than texels: the result is then any texel, never one outside. */
+/* Texel number for the whole double i along an axis of n texels, by the wrap mode. Far outside the
+ * image doubles are coarser than texels: the result is then any texel, never one outside. */
 static size_t wrapped(double i, uint32_t n, uint32_t wrap)
 {
     const double count = (double)n;
@@ -15,7 +15,7 @@ static size_t wrapped(double i, uint32_t n, uint32_t wrap)
         i -= 2.0 * count * floor(i / (2.0 * count));
         i = i < count ? i : 2.0 * count - 1.0 - i;
     }
-    i = i > 0.0 ? i : 0.0; /* also what a NaN becomes */
+    i = i > 0.0 ? i : 0.0; /* NaN becomes 0 too */
     return (size_t)(i < count - 1.0 ? i : count - 1.0);
 }
 

@@ -2,21 +2,21 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_ALPHA_H
 #define UMBRAGE_SERVER_SCENE_SCENE_ALPHA_H
 /*
- * Cut-out materials: what of a triangle casts a shadow, and what its texture leaves out. The one
- * definition that bakes, traced rays and studies share.
+ * Cut-out and translucent materials: which part of a triangle casts a shadow. Bakes, traced rays
+ * and studies share this one definition.
  *
  * A material of alphaMode MASK casts where alpha = texture(u, v) * base_alpha is not below
- * alpha_cutoff (glTF 2.0, section 3.9.4). Texel (i, j) of a texture of w x h has its centre at
- * u = (i + 0.5) / w, v = (j + 0.5) / h; between centres alpha is bilinear, in doubles, unless the
+ * alpha_cutoff (glTF 2.0, section 3.9.4). Texel (i, j) of a texture of w x h has its centre at u =
+ * (i + 0.5) / w, v = (j + 0.5) / h; between centres alpha is bilinear, in doubles, unless the
  * sampler asks for the nearest texel. No mip level is ever used: a shadow has no screen.
  *
- * Triangles whose texels never fall below the cut-off are as good as opaque, those that never reach
- * it cast nothing; only what is left needs a look at its texture.
+ * A triangle whose texels never fall below the cut-off counts as opaque; one whose texels never
+ * reach it casts nothing. Only the other triangles are tested texel by texel.
  *
  * Translucent materials, of alphaMode BLEND or with a transmission (KHR_materials_transmission),
- * take a part of the light that falls on them: opacity = a (1 - transmission), where a is the alpha
- * of BLEND materials, 0 or 1 by the cut-off of MASK ones, and else 1. Their triangles are told
- * apart in the same way: opaque all over, clear all over, or looked at.
+ * absorb a part of the incident light: opacity = a (1 - transmission). Here a is the alpha of BLEND
+ * materials, 0 or 1 by the cut-off of MASK ones, and 1 otherwise. Their triangles have the same
+ * three classes: opaque all over, clear all over, or tested.
  *
  *     umbs_cuts_find(&scene->view, &cuts, &error);
  *     ... umbs_cut_keeps(&cuts, cuts.of[triangle], u, v) ...
@@ -28,31 +28,31 @@
 #include "scene/scene.h"
 
 #define UMBS_CUT_NONE UINT32_MAX        /* casts all over */
-#define UMBS_CUT_GONE (UINT32_MAX - 1U) /* casts nothing: all of it is below the cut-off */
+#define UMBS_CUT_GONE (UINT32_MAX - 1U) /* casts nothing: alpha is below the cut-off all over */
 #define UMBS_CUT_CLEAR                                                                             \
-    (UINT32_MAX - 2U) /* casts nothing: of a translucent material, and clear all over */
+    (UINT32_MAX - 2U) /* casts nothing: its translucent material is clear all over */
 
-/* A triangle that is looked at texel by texel. */
+/* A triangle that is tested texel by texel. */
 struct umbs_cut {
-    float uv[3][2]; /* of its corners, in the order of umbs_scene_flatten */
+    float uv[3][2]; /* texture coordinates of its corners, in the order of umbs_scene_flatten */
     uint32_t material;
 };
 
-/* How much of a scene is cut out. */
+/* Statistics of a scene's cut-out triangles. */
 struct umbs_cut_figures {
-    size_t mask_triangles; /* of MASK materials */
+    size_t mask_triangles; /* triangles of MASK materials */
     size_t materials;      /* MASK materials with a part below the cut-off */
-    uint32_t first;        /* number of the first such, else of the first MASK material */
-    size_t triangles;      /* with a part below the cut-off: cut or gone */
-    double share;          /* of their texels: the part below the cut-off, 0..1, by sampling */
+    uint32_t first;        /* index of the first such material, else of the first MASK material */
+    size_t triangles;      /* triangles with a part below the cut-off: cut or gone */
+    double share; /* part of these triangles' texels below the cut-off, 0..1, by sampling */
 };
 
-/* How much of a scene is translucent. */
+/* Statistics of a scene's translucent triangles. */
 struct umbs_translucent_figures {
-    size_t triangles;   /* that are not opaque all over */
-    size_t materials;   /* of those */
-    uint32_t first;     /* number of the first such material */
-    double least, most; /* opacity of theirs */
+    size_t triangles;   /* translucent triangles that are not opaque all over */
+    size_t materials;   /* number of their materials */
+    uint32_t first;     /* index of the first such material */
+    double least, most; /* range of their opacity, 0..1 */
 };
 
 struct umbs_cuts {
@@ -60,8 +60,8 @@ struct umbs_cuts {
     uint32_t *of;          /* [triangles] number in cuts or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */
     struct umbs_cut *cuts; /* [count] */
     size_t count;
-    /* [texture_count] of each texture that a cut refers to: a hash of all that a sample depends on.
-     * NULL: no cut. */
+    /* [texture_count] Hash of everything that a sample depends on, for each texture that a cut
+     * refers to. NULL: no cut. */
     uint8_t (*digests)[UMB_ID_BYTES];
     struct umbs_cut_figures figures;
     struct umbs_translucent_figures translucent;
@@ -74,19 +74,19 @@ double umbs_alpha_at(const struct umbs_scene_view *view, const struct umbs_textu
 /* 1 if a material lets a part of the light through. */
 int umbs_is_translucent(const struct umbs_material *material);
 
-/* 1 if a triangle's number in `of` says that it is translucent. */
+/* 1 if `number`, a triangle's entry in `of`, marks a translucent triangle. */
 int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number);
 
-/* Share of the light that a material takes where the alpha of its texture is 0..255. */
+/* Share of the light that a material absorbs where its texture's alpha is `alpha`, 0..255. */
 double umbs_material_opacity(const struct umbs_material *material, double alpha);
 
-/* Share of the light that a cut triangle takes where its texture coordinates are u, v: 0..1. */
+/* Share of the light that a cut triangle absorbs at texture coordinates u, v: 0..1. */
 double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
-/* Takes cut-out, or translucent, triangles as opaque; the figures stay. */
+/* Treats cut-out triangles, translucent ones, or both as opaque; the figures stay. */
 void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int translucents);
 
-/* 1 if the cut triangle, of a cut-out material, casts where its texture coordinates are u, v. */
+/* 1 if the cut triangle, of a cut-out material, casts at texture coordinates u, v. */
 int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
 /*
@@ -94,15 +94,16 @@ int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double 
  *
  * Out:   cuts: `of` in the order of umbs_scene_flatten.
  * Fails: E_NO_MEMORY; cuts is zeroed then.
- * Cost:  4 bytes a triangle and 28 one that is cut, if any is; the texels along the edge of what
- *        each triangle of a MASK material shows, and 64 samples of each that is cut at most.
+ * Cost:  4 bytes a triangle, and 28 for each cut one, if there are any. Reads the texels along the
+ *        edge of each MASK triangle's area in its texture, and at most 64 samples of a cut
+ *        triangle.
  */
 UMB_CHECKED enum umb_status umbs_cuts_find(const struct umbs_scene_view *view,
                                            struct umbs_cuts *cuts, struct umb_error *error);
 void umbs_cuts_finish(struct umbs_cuts *cuts); /* a zeroed struct is allowed */
 
-/* Takes the parts that a cut goes through for open: a solid with holes bounds nothing. In: parts:
- * found from the same triangles. */
+/* Marks the parts with cut triangles as open: a solid with holes bounds no volume. In: parts: found
+ * from the same triangles. */
 void umbs_cuts_open_parts(const struct umbs_cuts *cuts, struct umbs_parts *parts, size_t count);
 
 #endif

@@ -4,16 +4,16 @@
 #include <stdint.h>
 
 /*
- * How the importer's process gets the files that a scene names, although it may open none: it asks
- * by name over a socket, and its parent opens the file beneath the scene's folder and hands the
- * descriptor over.
+ * The broker: how the importer's process gets the files that a scene names, although it may open
+ * none. It sends a name over a socket; its parent opens the file beneath the scene's folder and
+ * passes the descriptor back.
  *
- * A request is one datagram, the name; its answer is one, an int32_t errno, with the descriptor
- * beside it when that is 0.
+ * A request is one datagram, the name. Its answer is one datagram, an int32_t errno, with the
+ * descriptor beside it when that is 0.
  */
 
-/* A pair of connected sockets, close-on-exec: [0] the parent's, [1] the importer's. Out: 0, or -1
- * and errno. */
+/* Makes a pair of connected sockets, close-on-exec: [0] the parent's, [1] the importer's. Out: 0,
+ * or -1 and errno. */
 int umbs_broker_pair(int ends[2]);
 
 /*
@@ -26,7 +26,7 @@ int umbs_broker_pair(int ends[2]);
 int umbs_broker_serve(int end, int folder, uint32_t *left);
 
 /*
- * The importer's side: like umbs_open_beneath, by way of the parent. Out: a descriptor, or -1 and
+ * The importer's side: like umbs_open_beneath, but through the parent. Out: a descriptor, or -1 and
  * errno (EPIPE if the parent has hung up). Blocks until the parent answers.
  */
 int umbs_broker_open(int end, const char *name);

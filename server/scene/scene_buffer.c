@@ -90,7 +90,7 @@ static int is_coordinate(double value)
     return in_range(value, -UMBS_COORDINATE_MAX, UMBS_COORDINATE_MAX);
 }
 
-/* A clean name whose field is NUL to its end, so that equal names are equal bytes. */
+/* True for a clean name whose field is NUL to its end, so that equal names are equal bytes. */
 static int is_name(const char name[UMB_NAME_SIZE])
 {
     const char *end = memchr(name, '\0', UMB_NAME_SIZE);
@@ -146,7 +146,7 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
     return UMB_OK;
 }
 
-/* Pointers and counts; the header is checked. */
+/* Sets pointers and counts; the header was checked before. */
 static void fill_view(const unsigned char *bytes, const struct umbs_scene_header *header,
                       struct umbs_scene_view *view)
 {

@@ -2,20 +2,20 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_BUFFER_H
 #define UMBRAGE_SERVER_SCENE_SCENE_BUFFER_H
 /*
- * The bytes of a scene buffer: what the importer's process hands to the process that asked.
+ * The bytes of a scene buffer, which the importer's process hands to the process that started it.
  *
  * Both ends are the same build on the same machine, so numbers are in native (little-endian) order
- * and structs are those of scene.h; it is no file format. The reader still trusts nothing: the
- * importer parsed hostile bytes and may be in hostile hands.
+ * and structs are those of scene.h. It is no file format. The reader still trusts nothing: the
+ * importer parsed hostile bytes and may have been taken over by them.
  *
  *     header, then the sections in the order of enum umbs_section, each starting at the next
  *     multiple of 8 after the one before, nothing between but padding; the buffer ends with the
  *     last section padded to a multiple of 8.
  *
- * One layout is right for given counts, and the validator recomputes it, so that no two sections
- * can overlap and no offset needs trust. The triangles of mesh i + 1 follow those of mesh i
- * without a gap (vertex ranges may overlap: all meshes of an OBJ share one), which keeps the check
- * linear in the size of the buffer.
+ * Given counts allow exactly one layout, and the validator recomputes it. So no two sections can
+ * overlap and no offset needs trust. The triangles of mesh i + 1 follow those of mesh i without a
+ * gap (vertex ranges may overlap: all meshes of an OBJ share one), which keeps the check linear in
+ * the size of the buffer.
  *
  * Clean names: NUL-terminated, UTF-8 without control characters, NULs to the end of the field.
  */
@@ -23,9 +23,9 @@
 
 #define UMBS_SCENE_MAGIC "UMBSCN1\n"
 
-/* Limits of every scene; options can only be stricter. */
-#define UMBS_COORDINATE_MAX 1e15 /* metres, and matrix entries: products stay finite in float too  \
-                                  */
+/* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries
+ * have the same limit, so products stay finite in float. */
+#define UMBS_COORDINATE_MAX      1e15
 #define UMBS_WORLD_TRIANGLES_MAX 0xffffffffULL
 #define UMBS_TEXTURE_SIDE_MAX    65536U
 
@@ -56,10 +56,10 @@ struct umbs_scene_header {
 };
 
 /*
- * Computes the layout that the counts in the header ask for.
+ * Computes the layout from the counts in the header.
  *
  * Out:   offsets: uint64[UMBS_SECTION_COUNT]. total: bytes of the whole buffer.
- * Fails: returns NULL if all is well, else the name of the section whose count is over its limit.
+ * Fails: returns NULL on success, else the name of the section whose count is over its limit.
  * Trust: safe on hostile counts.
  */
 const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],

@@ -36,7 +36,7 @@ void *umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_byte
     return (char *)array->data + array->count * item_bytes;
 }
 
-/* Appends items; 32-bit numbers count them all. */
+/* Appends items; their number stays within 32 bits. */
 static enum umb_status append(struct umbs_array *array, const void *items, size_t count,
                               enum umbs_section section, struct umb_error *error)
 {
@@ -80,7 +80,7 @@ void umbs_scene_builder_finish(struct umbs_scene_builder *builder)
     memset(builder, 0, sizeof(*builder));
 }
 
-/* Gives every vertex so far the uv 0 0. */
+/* Gives every vertex added so far the texture coordinates 0 0. */
 static enum umb_status start_uvs(struct umbs_scene_builder *builder, struct umb_error *error)
 {
     size_t count = builder->positions.count;
@@ -226,13 +226,14 @@ void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...
         return;
     }
     char *room = umbs_array_reserve(&builder->warnings, used, 1);
-    if (room != NULL) { /* a warning is not worth failing for */
+    if (room != NULL) { /* a warning that does not fit is dropped */
         memcpy(room, clean, used);
         builder->warnings.count += used;
     }
 }
 
-/* Positions no triangle uses may hold what the file had; the buffer promises finite numbers. */
+/* Positions that no triangle uses may hold any value of the file; the buffer promises finite
+ * ones. */
 static void clear_unusable_positions(struct umbs_array *positions)
 {
     double *position = positions->data;

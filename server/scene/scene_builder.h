@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_BUILDER_H
 #define UMBRAGE_SERVER_SCENE_SCENE_BUILDER_H
 /*
- * A growing scene that ends as a scene buffer. The importer's side of scene_buffer.h.
+ * A growing scene that ends as a scene buffer: the importer's side of scene_buffer.h.
  *
  *     umbs_scene_builder_init(&builder, UMBS_FORMAT_PLY, 1, 0);
  *     umbs_scene_add_vertices(...); umbs_scene_add_triangle(...) ...; umbs_scene_end_mesh(...);
@@ -39,7 +39,7 @@ struct umbs_scene_builder {
     struct umbs_array triangles; /* uint32_t[3] */
     struct umbs_array alpha;     /* uint8_t */
     struct umbs_array warnings;  /* char, without a NUL */
-    uint64_t world_triangles;    /* of the instances so far */
+    uint64_t world_triangles;    /* triangles of the instances so far */
     uint32_t dropped_faces;
 };
 
@@ -60,7 +60,8 @@ UMB_CHECKED enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *bui
                                                   const double position[3], const float *uv,
                                                   struct umb_error *error);
 
-/* Appends one triangle to the mesh that the next umbs_scene_end_mesh makes. Fails: as above. */
+/* Appends a triangle to the mesh that the next umbs_scene_end_mesh makes. Fails: E_NO_MEMORY,
+ * E_LIMIT. */
 UMB_CHECKED enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
                                                     const uint32_t corners[3],
                                                     struct umb_error *error);
@@ -80,7 +81,7 @@ UMB_CHECKED enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *b
                                                     uint32_t mesh, const double (*transform)[4],
                                                     struct umb_error *error);
 
-/* A material that hides what is behind it: opaque, cut-off 0.5, one sided, no texture, no name. */
+/* An opaque material: cut-off 0.5, one sided, no texture, no name. */
 struct umbs_material umbs_material_opaque(void);
 
 UMB_CHECKED enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,

@@ -2,9 +2,9 @@
 /*
  * Which triangles are cut out (scene_alpha.h).
  *
- * A triangle is told by the least and greatest texel that sampling anywhere in the box of its
- * texture coordinates could touch (alpha_pyramid.h). The box holds more than the triangle, so that
- * some count as cut that are whole: that costs time and changes no answer.
+ * A triangle's class follows from the least and greatest texel that sampling could touch anywhere
+ * in the box of its texture coordinates (alpha_pyramid.h). The box is larger than the triangle, so
+ * some whole triangles count as cut: that costs time and changes no answer.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -15,8 +15,8 @@
 #include "scene/scene_flatten.h"
 #include "common/sha256.h"
 
-/* Samples for the share that is cut: of a triangle at most, and fewer where many triangles would
- * take more than so many together. */
+/* Samples for the cut share: the most of one triangle, and the most of all triangles together. With
+ * many triangles each gets fewer. */
 #define EACH_MAX    64U
 #define SAMPLES_MAX 4000000U
 
@@ -28,14 +28,17 @@ struct runs {
 struct finder {
     const struct umbs_scene_view *view;
     struct umbs_cuts *cuts;
-    struct umbs_alpha_pyramid *pyramids; /* [texture_count] those of materials with alpha */
-    uint8_t *seen; /* [material_count] 1: something below its cut-off, or translucent, was found */
-    uint32_t samples;     /* a triangle */
-    size_t capacity;      /* of cuts->cuts */
-    double texels, below; /* of the triangles that are cut or gone */
+    /* [texture_count] pyramids of the textures of materials with alpha. */
+    struct umbs_alpha_pyramid *pyramids;
+    /* [material_count] 1: a texel below the cut-off, or a translucent one, was found. */
+    uint8_t *seen;
+    uint32_t samples; /* samples of one triangle */
+    size_t capacity;  /* capacity of cuts->cuts */
+    /* Texels of the cut and gone triangles, and how many of them are below the cut-off. */
+    double texels, below;
 };
 
-/* The texels that samples at `low` to `high` times n of an axis may touch. */
+/* The texels that samples between `low` * n and `high` * n along an axis may touch. */
 static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
 {
     const double count = (double)n, most = count - 1.0;
@@ -52,7 +55,7 @@ static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
             return runs;
         }
         a -= period * floor(a / period);
-        if (!(a >= 0.0 && a < period)) { /* rounding, far outside the image */
+        if (!(a >= 0.0 && a < period)) { /* by rounding, far outside the image */
             return runs;
         }
         b = a + length;
@@ -61,7 +64,7 @@ static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
             b = period - 1.0 - a;
             a = turned;
         } else if (wrap == UMBS_WRAP_MIRROR && b > most) {
-            return runs; /* across a mirror: take all */
+            return runs; /* the range crosses a mirror: take all texels */
         } else if (b > most) {
             runs = (struct runs){2, {(uint32_t)a, 0}, {n - 1, (uint32_t)(b - count)}};
             return runs;
@@ -96,20 +99,21 @@ static struct umbs_alpha_range triangle_range(const struct finder *f, uint32_t n
     return range;
 }
 
-/* Texels that a triangle spans. */
+/* Number of texels that a triangle covers. */
 static double texel_area(const struct umbs_texture *texture, const float uv[3][2])
 {
     const double ux = (double)uv[1][0] - (double)uv[0][0], uy = (double)uv[1][1] - (double)uv[0][1];
     const double wx = (double)uv[2][0] - (double)uv[0][0], wy = (double)uv[2][1] - (double)uv[0][1];
     const double area = 0.5 * fabs(ux * wy - uy * wx) * texture->width * texture->height;
-    return area < 1e12 ? area : 1e12; /* also what a NaN becomes */
+    return area < 1e12 ? area : 1e12; /* NaN becomes 1e12 too */
 }
 
 /*
- * The share of the last cut triangle that is below the cut-off, by samples. They go on in one
- * sequence from triangle to triangle, for a grid of them would meet a texture that repeats along
- * the triangle at a single phase. Source: M. Roberts, The unreasonable effectiveness of
- * quasirandom sequences, 2018: multiples of the powers of 1 / g, g * g * g = g + 1.
+ * The share of the last cut triangle that is below the cut-off, by samples. One sequence runs on
+ * from triangle to triangle: a fixed grid would meet a repeating texture at the same phase each
+ * time.
+ * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
+ * the powers of 1 / g, g * g * g = g + 1.
  */
 static double cut_share(const struct finder *f)
 {
@@ -134,7 +138,7 @@ static double cut_share(const struct finder *f)
     return (double)below / (double)f->samples;
 }
 
-/* Makes a cut of a triangle, the next of its table. */
+/* Makes the table's next cut from a triangle. */
 static enum umb_status add_cut(struct finder *f, const float uv[3][2], uint32_t material,
                                struct umb_error *error)
 {
@@ -155,7 +159,7 @@ static enum umb_status add_cut(struct finder *f, const float uv[3][2], uint32_t 
     return UMB_OK;
 }
 
-/* Notes that triangle number `at` is `tag`. */
+/* Sets the class `tag` of triangle number `at`. */
 static enum umb_status note(struct finder *f, size_t at, uint32_t tag, struct umb_error *error)
 {
     struct umbs_cuts *cuts = f->cuts;
@@ -183,7 +187,7 @@ static void count(struct finder *f, uint32_t material, size_t *triangles, size_t
     }
 }
 
-/* The alpha that the texture of a triangle's material may have on it, and its texels there. */
+/* Range of the texture's alpha over a triangle, by its material, and its texels there. */
 static struct umbs_alpha_range alpha_range(const struct finder *f,
                                            const struct umbs_material *material,
                                            const float uv[3][2], double *texels)
@@ -196,7 +200,7 @@ static struct umbs_alpha_range alpha_range(const struct finder *f,
     return triangle_range(f, material->texture, uv);
 }
 
-/* Judges triangle number `at` of the flattened scene, of a translucent material. */
+/* Classifies triangle number `at` of the flattened scene, of a translucent material. */
 static enum umb_status judge_translucent(struct finder *f, size_t at, const float uv[3][2],
                                          uint32_t number, struct umb_error *error)
 {
@@ -220,7 +224,7 @@ static enum umb_status judge_translucent(struct finder *f, size_t at, const floa
     return status == UMB_OK ? note(f, at, tag, error) : status;
 }
 
-/* Judges triangle number `at` of the flattened scene, of a MASK material. */
+/* Classifies triangle number `at` of the flattened scene, of a MASK material. */
 static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], uint32_t number,
                              struct umb_error *error)
 {
@@ -249,7 +253,7 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     return status;
 }
 
-/* All triangles of an instance, from number `at` of the flattened scene on. */
+/* Classifies all triangles of an instance, from number `at` of the flattened scene on. */
 static enum umb_status judge_instance(struct finder *f, const struct umbs_instance *instance,
                                       size_t at, struct umb_error *error)
 {
@@ -286,7 +290,7 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     return status;
 }
 
-/* Samples a triangle. */
+/* Number of samples for each triangle. */
 static uint32_t samples_each(const struct umbs_scene_view *view)
 {
     const double each = floor((double)SAMPLES_MAX / (double)view->world_triangle_count);
@@ -312,7 +316,8 @@ static enum umb_status digest_textures(const struct finder *f, struct umb_error 
                                    texture->wrap_t, texture->nearest};
         const void *const parts[] = {shape, view->alpha + texture->offset};
         const size_t sizes[] = {sizeof shape, (size_t)texture->width * texture->height};
-        if (f->pyramids[i].levels > 0) { /* some MASK material's */
+        /* The pyramid was made: some MASK material uses the texture. */
+        if (f->pyramids[i].levels > 0) {
             umbs_sha256.digest(umbs_sha256.user, parts, sizes, 2, cuts->digests[i]);
         }
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading goes into memory of our own: a map could change after it was checked. */
+/* Reads into our own memory: a map could change after its bytes were checked. */
 #define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
 #define XXH_INLINE_ALL
 #include "scene/scene_file.h"
@@ -56,7 +56,7 @@ static int read_all(int fd, void *to, size_t count)
     return 1;
 }
 
-/* Takes a scene from behind the head of an open file. */
+/* Reads a scene from an open file, whose head was read. */
 static enum umb_status load(int fd, const char *path, uint64_t checksum,
                             const struct umbs_import_options *options, struct umbs_scene *scene,
                             struct umb_error *error)
@@ -91,7 +91,7 @@ static enum umb_status load(int fd, const char *path, uint64_t checksum,
     return status;
 }
 
-/* Reads the head, and only then the rest. */
+/* Reads the head and checks it; only then the rest. */
 static enum umb_status read_scene(int fd, const char *what, const char *path,
                                   const struct umbs_import_options *options,
                                   struct umbs_scene *scene, struct umb_error *error)

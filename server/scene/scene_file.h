@@ -5,12 +5,12 @@
  * A validated scene in a file: imported once, baked in parts by many processes of one user.
  *
  * File: magic "UMBSCF1\n", XXH3-64 of what follows (uint64, little-endian), the scene buffer
- * (scene_buffer.h). A scratch file between programs of one version, not an exchange format.
+ * (scene_buffer.h). It is a scratch file between programs of one version, not an exchange format.
  *
  * The checksum is no key: anyone can make such a file. So the form is never recognised by its
  * bytes; a caller asks for it by name, and only for files that its own user wrote
- * (private_folder.h). The reader copies the bytes and then checks them with the validator that
- * checks what the importer leaves.
+ * (private_folder.h). The reader copies the bytes and then checks them with the same validator as
+ * the importer's output.
  */
 #include "scene/scene.h"
 
@@ -27,7 +27,7 @@ UMB_CHECKED enum umb_status umbs_scene_save(const struct umbs_scene *scene, cons
  *
  * In:    what: the option that named the file, for messages.
  * Fails: E_NO_INPUT and E_PERMISSION as umbs_private_open; E_BAD_SCENE (not such a file, cut,
- *        damaged, or with a number that the validator refuses); E_LIMIT; what shut_in fails with.
+ *        damaged, or with a number that the validator refuses); E_LIMIT; a failure of shut_in.
  * Trust: safe on hostile bytes, also if they change meanwhile.
  */
 UMB_CHECKED enum umb_status umbs_scene_load(const char *what, const char *path,

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The hash of a scene: of its world triangles in their order, of what their materials do to light,
- * of its lights. How a file numbers its vertices, divides triangles among meshes or places them by
- * transforms does not count, so that one scene written as OBJ and as PLY is one scene.
+ * The hash of a scene: its world triangles in their order, the effects of their materials on light,
+ * its lights. Vertex numbering, the division into meshes and the transforms do not count. So one
+ * scene written as OBJ and as PLY has one hash.
  *
  * Relies on umbs_scene_view and checks no index again.
  */
@@ -19,11 +19,11 @@
 /* First part of every scene hash; a change of what is hashed changes it. */
 static const char hash_domain[16] = "umbrage scene 2";
 
-/* What of a material can change a shadow: not its name, nor values that its mode makes idle. */
+/* Properties of a material that change a shadow: without its name and without unused values. */
 struct surface {
     uint32_t alpha_mode, texture;
     float alpha_cutoff, base_alpha;
-    float transmission; /* hashed where there is some */
+    float transmission; /* hashed only if it is not 0 */
 };
 
 static struct surface surface_of(const struct umbs_scene_view *view, uint32_t material)
@@ -63,8 +63,8 @@ static void hash_corners(const struct umbs_scene_view *view, uint8_t out[UMB_ID_
     umbs_chain_end(&chain, out);
 }
 
-/* Where the surface changes along the triangles, and the texture coordinates of those that are read
- * through them. */
+/* Hashes the surface wherever it changes along the triangles, and the texture coordinates of those
+ * triangles whose material reads a texture. */
 static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
 {
     struct umbs_chain chain;
@@ -95,7 +95,7 @@ static void hash_surfaces(const struct umbs_scene_view *view, uint8_t out[UMB_ID
     umbs_chain_end(&chain, out);
 }
 
-/* The textures' shapes; their names are names of files. */
+/* Hashes the textures' shapes. Their names are file names and do not count. */
 static void hash_textures(const struct umbs_scene_view *view, uint8_t out[UMB_ID_BYTES])
 {
     struct umbs_chain chain;

@@ -32,11 +32,11 @@
 #define IMPORTER_NAME            "umbrage-bake"
 #define PATH_BYTES               4096
 
-/* One import: everything that has to be closed at its end. */
+/* State of one import: everything that must be closed at its end. */
 struct import {
     const char *path;
     const char *name; /* last component of path */
-    char shown[160];  /* the same as clean text, for messages */
+    char shown[160];  /* name as clean text, for messages */
     struct umbs_import_options options;
     char importer[PATH_BYTES];
     int input, folder, output;
@@ -44,7 +44,8 @@ struct import {
 
 static enum umb_status open_input(struct import *import, struct umb_error *error)
 {
-    /* O_NONBLOCK: opening a pipe without a writer must not wait. It changes nothing for files. */
+    /* O_NONBLOCK: opening a pipe without a writer must not wait. The flag has no effect on
+     * files. */
     import->input = open(import->path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (import->input < 0) {
         return umb_fail_errno(error, umb__open_status(errno), errno, "cannot open scene '%s'",
@@ -82,7 +83,7 @@ static enum umb_status open_folder(struct import *import, struct umb_error *erro
     return umbs_folder_open(folder, &import->folder, error);
 }
 
-/* Finds the importer program: as told, or beside the running program. */
+/* Finds the importer program: by its option, or beside the running program. */
 static enum umb_status find_importer(struct import *import, struct umb_error *error)
 {
     int length;
@@ -207,7 +208,7 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
     return status == UMB_OK ? classify(import, &end, error) : status;
 }
 
-/* Seals, maps and validates what the importer left in the memfd. */
+/* Seals, maps and validates the importer's output in the memfd. */
 static enum umb_status take_output(const struct import *import, struct umbs_scene *scene,
                                    struct umb_error *error)
 {
@@ -279,7 +280,7 @@ enum umb_status umbs_scene_import(const char *path, const struct umbs_import_opt
     const char *slash = strrchr(path, '/');
     import.name = slash != NULL ? slash + 1 : path;
     umbs_text_clean(import.shown, sizeof(import.shown), import.name, strlen(import.name));
-    if (import.shown[0] == '\0') { /* "folder/" */
+    if (import.shown[0] == '\0') { /* the path ends with a slash */
         umbs_text_clean(import.shown, sizeof(import.shown), path, strlen(path));
     }
     struct umbs_scene *scene = calloc(1, sizeof(*scene));

@@ -28,13 +28,15 @@
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
 
-#define CHILD_FDS_MAX 32U /* input, output, one sibling at a time, sanitizer's own */
-#define POLL_STEP_MS  50  /* how late the end of a child is noticed whose pipe somebody holds */
+/* The importer's: input, output, one sibling at a time, sanitizer's own. */
+#define CHILD_FDS_MAX 32U
+/* Delay until a child's end is noticed while another process holds its pipe. */
+#define POLL_STEP_MS 50
 
-/* What connects it with its parent; each [0] is the parent's end. */
+/* Pipes and sockets between the importer and its parent; [0] is the parent's end. */
 struct lines {
-    int talk[2];  /* a pipe: its one sentence */
-    int files[2]; /* scene_broker.h */
+    int talk[2];  /* pipe for the importer's one message */
+    int files[2]; /* socket of scene_broker.h */
 };
 
 _Static_assert(UMBS_CHILD_FD_INPUT == 3 && UMBS_CHILD_FD_FILES == 4 && UMBS_CHILD_FD_OUTPUT == 5,
@@ -59,7 +61,8 @@ static void become_program(const struct umbs_process *process, char *const *envi
     _exit(UMBS_PROCESS_EXIT_NOT_STARTED);
 }
 
-/* Reads what there is; keeps the first bytes, drops the rest. Returns 0 at the end of the pipe. */
+/* Reads all available bytes; keeps the first and drops the rest. Returns 0 at the end of the
+ * pipe. */
 static int drain(int pipe_end, char *talk, size_t size, size_t *used)
 {
     char chunk[1024];
@@ -81,7 +84,7 @@ static int drain(int pipe_end, char *talk, size_t size, size_t *used)
     }
 }
 
-/* One child while it is watched. */
+/* A child being watched. */
 struct watched {
     const struct umbs_process *process;
     struct lines *lines;
@@ -90,14 +93,14 @@ struct watched {
     uint32_t files_left; /* Number of times that it may still ask for a file */
 };
 
-/* Waits a moment for words or requests, and takes them. */
+/* Waits a moment for messages or requests, and handles them. */
 static void attend(struct watched *watched, int64_t left_ms)
 {
     struct lines *lines = watched->lines;
     struct umbs_process_end *end = watched->end;
     struct pollfd wanted[2] = {{.fd = lines->talk[0], .events = POLLIN},
                                {.fd = lines->files[0], .events = POLLIN}};
-    /* Both closed: it is about to end. poll passes over -1. */
+    /* Both ends are closed: the importer is about to end. poll ignores -1. */
     int step_ms = lines->talk[0] < 0 && lines->files[0] < 0 ? 1 : POLL_STEP_MS;
     (void)poll(wanted, 2, left_ms < step_ms ? (int)left_ms : step_ms);
     if (wanted[0].revents != 0 &&

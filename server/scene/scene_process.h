@@ -3,13 +3,13 @@
 #define UMBRAGE_SERVER_SCENE_SCENE_PROCESS_H
 /*
  * The importer's process as its parent sees it: started with limits, watched, always reaped; and
- * the memfd it fills. Linux only.
+ * the memfd that it fills. Linux only.
  *
- * Limits that the parent sets before the program starts, so that no bug of the importer can skip
- * them: CPU seconds, size of a written file, descriptors, no core, death with the parent's thread,
- * no new privileges, its own process group, only the agreed descriptors, a near-empty environment.
- * The importer itself sets the limit of its address space first of all: only it knows whether it
- * is a sanitizer build, which cannot live under one.
+ * The parent sets limits before the program starts, so that no bug of the importer can skip them:
+ * CPU seconds, size of a written file, descriptors, no core, death with the parent's thread, no new
+ * privileges, its own process group, only the agreed descriptors, a near-empty environment. The
+ * importer itself sets the limit of its address space as its first action: only it knows whether it
+ * is a sanitizer build, which cannot run under such a limit.
  */
 #include <stdint.h>
 #include "scene/scene.h"
@@ -20,22 +20,22 @@ struct umbs_process {
     const char *program;
     char *const *arguments;    /* NULL-terminated, program first */
     int input, output;         /* become UMBS_CHILD_FD_*; stay open here */
-    int folder;                /* of the files that it may ask for (scene_broker.h) */
+    int folder;                /* folder of the files that it may ask for (scene_broker.h) */
     uint32_t max_files;        /* Number of times that it may ask for a file */
     uint32_t timeout_s;        /* CPU seconds, and wall seconds */
-    uint64_t max_output_bytes; /* written to one file */
-    /* As in struct umbs_import_options; may be NULL. */
+    uint64_t max_output_bytes; /* limit of each file that it writes */
+    /* Hook of struct umbs_import_options; may be NULL. */
     enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
                                struct umb_error *error);
     void *user;
 };
 
-/* How it ended. */
+/* Outcome of a process. */
 struct umbs_process_end {
-    int timed_out;                      /* it was killed at the wall-clock limit */
+    int timed_out;       /* it was killed at the wall-clock limit */
     int asked_too_often; /* it was killed because it asked more than max_files times */
-    int exit_code;                      /* 0..255, or -1 if a signal ended it */
-    int signal;                         /* or 0 */
+    int exit_code;       /* 0..255, or -1 if a signal ended it */
+    int signal;          /* or 0 */
     char talk[UMBS_PROCESS_TALK_BYTES]; /* first line it wrote to stderr, clean text */
 };
 
@@ -44,8 +44,8 @@ struct umbs_process_end {
 /*
  * Runs the program and waits for its end.
  *
- * Fails: E_UNAVAILABLE (program missing or not executable), E_IO (no process, no pipe), what
- *        shut_in fails with. Whatever else happens to the process is in `end`.
+ * Fails: E_UNAVAILABLE (program missing or not executable), E_IO (no process, no pipe), a failure
+ *        of shut_in. Every other outcome is in `end`.
  * Cost:  blocks up to the time limit. No process is left behind.
  */
 UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,
@@ -54,7 +54,7 @@ UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,
 /* Makes an empty memfd that can be sealed. Fails: E_IO. */
 UMB_CHECKED enum umb_status umbs_memfd_create(int *fd, struct umb_error *error);
 
-/* Seals a memfd against every change. Fails: E_IO (somebody still has it mapped for writing). */
+/* Seals a memfd against every change. Fails: E_IO (it is still mapped for writing). */
 UMB_CHECKED enum umb_status umbs_memfd_seal(int fd, struct umb_error *error);
 
 /* Opens a folder only to look names up in it. Fails: E_NO_INPUT. */

@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A mapping with room behind it, opened and read under the guard.
+ * Asset maps: a mapped file with reserved address space behind it, opened and read under the guard.
  *
- * The mapped layout numbers nodes in words and bricks in 64 bytes, by 32 bits from a start that is
- * checked when the file is opened (format/view.h): no number leads further than REACH_BYTES behind
- * the map's end. That range is reserved without access, which costs address space and nothing else.
+ * The mapped layout addresses nodes in words and bricks in units of 64 bytes, with 32-bit numbers.
+ * They count from a start that is checked at the opening (format/view.h). So no number leads
+ * further than REACH_BYTES beyond the map's end. That range is reserved without access, which costs
+ * address space and nothing else.
  *
- * Opening reads hostile bytes too, so it runs guarded; a fault would lose what it had allocated.
- * Hence its allocator keeps a list of its blocks. Some readers of the open asset allocate as well
- * (umb_calibrate), on any thread: the list has a lock, under which nothing of the file is read.
+ * Opening reads hostile bytes too, so it runs under the guard. A fault would leak what the opening
+ * had allocated, hence its allocator keeps a list of its blocks. Some readers of the open asset
+ * also allocate (umb_calibrate), on any thread: the list has a lock. No file byte is read under
+ * that lock.
  */
 #define _GNU_SOURCE /* MAP_ANONYMOUS, MAP_NORESERVE, madvise */
 #include "store/asset_map.h"
@@ -26,10 +28,8 @@
 #include "common/private_folder.h"
 #include "common/sha256.h"
 
-#define REACH_BYTES                                                                                \
-    (((uint64_t)1 << 38) +                                                                         \
-     ((uint64_t)1 << 20)) /* 2^32 bricks, and a node's end                   \
-                                                 */
+/* 2^32 bricks, and a node's end. */
+#define REACH_BYTES (((uint64_t)1 << 38) + ((uint64_t)1 << 20))
 
 /* A block that an asset allocated while it was opened. */
 struct block {
@@ -45,12 +45,12 @@ struct block_list {
 struct umbs_asset_map {
     int fd; /* -1 = the bytes are a copy */
     void *base;
-    size_t bytes;    /* of the file */
-    size_t reserved; /* from base on, bytes included */
+    size_t bytes;    /* size of the file in bytes */
+    size_t reserved; /* reserved address space in bytes, from base on; includes the map */
     struct umbs_stamp stamp;
     uint8_t id[UMB_ID_BYTES];
     int has_digest;
-    uint8_t digest[UMB_ID_BYTES]; /* of the file, where has_digest */
+    uint8_t digest[UMB_ID_BYTES]; /* SHA-256 of the file, where has_digest */
     struct block_list blocks;
     struct umb_alloc alloc;
     struct umb_asset *asset;
@@ -101,7 +101,7 @@ static void block_link(struct block_list *list, struct block *block)
     list->first = block;
 }
 
-/* Under the lock. */
+/* Resizes a block; called with the list's lock held. */
 static void *block_renew(struct block_list *list, struct block *old, size_t size)
 {
     if (old != NULL) {
@@ -122,7 +122,7 @@ static void *block_renew(struct block_list *list, struct block *old, size_t size
     return block->bytes;
 }
 
-/* umb_alloc's resize; user is the list. */
+/* Resize callback of umb_alloc; user is the list. */
 static void *block_resize(void *user, void *bytes, size_t size)
 {
     struct block_list *list = user;
@@ -137,7 +137,7 @@ static void *block_resize(void *user, void *bytes, size_t size)
     return renewed;
 }
 
-/* One try at opening the bytes, for the guard. */
+/* One attempt to open the bytes, run under the guard. */
 struct opening {
     const void *bytes;
     size_t size;
@@ -159,8 +159,8 @@ static enum umb_status has_changed(struct umb_error *error)
     return umb_fail(error, UMB_E_CORRUPT, "the mapped file was cut or changed while in use");
 }
 
-/* True if the file is still as long and as old as at the opening. A deleted or renamed one is: only
- * its time of change moves. */
+/* True if the file has the size and the modification time that it had at the opening. Deleting or
+ * renaming a file leaves both as they are: only its time of change moves. */
 static int is_unchanged(const struct umbs_asset_map *map)
 {
     struct stat now;
@@ -191,7 +191,7 @@ enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*rea
     return status == UMB_OK ? umbs_asset_map_revalidate(map, error) : status;
 }
 
-/* Opens the bytes, guarded; the blocks it allocated are in *blocks. */
+/* Opens the bytes under the guard. Out: *blocks: the blocks that the opening allocated. */
 static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_trust trust,
                                     const struct umb_alloc *alloc, struct umb_asset **asset,
                                     struct umb_error *error)
@@ -226,7 +226,7 @@ static void free_blocks(struct block_list *list)
     }
 }
 
-/* Opens the file and takes its stamp. */
+/* Opens the file and records its stamp. */
 static enum umb_status open_file(struct umbs_asset_map *map, const char *path, int ours,
                                  struct umb_error *error)
 {
@@ -251,9 +251,9 @@ static enum umb_status open_file(struct umbs_asset_map *map, const char *path, i
 }
 
 /*
- * Maps the file at the start of a reserved range. Where so much address space is not to be had
- * (RLIMIT_AS, some sanitizers) the range is the map alone: the process then still outlives every
- * fault in it, but numbers of a file that is being overwritten may be followed out of it.
+ * Maps the file at the start of a reserved range. If that much address space is not available
+ * (RLIMIT_AS, some sanitizers), the range is the map alone. The process then still survives every
+ * fault inside the map, but the numbers of a file that is being overwritten may lead out of it.
  */
 static enum umb_status map_file(struct umbs_asset_map *map, struct umb_error *error)
 {
@@ -277,7 +277,7 @@ static enum umb_status map_file(struct umbs_asset_map *map, struct umb_error *er
     return UMB_OK;
 }
 
-/* Reads the file into memory of our own, then closes it and protects the memory. */
+/* Reads the file into our own memory, closes it and write-protects the memory. */
 static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *error)
 {
     void *base = mmap(NULL, map->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -287,7 +287,7 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     }
     map->base = base;
     map->reserved = map->bytes;
-    (void)madvise(base, map->bytes, MADV_HUGEPAGE); /* a hint: fewer misses of the TLB */
+    (void)madvise(base, map->bytes, MADV_HUGEPAGE); /* a hint: huge pages give fewer TLB misses */
     size_t have = 0;
     while (have < map->bytes) {
         size_t part = map->bytes - have < ((size_t)1 << 30) ? map->bytes - have : (size_t)1 << 30;
@@ -311,9 +311,9 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     return UMB_OK;
 }
 
-/* Look-ups jump: reading ahead would push out pages that are wanted. With an asset four times as
- * large as memory this halves the slowest calls (tests/system/larger_than_memory.py). A copy needs
- * none. */
+/* Look-ups jump, so read-ahead would push out pages that are needed. For an asset four times as
+ * large as memory, random advice halves the slowest calls (tests/system/larger_than_memory.py). A
+ * copy needs no advice. */
 static void advise(const struct umbs_asset_map *map, int advice)
 {
     if (map->fd >= 0) {
@@ -321,9 +321,10 @@ static void advise(const struct umbs_asset_map *map, int advice)
     }
 }
 
-#define PIECE_BYTES ((size_t)1 << 20) /* read at once to be hashed */
+#define PIECE_BYTES ((size_t)1 << 20) /* bytes read at a time for the hash */
 
-/* SHA-256 of the file by reads, which a cut file ends early, or of the copy. */
+/* SHA-256 of the file, or of the copy. Reads instead of the map: a file cut short ends them
+ * early. */
 static enum umb_status hash_file(const struct umbs_asset_map *map, uint8_t digest[UMB_ID_BYTES],
                                  struct umb_error *error)
 {
@@ -353,7 +354,7 @@ static enum umb_status hash_file(const struct umbs_asset_map *map, uint8_t diges
                         : umb_fail_errno(error, UMB_E_IO, cause, "cannot read a mapped file");
 }
 
-/* Compares the bytes with the digest that they must have, if there is one. */
+/* Compares the bytes with the expected digest, if there is one. */
 static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb_error *error)
 {
     uint8_t digest[UMB_ID_BYTES];
@@ -373,7 +374,7 @@ static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb
     return status;
 }
 
-/* After the bytes are there: checks them, or their head alone if they are known. */
+/* Once the bytes are there: checks all of them, or only the head of a file that is known. */
 static enum umb_status open_checked(struct umbs_asset_map *map,
                                     const struct umbs_asset_map_options *options,
                                     struct umb_error *error)
@@ -467,6 +468,6 @@ enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct um
     advise(map, POSIX_MADV_SEQUENTIAL);
     enum umb_status status = open_guarded(map, UMB_TRUST_NOTHING, &alloc, &asset, error);
     advise(map, POSIX_MADV_RANDOM);
-    free_blocks(&blocks); /* all that the asset is made of */
+    free_blocks(&blocks); /* every allocation of the asset */
     return status;
 }

@@ -33,7 +33,7 @@
 
 struct umbs_asset_map; /* opaque */
 
-/* What tells one state of a file from another. */
+/* Stamp of a file: equal stamps mean an unchanged file. */
 struct umbs_stamp {
     uint64_t device, inode, size;
     struct timespec modified, changed;
@@ -43,11 +43,11 @@ struct umbs_stamp umbs_stamp_of(const struct stat *status);
 int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b);
 
 struct umbs_asset_map_options {
-    uint8_t id[UMB_ID_BYTES]; /* the asset that it must be */
-    /* NULL, or how the file looked when it passed a full check: if it still looks so, only its head
-     * is checked now. */
-    const struct umbs_stamp *known; /* not for copies: those are always checked whole */
-    /* NULL, or the SHA-256 that the whole file must have: at every check but that of a known one */
+    uint8_t id[UMB_ID_BYTES]; /* id of the asset that the file must hold */
+    /* Stamp of the file when it passed a full check, or NULL. If the file still has it, only the
+     * head is checked now. */
+    const struct umbs_stamp *known; /* not for copies: they are always checked in full */
+    /* SHA-256 of the whole file, or NULL. Every check but that of a known file compares it. */
     const uint8_t *digest; /* [UMB_ID_BYTES] */
     int ours;              /* 1 = refuse a file that other users may write to, or a link */
     int copy;              /* 1 = hold a copy in memory */
@@ -67,36 +67,36 @@ UMB_CHECKED enum umb_status umbs_asset_map_open(const char *path,
                                                 struct umbs_asset_map **out,
                                                 struct umb_error *error);
 
-/* Gives memory and descriptor back. NULL is allowed. */
+/* Releases memory and descriptor. NULL is allowed. */
 void umbs_asset_map_close(struct umbs_asset_map *map);
 
-/* Borrowed until close. Its description may be read at any time; its voxels, that is what
- * umb_query_run reads, only in umbs_asset_map_read. */
+/* The asset, borrowed until close. Its description may be read at any time. Its voxels, which
+ * umb_query_run reads, may be read only in umbs_asset_map_read. */
 const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map);
 
-/* 1 if the bytes are a copy: nothing done to the file matters. */
+/* 1 if the bytes are a copy: changes of the file have no effect on it. */
 int umbs_asset_map_is_copy(const struct umbs_asset_map *map);
 
-/* The SHA-256 that it must have, or NULL. */
+/* Expected SHA-256 of the file, or NULL. */
 const uint8_t *umbs_asset_map_digest(const struct umbs_asset_map *map);
 
-/* How the file looked when it was opened. */
+/* Stamp of the file at its opening. */
 const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map);
 
 /*
  * Calls read(user), which may read the asset's voxels and must not own anything (fault_guard.h).
  *
- * Fails: E_CORRUPT if the file was cut or changed since it was opened: what read gave is then not
- * to be used. It may have been called and left midway. Cost:  10 ns and one fstat, 0.2 us; with
- * copy nothing.
+ * Fails: E_CORRUPT if the file was cut or changed since it was opened: discard what read wrote.
+ *        read may have been called and left midway.
+ * Cost:  10 ns and one fstat, 0.2 us; with copy nothing.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map,
                                                 void (*read)(void *user), void *user,
                                                 struct umb_error *error);
 
 /*
- * The same in two steps, for many small reads: what optimistic reads gave may be used once a
- * revalidation after all of them succeeded. Each of the two fails as umbs_asset_map_read does.
+ * umbs_asset_map_read in two steps, for many small reads: results of optimistic reads may be used
+ * once a revalidation after all of them succeeded. Each step fails as umbs_asset_map_read does.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
                                                            void (*read)(void *user), void *user,
@@ -104,8 +104,9 @@ UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_ass
 UMB_CHECKED enum umb_status umbs_asset_map_revalidate(const struct umbs_asset_map *map,
                                                       struct umb_error *error);
 
-/* Checks the whole file again: the digest, or without one checksums, structure and identity. Fails:
- * E_CORRUPT and the like, E_IO, E_NO_MEMORY. Cost: one pass over the file (1 GB/s or more). */
+/* Checks the whole file again: by its digest, or without one by checksums, structure and identity.
+ * Fails: E_CORRUPT and the like, E_IO, E_NO_MEMORY.
+ * Cost: one pass over the file (1 GB/s or more). */
 UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,
                                                  struct umb_error *error);
 

@@ -2,11 +2,11 @@
 /*
  * The store: opening, closing, entries and their end.
  *
- * Invariants: a table holds one reference to each of its entries; an entry with no references is in
- * no table, and in the free list or being freed by who emptied that; the store itself lives until
- * it is closed and its last entry is gone. A thread that pushes onto a free list and may
- * find the store closed meanwhile holds the store while it does, because another thread may free
- * what was pushed at once.
+ * Invariants: a table holds one reference to each of its entries. An entry with no references is in
+ * no table; it is in the free list, or being freed by the thread that emptied the list. The store
+ * itself lives until it is closed and its last entry is gone. A thread that pushes onto a free list
+ * while the store may be closed holds the store during the push, because another thread may free
+ * the pushed entry at once.
  */
 #include "store/store_internal.h"
 
@@ -46,7 +46,7 @@ static void store_free(struct umbs_store *store)
     free(store);
 }
 
-/* Gives back so many holds of a store; the last one frees it. */
+/* Gives back `count` holds of a store; the last one frees it. */
 static void store_let_go(struct umbs_store *store, size_t count)
 {
     if (atomic_fetch_sub(&store->holders, count) == count) {
@@ -62,7 +62,7 @@ void umbs__entry_retire(struct umbs_entry *entry)
     }
 }
 
-/* Lets go of what an old table refers to. */
+/* Drops the references of an old table, and frees it. */
 static void table_free(struct umbs_table *table)
 {
     for (size_t i = 0; i < table->count; i++) {
@@ -76,7 +76,7 @@ static void table_free(struct umbs_table *table)
     free(table);
 }
 
-/* Frees entries that nobody can reach any more. Returns how many. */
+/* Frees entries that are no longer reachable. Returns how many. */
 static size_t free_entries(struct umbs_entry *list)
 {
     size_t count = 0;
@@ -131,7 +131,7 @@ static enum umb_status open_cache(struct umbs_store *store, const char *path, in
     return UMB_OK;
 }
 
-/* Looks whether a folder is there, and opens its cache. */
+/* Checks that a folder is there, and opens its cache. */
 static enum umb_status open_folder(struct umbs_store *store, const char *path, const char *cache,
                                    struct umb_error *error)
 {
@@ -174,8 +174,9 @@ void umbs_store_close(struct umbs_store *store)
     for (size_t i = 0; i < store->cache_count; i++) {
         umbs__cache_let_go(&store->caches[i]);
     }
-    atomic_store(&store->closed, 1); /* before the reaping: who retires an entry from here on sees
-                                      * it, and reaps himself */
+    /* Before the reaping: a thread that retires an entry after this store sees it, and reaps the
+     * entry itself. */
+    atomic_store(&store->closed, 1);
     if (store->table != NULL) {
         (void)umbs__table_let_go(store, store->table);
     }
@@ -245,8 +246,8 @@ void umbs_entry_release(struct umbs_entry *entry)
     store_let_go(store, 1);
 }
 
-/* No further call gets the entry, and the owner is asked for a scan that replaces it. Only the
- * first of several batches that find the same damage does so. */
+/* Takes a damaged entry out of use: no further call gets it, and the owner is asked for a scan that
+ * replaces it. Of several batches that find the same damage, only the first does so. */
 void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error)
 {
     struct umbs_store *store = entry->store;
@@ -272,7 +273,7 @@ void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *er
     }
 }
 
-/* Sets an entry aside whose file turned out to be damaged. */
+/* Takes an entry out of use whose file proved to be damaged. */
 static enum umb_status is_damaged(struct umbs_entry *entry, const struct umb_error *cause,
                                   struct umb_error *error)
 {

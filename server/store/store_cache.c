@@ -49,7 +49,7 @@ static void warn(const struct umbs_cache *cache, const char *event, const struct
                    umbs_log_quote(error->message, quoted));
 }
 
-/* Makes the folder and checks that it is ours alone. */
+/* Makes the folder and checks that no other user can change it. */
 static enum umb_status open_folder(struct umbs_cache *cache, struct umb_error *error)
 {
     char *resolved = NULL;
@@ -69,8 +69,8 @@ static enum umb_status open_folder(struct umbs_cache *cache, struct umb_error *e
 }
 
 /*
- * Reads the key. Fails: E_NO_INPUT (none yet), E_CORRUPT (not ours alone, or not a key: to be made
- * anew), E_IO.
+ * Reads the key. Fails: E_NO_INPUT (none yet), E_CORRUPT (other users can change it, or it is not a
+ * key: make it anew), E_IO.
  */
 static enum umb_status read_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
                                 struct umb_error *error)
@@ -114,7 +114,7 @@ static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
     return umbu_output_replace(path, UMBU_OUTPUT_PRIVATE, key, UMBS_KEY_BYTES, error);
 }
 
-/* Reads the key; the daemon that may write makes one where there is none that can be used. */
+/* Reads the key. The daemon with write access makes a new one if there is no usable key. */
 static enum umb_status take_key(struct umbs_cache *cache, struct umb_error *error)
 {
     char *path = umbs__path_join(cache->path, UMBS_CACHE_KEY);
@@ -155,8 +155,8 @@ static void read_records(struct umbs_cache *cache)
 }
 
 /* Takes the lock unless another daemon has it; without the lock the cache is only read. On a file
- * system without locks two daemons may write. That does no harm: files appear whole, and are
- * checked by their digest. */
+ * system without locks two daemons may write. That does no harm: files appear whole, and their
+ * digests are checked. */
 static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *error)
 {
     char *path = umbs__path_join(cache->path, "lock");
@@ -176,7 +176,7 @@ static enum umb_status look_again(struct umbs_cache *cache, struct umb_error *er
 {
     char *resolved = NULL;
     if (cache->lock.fd >= 0 && !umbs_owner_lock_is_there(&cache->lock)) {
-        umbs_owner_lock_release(&cache->lock); /* it was removed: there may be another */
+        umbs_owner_lock_release(&cache->lock); /* the file was removed: there may be another */
         cache->ready = 0;
     }
     if (!cache->ready) {
@@ -187,7 +187,7 @@ static enum umb_status look_again(struct umbs_cache *cache, struct umb_error *er
     return status;
 }
 
-/* Under the mutex. */
+/* Makes the folder ready; called with the mutex held. */
 static enum umb_status make_ready(struct umbs_cache *cache, struct umb_error *error)
 {
     enum umb_status status = cache->ready ? UMB_OK : open_folder(cache, error);

@@ -27,10 +27,10 @@
 #define UMBS_CACHE_KEY "key"
 
 struct umbs_cache {
-    pthread_mutex_t mutex;       /* over all below */
-    const struct umbs_log *log;  /* may be NULL */
+    pthread_mutex_t mutex;       /* guards all fields below */
+    const struct umbs_log *log;  /* log of the daemon; may be NULL */
     char *path;                  /* Path as configured; without links once it is ready */
-    int ready;                   /* 1 if the folder is ours alone and the key is read */
+    int ready;                   /* 1 if only this user can change the folder and the key is read */
     int logged_shared;           /* 1 if the log has another daemon's pid already */
     struct umbs_owner_lock lock; /* Lock of the folder; held by the daemon that may write */
     uint8_t key[UMBS_KEY_BYTES];
@@ -44,13 +44,13 @@ struct umbs_cache {
 /* Sets up the object; nothing is read yet. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
                                              const struct umbs_log *log, struct umb_error *error);
-/* Lets another daemon write to the folder. */
+/* Releases the lock, so that another daemon may write to the folder. */
 void umbs__cache_let_go(struct umbs_cache *cache);
 void umbs__cache_finish(struct umbs_cache *cache);
 
 /*
- * Makes the folder ready, if it is not yet: created, checked, locked, key and list read. Tries
- * again at each call, since another daemon may have ended.
+ * Makes the folder ready, unless it is: created, checked, locked, key and list read. Tries again at
+ * each call, since another daemon may have ended.
  *
  * Out:   writable: 1 if this daemon may write to it. May be NULL.
  * Fails: E_PERMISSION (other users can change it), E_BUSY (another daemon is making the key),
@@ -65,22 +65,22 @@ int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
 int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
                         struct umbs_record *record);
 
-/* Adds a record if there is none of its packed file. */
+/* Adds a record unless its packed file has one. */
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first of
- * each scan are. _made: it is complete. The others are synced together before a list names them: a
- * power cut may tear a mapped file without a record, which is then made anew.
+ * Steps around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first
+ * files of each scan are. _made: the file is complete. The others are synced together before a list
+ * names them: a power cut may tear a mapped file without a record, which is then made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);
 
-/* Makes these the records, and writes them if they are not what the file has; takes them over. */
+/* Replaces the records and takes ownership of the new ones; writes them if the file differs. */
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);
 
-/* Path of the folder, malloc, where this daemon may write to it; NULL: it may not, or out of
- * memory. Another thread may make the cache ready meanwhile, which changes `path`. */
+/* Path of the folder, malloc, if this daemon may write to it; NULL: it may not, or out of memory. A
+ * copy, because another thread may make the cache ready meanwhile, which changes `path`. */
 char *umbs__cache_own_folder(struct umbs_cache *cache);
 
 /* Path of the mapped file of an id, malloc; NULL: out of memory. */

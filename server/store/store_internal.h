@@ -13,27 +13,29 @@
 
 struct umbs_entry {
     struct umbs_store *store;
-    atomic_size_t references;      /* each table that has it holds one */
+    atomic_size_t references;      /* number of references; each table with this entry holds one */
     const struct umb_asset *asset; /* NULL if the file cannot answer */
-    struct umbs_asset_map *map;    /* owns the asset; or NULL: */
-    struct umb_asset *expanded;    /* owns it, in memory */
+    struct umbs_asset_map *map;    /* map that owns the asset; or NULL: */
+    struct umb_asset *expanded;    /* asset expanded in memory, owned */
     struct umbs_store_item item;
-    struct umb_error error; /* why it cannot answer; written before faulted, else not changed */
+    /* Reason why it cannot answer; written before faulted, else not changed. */
+    struct umb_error error;
     struct umbs_stamp stamp;
-    size_t folder;                   /* index in the store's */
-    uint64_t tried;                  /* under store->scan: serial of the scan that last loaded it,
-                                      * or tried to replace it */
+    size_t folder; /* index of its folder in the store */
+    /* Serial of the scan that last loaded it or tried to replace it; under store->scan. */
+    uint64_t tried;
     atomic_uint_fast64_t checked_ms; /* of the last full check, umbu_clock_ms; 0 = before */
     int has_id;                      /* item.id was read from its head */
-    atomic_int faulted;              /* its map was cut or changed, error says so */
-    atomic_int replaced;             /* 1 if its file is being replaced: umbs_store_replacing */
-    int retry; /* under store->scan: the failure was not the file's: try at each scan */
+    atomic_int faulted;  /* 1 once its map was found cut or changed; error has the reason */
+    atomic_int replaced; /* 1 if its file is being replaced: umbs_store_replacing */
+    int retry; /* 1: the failure was not the file's; each scan tries again; under store->scan */
     struct umbs_entry *next_retired;
 };
 
-/* Immutable once published. */
+/* A table of entries, immutable once published. */
 struct umbs_table {
-    atomic_size_t references; /* the store's, one for each reader, and of whoever walks it */
+    /* One for the store, one for each reader, one for each walk in progress. */
+    atomic_size_t references;
     size_t count;
     struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
     struct umbs_entry **by_id;   /* [healthy], sorted by id */
@@ -46,14 +48,15 @@ struct umbs_table {
 
 struct umbs_reader {
     struct umbs_store *store;
-    struct umbs_table *table;          /* the one it looks into, held; its thread's own */
-    _Atomic(struct umbs_table *) mail; /* a newer one, held, put here by a scan; NULL: none */
+    /* Held table that look-ups use; touched only by the reader's thread. */
+    struct umbs_table *table;
+    _Atomic(struct umbs_table *) mail; /* held newer table, put here by a scan; NULL: none */
     struct umbs_reader *next;          /* under store->mutex */
 };
 
 struct umbs_folder {
     char *path;
-    struct umbs_cache *cache; /* one of the store's */
+    struct umbs_cache *cache; /* cache of the folder, one of the store's */
     /* Under the store's scan mutex: */
     size_t skipped_before, shadowed_before;
 };
@@ -64,13 +67,13 @@ struct umbs_name {
     char text[UMBS_STORE_NAME_MAX + 1];
 };
 
-/* The lane for large files, store_lane.c. */
+/* The lane that loads large files, store_lane.c. */
 struct umbs_lane {
-    pthread_mutex_t mutex; /* over all from state on */
+    pthread_mutex_t mutex; /* guards all fields from state on */
     pthread_cond_t changed;
     pthread_t thread;
     int running;         /* set before the first scan that uses it */
-    uint64_t from_bytes; /* packed size of a file that is for the lane */
+    uint64_t from_bytes; /* packed size in bytes from which the lane loads a file */
     struct umbs_entry *(*load)(struct umbs_store *store, const struct umbs_name *name, int rebuild);
     enum {
         UMBS_LANE_IDLE,
@@ -81,7 +84,7 @@ struct umbs_lane {
     struct umbs_name name; /* Name of the file; not changed while it loads */
     struct umbs_stamp stamp;
     int rebuild;
-    int yielded;              /* 1: the file loaded last has asked again and lets others go first */
+    int yielded;              /* 1: the file loaded last asked again and yields to the others */
     struct umbs_entry *entry; /* Loaded entry; NULL: out of memory */
     uint64_t load_ms;
 };
@@ -100,19 +103,20 @@ struct umbs_store {
     void *owner;
 
     pthread_mutex_t scan; /* one rescan at a time; taken before mutex */
-    uint64_t serial;      /* of the scan; under scan */
+    uint64_t serial;      /* serial of the scan; under scan */
 
     pthread_mutex_t mutex;       /* for a few instructions each time: */
-    struct umbs_table *table;    /* the newest; changed by scans only */
-    struct umbs_reader *readers; /* who get the next one */
+    struct umbs_table *table;    /* newest table; only scans change it */
+    struct umbs_reader *readers; /* readers that get the next table */
     uint64_t faults, scrubbed;
     int64_t scrubbed_at;
 
-    /* What nobody refers to any more and nobody has freed yet: stacks that are only ever taken
-     * whole, so that a push is one compare and exchange. */
+    /* Unreferenced tables and entries that wait to be freed. These stacks are only ever taken
+     * whole, so a push is one compare and exchange. */
     _Atomic(struct umbs_table *) old_tables;
     _Atomic(struct umbs_entry *) free_list;
-    atomic_size_t holders; /* entries that exist, and 1 until it is closed: it outlives them */
+    /* Entries that exist, plus 1 until the store is closed: the store outlives its entries. */
+    atomic_size_t holders;
     atomic_int closed;
 };
 
@@ -122,18 +126,18 @@ struct umbs_name_list {
 };
 
 /* Collects the names of all folders, sorted, each once. Fails: E_NO_INPUT, E_IO, E_NO_MEMORY; the
- * list is the caller's to free either way. */
+ * caller frees the list in every case. */
 UMB_CHECKED enum umb_status umbs__names_read(struct umbs_store *store, struct umbs_name_list *list,
                                              struct umbs_store_report *report,
                                              struct umb_error *error);
 
-/* Makes an entry for a file; a damaged file gives an entry without asset. rebuild: make its cache
- * anew, whatever is there. NULL: out of memory. Blocks; called by the scan without the mutex. */
+/* Makes an entry for a file; a damaged file gives an entry without asset. rebuild: 1 = make its
+ * cache anew in any case. NULL: out of memory. Blocks; called by the scan without the mutex. */
 struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
                                     int rebuild);
 
-/* The same for a file that is known by its stamp and whose mapped file still is as it was; NULL if
- * not so. Quick. */
+/* Makes an entry for a file with a known stamp whose mapped file is unchanged; NULL if it is not
+ * so. Quick. */
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed);
 
@@ -143,7 +147,7 @@ enum umbs_lane_answer {
     UMBS_LANE_TAKE,       /* it is loaded */
 };
 
-/* Asks the lane for a file, by a scan. Out: entry: with _TAKE, NULL if memory was out; load_ms. */
+/* Asks the lane for a file, from a scan. Out: entry: with _TAKE, NULL if out of memory; load_ms. */
 enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs_name *name,
                                      const struct umbs_stamp *stamp, int rebuild,
                                      struct umbs_entry **entry, uint64_t *load_ms);
@@ -158,27 +162,27 @@ int umbs__lane_clear(struct umbs_store *store, int was_done);
 void umbs__lane_init(struct umbs_lane *lane);
 void umbs__lane_finish(struct umbs_lane *lane);
 
-/* 1 if the file is to blame that it could not be loaded: trying again does not help. */
+/* 1 if the file is the reason that it could not be loaded: trying again does not help. */
 int umbs__is_the_files_fault(enum umb_status status);
 
-/* 1 if it is so since the file is damaged; others are too large, of another version, or partial. */
+/* 1 if the file is damaged; other failures: too large, of another version, or partial. */
 int umbs__is_damage(enum umb_status status);
 
 /* Path of an asset's packed file, malloc; NULL: out of memory. */
 char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name);
 
-/* Sets an entry aside and tells the owner, once. */
+/* Takes an entry out of use and calls the owner, once. */
 void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error);
 
 /* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
  * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */
 size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *table);
 
-/* An empty table with room for so many entries, held once; NULL: out of memory. */
+/* An empty table with room for `room` entries, held once; NULL: out of memory. */
 struct umbs_table *umbs__table_create(size_t room);
 
-/* The newest table, held. _let_go: gives any table back; the last one to do so leaves it to
- * umbs_store_reap, and returns 1. _walked: the same, and has it reaped soon. */
+/* The newest table, held. _let_go releases any table: the last release leaves the table to
+ * umbs_store_reap and returns 1. _walked does the same and has the table reaped soon. */
 struct umbs_table *umbs__table_hold(struct umbs_store *store);
 int umbs__table_let_go(struct umbs_store *store, struct umbs_table *table);
 void umbs__table_walked(struct umbs_store *store, struct umbs_table *table);
@@ -188,20 +192,20 @@ UMB_CHECKED enum umb_status umbs__table_acquire(const struct umbs_table *table,
                                                 const char *name_or_id, struct umbs_entry **out,
                                                 struct umb_error *error);
 
-/* 1 if one of the first so many folders has a whole file of that id. */
+/* 1 if one of the first `folders` folders has a whole file with that id. */
 int umbs__table_has(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES], size_t folders);
 
-/* Makes a held table the newest, for the store and all its readers; takes over the hold. Returns
- * the one before, held. */
+/* Makes a held table the newest, for the store and all its readers, and takes over the hold.
+ * Returns the table before it, held. */
 struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table);
 
 /* Leaves an entry without references to umbs_store_reap. */
 void umbs__entry_retire(struct umbs_entry *entry);
 
-/* Something waits to be freed: has the owner free it, or frees it where there is none to ask. */
+/* Has retired memory freed: asks the owner, or frees it here if there is no owner to ask. */
 void umbs__reap_soon(struct umbs_store *store);
 
-/* The healthy entry of that id, or NULL. */
+/* The healthy entry with that id, or NULL. */
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES]);
 struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name);

@@ -95,7 +95,7 @@ int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms)
     return 1;
 }
 
-/* Whether the lane has, or had, this very file; under its mutex. */
+/* Tells whether the lane has, or had, this very file; under its mutex. */
 static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *name,
                        const struct umbs_stamp *stamp)
 {
@@ -105,8 +105,8 @@ static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *nam
            umbs_stamp_equal(was, stamp);
 }
 
-/* 1 if a file may have the free lane: the one that had it last only at its second asking, so that a
- * file that changes whenever it was loaded does not keep the others out. Under the mutex. */
+/* 1 if a file may have the free lane. The file that had it last gets it only when it asks twice: a
+ * file that changes after every load must not keep the others out. Under the mutex. */
 static int is_its_turn(struct umbs_lane *lane, const struct umbs_name *name)
 {
     const int had_it =

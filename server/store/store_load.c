@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Loading one file of the store: read whole, prove, map the cache (made here if need be) or expand.
+ * Loading one file of the store: read it whole, prove it, map its cache file (made if needed) or
+ * expand it in memory.
  *
- * A packed file is read into memory and never mapped, so that truncation by another process while
- * it is looked at is a short read. It is proven in full (head and every page) at each load: that
- * also finds bytes that rotted since they were published.
+ * A packed file is read into memory and never mapped, so truncation by another process gives a
+ * short read and no signal. It is proven in full (head and every page) at each load: that also
+ * finds bytes that rotted since the file was published.
  */
 #include "store/store_internal.h"
 
@@ -20,7 +21,7 @@
 #include "common/sha256.h"
 #include "format/head.h"
 
-/* Reads all of fd, whose size fstat gave; a file that shrank meanwhile is E_TRUNCATED. */
+/* Reads all of fd, whose size fstat gave; E_TRUNCATED if the file shrank meanwhile. */
 static enum umb_status read_all(int fd, size_t size, const char *name, uint8_t **bytes,
                                 struct umb_error *error)
 {
@@ -85,7 +86,7 @@ static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *
     return status;
 }
 
-/* Opens a packed image in memory, within the rest of the limit. */
+/* Expands a packed image in memory, within what is left of the limit. */
 static enum umb_status expand(struct umbs_store *store, const struct packed *packed,
                               struct umb_asset **asset, struct umb_error *error)
 {
@@ -119,7 +120,7 @@ static enum umb_status cache_try(struct umbs_store *store, const char *path,
     return umbs_asset_map_open(path, &options, &entry->map, error);
 }
 
-/* Sink that hashes its bytes and passes them on. */
+/* A sink that hashes its bytes and passes them on. */
 struct hashing {
     struct umb_sink to;
     struct umbs_sha256_run run;
@@ -132,7 +133,7 @@ static enum umb_status hash_and_write(void *user, const void *bytes, size_t coun
     return hashing->to.write(hashing->to.user, bytes, count);
 }
 
-/* Writes the mapped form. Out: digest: of its bytes. */
+/* Writes the mapped form. Out: digest: SHA-256 of its bytes. */
 static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *cache,
                                    const char *path, const struct packed *packed,
                                    uint8_t digest[UMB_ID_BYTES], struct umb_error *error)
@@ -166,8 +167,8 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
     return status;
 }
 
-/* Opens the mapped file that the list has for the id. Fails: E_NO_INPUT (it has none, and there is
- * no file either), E_CORRUPT and the like: to be made anew. */
+/* Opens the mapped file that the list has for the id. Fails: E_NO_INPUT (the list has none, and
+ * there is no file either), E_CORRUPT and the like: make it anew. */
 static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *entry,
                                    const char *path, int rebuild, struct umb_error *error)
 {
@@ -184,7 +185,7 @@ static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *
                           "no line under the cache's key says what the mapped file must be");
 }
 
-/* Makes the mapped file and opens it. Fails: E_BUSY (not ours to write), and the like. */
+/* Makes the mapped file and opens it. Fails: E_BUSY (another daemon may write), and the like. */
 static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *entry,
                                    const char *path, const struct packed *packed, int writable,
                                    struct umb_error *error)
@@ -204,8 +205,8 @@ static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *
     return status == UMB_OK ? cache_try(store, path, &record, NULL, entry, error) : status;
 }
 
-/* Opens the mapped form of a proven packed image, making it if need be. Fails: any status; the
- * caller then expands the packed form. */
+/* Opens the mapped form of a proven packed image, made if needed. Fails: any status; the caller
+ * then expands the packed form. */
 static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *entry,
                                   const struct packed *packed, int rebuild, struct umb_error *error)
 {
@@ -231,7 +232,7 @@ static void forget_mapped(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTE
 {
     char *path = cache != NULL ? umbs__cache_file(cache, id) : NULL;
     if (path != NULL) {
-        (void)unlink(path); /* processes that have mapped it keep it */
+        (void)unlink(path); /* processes that have mapped the file keep it */
     }
     free(path);
 }
@@ -295,7 +296,7 @@ static enum umb_status open_proven(struct umbs_store *store, struct umbs_entry *
     return status;
 }
 
-/* Reads, proves and opens; on failure the entry has no asset. */
+/* Reads, proves and opens a file; on failure the entry has no asset. */
 static enum umb_status load(struct umbs_store *store, struct umbs_entry *entry, const char *path,
                             int rebuild, struct umb_error *error)
 {
@@ -415,7 +416,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
         return NULL;
     }
     entry->asset = umbs_asset_map_asset(entry->map);
-    /* A mapped file that changed since was checked whole by the opening, as a copy is. */
+    /* The opening checked a changed mapped file in full, as it checks a copy. */
     if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
         entry->checked_ms = (uint64_t)umbu_clock_ms();
     }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The names of a store: NAME.umb in its folders, and FOLDER/NAME.umb one further down.
+ * The names of a store: NAME.umb in its folders, and FOLDER/NAME.umb one folder down.
  *
- * Symbolic links are followed by whoever opens them, so they are names like others; a link to a
- * folder is a folder. Going down once only, no loop of links is ever walked.
+ * Symbolic links are names like others, because opening follows them; a link to a folder counts as
+ * a folder. Only one level is read below the top, so no loop of links can trap the walk.
  */
 #include "store/store_internal.h"
 
@@ -18,7 +18,7 @@
 
 static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
 
-/* What the reading of one folder works on. */
+/* State of the reading of one folder. */
 struct reading {
     struct umbs_name_list *list;
     size_t folder;
@@ -34,8 +34,8 @@ static int compare_names(const void *a, const void *b)
     return order != 0 ? order : (left->folder > right->folder) - (left->folder < right->folder);
 }
 
-/* Makes the asset's name of PREFIX/NAME.umb. Returns 1, 0 (not an asset's file) or -1 (an asset's,
- * but refused). */
+/* Makes the asset's name from PREFIX/NAME.umb. Returns 1, 0 (not an asset's file) or -1 (an asset's
+ * file with a refused name). */
 static int name_of(const char *prefix, const char *file, char name[UMBS_STORE_NAME_MAX + 1])
 {
     size_t length = strlen(file);
@@ -88,7 +88,7 @@ static enum umb_status read_file_name(struct reading *reading, const char *prefi
     return kind > 0 ? add_name(reading, name, error) : UMB_OK;
 }
 
-/* Reads an open folder; prefix is NULL at the top, where folders are gone into. Closes it. */
+/* Reads an open folder and closes it. prefix is NULL at the top; only there folders are entered. */
 static enum umb_status read_folder(struct reading *reading, DIR *folder, const char *prefix,
                                    struct umb_error *error)
 {
@@ -122,7 +122,7 @@ static enum umb_status read_folder(struct reading *reading, DIR *folder, const c
     return status;
 }
 
-/* Says once, each time the number changes, that some names are not served. */
+/* Logs that some names are not served, once for each change of their number. */
 static void tell(const struct umbs_store *store, size_t now, size_t *before, const char *event,
                  const char *last)
 {
@@ -133,7 +133,7 @@ static void tell(const struct umbs_store *store, size_t now, size_t *before, con
     *before = now;
 }
 
-/* Keeps the first of equal names; returns how many went. */
+/* Keeps the first of equal names; returns how many were dropped. */
 static size_t drop_doubles(struct umbs_name_list *list)
 {
     size_t kept = 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed files for those who send them: opened anew each time, and only if they still are the
- * version that was proven when the entry was loaded. */
+/* Packed files for sending: opened anew each time, and only if the file still is the version that
+ * was proven when the entry was loaded. */
 #include "store/store_internal.h"
 
 #include <errno.h>
@@ -12,8 +12,8 @@
 
 #include "format/layout.h"
 
-/* The head of a file that was proven under this stamp or carries the entry's id: a copy of the same
- * asset serves as well, its pages are proven by whoever gets them. */
+/* True if the file has the proven stamp, or if its head carries the entry's id. A copy of the same
+ * asset serves as well: the receiver proves its pages. */
 static int is_of(const struct umbs_entry *entry, int fd, uint64_t *size)
 {
     uint8_t head[UMB__HEAD_SIZE];

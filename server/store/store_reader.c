@@ -3,14 +3,14 @@
  * Readers: how a thread finds assets without ever waiting for another one.
  *
  * A reader looks into a table of its own, which it holds. A scan that publishes a table puts it
- * into the mail of each reader, held for him; the reader takes the mail with one exchange before it
- * looks, so what was published before a look-up began is seen by it. A table that comes before the
- * last one was fetched takes its place. Whoever exchanges a table out of the mail owns that hold;
- * so each is given back once, by the reader or by the scan.
+ * into the mail of each reader, with a hold for that reader. The reader takes the mail with one
+ * exchange before it looks, so it sees what was published before the look-up began. A newer table
+ * replaces one that was not fetched. The thread that exchanges a table out of the mail owns its
+ * hold; so each hold is given back once, by the reader or by the scan.
  *
- * Waiting and freeing are the others' part: the list of readers is under the mutex, which a reader
- * takes when it is opened and closed and never in between, and what a reader lets go of last is
- * left to the reaper.
+ * Waiting and freeing happen elsewhere. The mutex guards the list of readers; a reader takes it
+ * when it is opened and closed and never in between. A table that loses its last reader is left to
+ * the reaper.
  */
 #include <stdlib.h>
 
@@ -25,7 +25,7 @@ struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_tab
         atomic_fetch_add(&table->references, 1);
         struct umbs_table *unread = atomic_exchange(&reader->mail, table);
         if (unread != NULL) {
-            (void)umbs__table_let_go(store, unread); /* the scan reaps when it has published */
+            (void)umbs__table_let_go(store, unread); /* the scan reaps after publishing */
         }
     }
     pthread_mutex_unlock(&store->mutex);
@@ -64,14 +64,14 @@ void umbs_reader_close(struct umbs_reader *reader)
     }
     *at = reader->next;
     pthread_mutex_unlock(&store->mutex);
-    umbs_reader_refresh(reader); /* nobody writes to it any more */
+    umbs_reader_refresh(reader); /* the reader is out of the list: no scan writes to its mail */
     umbs__table_walked(store, reader->table);
     free(reader);
 }
 
 void umbs_reader_refresh(struct umbs_reader *reader)
 {
-    /* Mostly there is none: a look does not take the line from whoever else reads it. */
+    /* Mostly there is none: a relaxed load leaves the cache line shared with its other readers. */
     if (atomic_load_explicit(&reader->mail, memory_order_relaxed) == NULL) {
         return;
     }

@@ -33,7 +33,7 @@ static void put(struct umbs_records *records, size_t index)
     records->places[at] = (uint32_t)index + 1;
 }
 
-/* Makes room for more; returns 0 if there is no memory. */
+/* Makes room for one more record; returns 0 if out of memory. */
 static int grow(struct umbs_records *records)
 {
     const size_t capacity = records->capacity == 0 ? 16 : 2 * records->capacity;
@@ -112,7 +112,7 @@ void umbs__records_finish(struct umbs_records *records)
     memset(records, 0, sizeof *records);
 }
 
-/* Reads seven numbers; moves *at behind them. Returns 1, or 0 if they are not there. */
+/* Reads seven numbers and moves *at past them. Returns 1, or 0 if they are not there. */
 static int parse_stamp(const char **at, struct umbs_stamp *stamp)
 {
     uint64_t numbers[7];
@@ -135,7 +135,7 @@ static int parse_stamp(const char **at, struct umbs_stamp *stamp)
     return 1;
 }
 
-/* Reads 64 hexadecimal digits and one end behind them; moves *at behind those. */
+/* Reads 64 hexadecimal digits and the character `end`; moves *at past both. */
 static int parse_hash(const char **at, char end, uint8_t hash[UMB_ID_BYTES])
 {
     char text[UMB_ID_TEXT_SIZE];
@@ -148,8 +148,8 @@ static int parse_hash(const char **at, char end, uint8_t hash[UMB_ID_BYTES])
     return umb_id_from_text(text, hash) == UMB_OK;
 }
 
-/* The MAC of a line's text before the MAC; the title is part of it, so that no line of another
- * version passes for one of this. */
+/* The MAC of a line's text before the MAC. The title is part of it, so a line of another version
+ * does not pass for one of this version. */
 static void line_mac(const uint8_t key[UMBS_KEY_BYTES], const char *line, size_t length,
                      uint8_t mac[UMB_ID_BYTES])
 {

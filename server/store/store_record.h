@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_STORE_STORE_RECORD_H
 #define UMBRAGE_SERVER_STORE_STORE_RECORD_H
 /*
- * What a store has proven before: for each packed file, told by its stamp, the id that its content
- * was proven to have, the stamp of the mapped file that passed a full check, and that file's
- * SHA-256. As long as both files still look so, opening the asset takes its head and nothing else.
+ * Records of proven files. For each packed file, identified by its stamp, a record holds its proven
+ * id, the stamp of the mapped file that passed a full check, and that file's SHA-256. As long as
+ * both files have these stamps, opening the asset reads its head and nothing else.
  *
  * Kept as `proven` in the cache folder, one line a file. Each line ends with its HMAC-SHA256 under
  * the cache's key, so only the daemon's user and root can write a valid line; other lines are left
@@ -18,7 +18,7 @@
 #include "store/asset_map.h"
 #include "common/sha256.h"
 
-#define UMBS_RECORDS_MAX ((size_t)1 << 20) /* files in one folder that are remembered */
+#define UMBS_RECORDS_MAX ((size_t)1 << 20) /* limit of records in one folder */
 
 struct umbs_record {
     uint8_t id[UMB_ID_BYTES];
@@ -49,11 +49,11 @@ const struct umbs_record *umbs__records_of_id(const struct umbs_records *records
 int umbs__records_equal(const struct umbs_records *a, const struct umbs_records *b);
 
 /*
- * Reads a list; a missing file is an empty one.
+ * Reads a list; a missing file is an empty list.
  *
- * Out:   refused: lines that were not written under the key, left out.
- * Fails: E_CORRUPT (no list of this version), E_IO, E_PERMISSION (another user may write to the
- *        file), E_NO_MEMORY: it is empty.
+ * Out:   refused: number of lines without a valid MAC, which are left out.
+ * Fails: E_CORRUPT (not a list of this version), E_IO, E_PERMISSION (another user may write to the
+ *        file), E_NO_MEMORY; the list is then empty.
  */
 UMB_CHECKED enum umb_status umbs__records_read(const char *path, const uint8_t key[UMBS_KEY_BYTES],
                                                struct umbs_records *records, size_t *refused,

@@ -3,10 +3,10 @@
  * Scanning the store's folders and swapping the table.
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
- * and publishes it whole, so a look-up sees the folders before or after, never in between.
- * It does so several times: first with all that opens at once, then with files that must be read
- * whole, for LOAD_MS each time. So a large new asset delays only its own callers, and a thousand
- * small ones are not a thousand passes over all names.
+ * and publishes it whole. So a look-up sees the folders before or after the scan, never in between.
+ * A scan publishes several times: first all files that open at once, then files that must be read
+ * whole, for LOAD_MS each time. So a large new asset delays only the requests for it, and a
+ * thousand small ones do not take a thousand passes over all names.
  */
 #include "store/store_internal.h"
 
@@ -21,7 +21,7 @@
 
 #include "tool/clock.h"
 
-#define LOAD_MS 100 /* of files read whole before a table with them is published */
+#define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
 
 /* One pass over the names. */
 struct pass {
@@ -29,7 +29,7 @@ struct pass {
     struct umbs_store_report *report;
     int may_load;     /* another file may be read whole */
     uint64_t load_ms; /* Milliseconds spent on such files */
-    int pending;      /* there are more */
+    int pending;      /* more files wait to be read whole */
     int waits;        /* the lane has no room for one */
 };
 
@@ -78,7 +78,7 @@ static void remember(struct umbs_store *store, const struct umbs_entry *entry)
     }
 }
 
-/* Takes a fresh entry, or keeps the old one where the fresh one's failure may pass. */
+/* Takes a fresh entry, or keeps the old one where the fresh one's failure may be temporary. */
 static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
                                  struct umbs_entry *fresh, const struct stat *file)
 {
@@ -95,8 +95,8 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
         fresh->retry = 1;
     }
     if (fresh->retry && old != NULL && old->asset != NULL && !old_faulted) {
-        /* Perhaps half copied, or no fault of the file's (no memory, no descriptor left): the old
-         * version goes on answering until one can tell. */
+        /* The file may be half copied, or the machine is at fault (no memory, no descriptor left):
+         * the old version goes on answering until a later scan can tell. */
         umbs_entry_retain(old);
         umbs_entry_release(fresh);
         old->tried = pass->store->serial;
@@ -118,8 +118,9 @@ static enum umb_status look_at(const struct umbs_store *store, const struct umbs
 }
 
 /*
- * Decides what stands for one file in the new table: the old entry, a new one, or none (NULL and
- * UMB_OK: the file vanished, or it waits for its turn). The result holds a reference for the table.
+ * Decides what stands for one file in the new table: the old entry, a new one, or none. None is
+ * NULL and UMB_OK: the file vanished, or it waits for its turn. The result holds a reference for
+ * the table.
  */
 static enum umb_status place(struct pass *pass, const struct umbs_name *name,
                              struct umbs_entry **out, struct umb_error *error)
@@ -220,7 +221,7 @@ static void publish(struct pass *pass, struct umbs_table *table)
     umbs_store_reap(store);
 }
 
-/* Writes down what is proven now, if it is not what was. */
+/* Writes the records of the cache if they changed. */
 static void write_records(struct umbs_store *store, struct umbs_cache *cache)
 {
     struct umbs_records now = {0};
@@ -249,8 +250,8 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
     struct pass pass = {.store = store, .report = report};
     enum umb_status status = umbs__names_read(store, &list, report, error);
     do {
-        /* The first pass takes what is quick; each further one at least one more file, so this
-         * ends. */
+        /* The first pass takes the quick files; each further pass takes at least one more file, so
+         * the loop ends. */
         report->unchanged = 0;
         pass.pending = 0;
         pass.waits = 0;
@@ -277,7 +278,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
     return status;
 }
 
-/* 1 if a cache file's id is still asked for, or the name is none of the cache's. */
+/* 1 if the table has a cache file's id, or if the name is not a cache file's. */
 static int cache_file_wanted(const char *name, const struct umbs_table *table)
 {
     char text[UMB_ID_TEXT_SIZE];

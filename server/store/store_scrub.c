@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checking again, one by one, what was found good when it was opened. */
+/* Scrubbing: checks mapped files again, one by one, that were good when they were opened. */
 #include <string.h>
 
 #include "store/store_internal.h"

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Tables: what a store holds at one moment, never changed once published. Look-ups in one, and who
- * holds it.
+ * Tables: the content of a store at one moment, never changed once published; look-ups in a table,
+ * and its holders.
  *
- * Why an entry cannot be freed while somebody finds it: he holds the table, the table holds the
- * entry, so its count is 1 at least when he raises it.
+ * An entry cannot be freed while a look-up finds it: the look-up holds the table and the table
+ * holds the entry, so the entry's count is at least 1 when the look-up raises it.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -93,7 +93,7 @@ static int has_id(struct id_list ids, size_t index, const uint8_t id[UMB_ID_BYTE
     return index < ids.count && memcmp(ids.list[index]->item.id, id, UMB_ID_BYTES) == 0;
 }
 
-/* Where the entries of an id begin: several files may hold the same asset. */
+/* Index of the first entry with an id: several files may hold the same asset. */
 static size_t first_of_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
 {
     size_t low = 0;
@@ -121,8 +121,8 @@ struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
     return find_id(healthy_of(table), id);
 }
 
-/* A damaged file whose head says it is that asset, so that a call by id gets the same answer as one
- * by name; of several the first by name. */
+/* Finds a damaged file whose head carries that id, so that a call by id gets the same answer as a
+ * call by name. Of several, the first by name is taken. */
 static struct umbs_entry *find_damaged(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {
@@ -154,7 +154,8 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
     }
     if (entry->asset == NULL || atomic_load(&entry->faulted)) {
         const enum umb_status cause = entry->error.status;
-        /* What is the file's fault has the status of damage; what is not (no memory), its own. */
+        /* A fault of the file gives the status of damage; another failure (no memory) gives its
+         * own. */
         return umb_fail(error, umbs__is_the_files_fault(cause) ? UMB_E_CORRUPT : cause,
                         "asset: '%.64s' %s: %s", entry->item.name,
                         umbs__is_damage(cause) ? "is damaged" : "cannot be read",

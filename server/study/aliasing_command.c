@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * `aliasing`: how well the texels of a shadow map, or of a camera's cascades, fit the pixels of a
- * view: pixels a texel covers, for each visible point; a histogram, the resolution that would do,
- * a heat map.
+ * view. It computes the pixels that a texel covers at each visible point, and prints a histogram,
+ * the sufficient resolution, and a heat map.
  */
 #include "study/study_command.h"
 
@@ -22,14 +22,14 @@
 #include "umbrage/aliasing.h"
 #include "tool/exit_code.h"
 
-#define BINS     12 /* of log2 of pixels a texel: below -4, .., 6 and above */
+#define BINS     12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
 #define BIN_LOW  (-5)
 #define WAYS     4
-#define NEAR_MIN 1e-3 /* of the farthest visible point: cascades begin no nearer */
+#define NEAR_MIN 1e-3 /* near plane of cascades, as a share of the farthest visible point */
 
 static const char *const way_names[WAYS] = {"uniform", "slice", "scene", "lispsm"};
 
-/* What one way, or one of its cascades, comes to. */
+/* Statistics of one way, or of one of its cascades. */
 struct summary {
     size_t count;
     double under;                   /* share above 1 pixel a texel */
@@ -47,10 +47,10 @@ struct aliasing {
     double weight;
     struct umbt_view view;
     struct umbt_gbuffer buffer;
-    struct umb_camera camera;            /* of the view */
+    struct umb_camera camera;            /* camera of the view */
     struct umb_cascade_plan plans[WAYS]; /* [0]: one frustum of the scene */
-    float *most;                         /* [receivers] of the heat map's way; NaN: left out */
-    double *sorted;                      /* [3][receivers] scratch */
+    float *most;    /* [receivers] pixels a texel in the heat map's way; NaN: left out */
+    double *sorted; /* [3][receivers] scratch */
     struct summary summaries[WAYS];
     struct summary slices[WAYS][UMB_CASCADES_MAX];
 };
@@ -99,7 +99,7 @@ static double view_depth(const struct umbt_camera *camera, const double position
     return umb__dot(p, camera->forward);
 }
 
-/* The view's pixels, and the four plans for what they see. */
+/* Finds the view's pixels, and makes the four plans for them. */
 static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
 {
     const struct umbt_camera *camera = &a->view.camera;
@@ -138,14 +138,14 @@ static int compare_doubles(const void *x, const void *y)
     return (a > b) - (a < b);
 }
 
-/* Value below which a share of the sorted numbers lies. */
+/* Value below which the given share of the sorted numbers lies. */
 static double quantile(const double *sorted, size_t count, double share)
 {
     const size_t at = (size_t)(share * (double)count);
     return count > 0 ? sorted[at < count ? at : count - 1] : 0.0;
 }
 
-/* Sorts three lists of `count` numbers and sums them up. */
+/* Sorts three lists of `count` numbers and computes their statistics. */
 static void summarise(double *lists[3], size_t count, struct summary *s)
 {
     memset(s, 0, sizeof *s);
@@ -167,7 +167,7 @@ static void summarise(double *lists[3], size_t count, struct summary *s)
     s->projection = quantile(lists[2], count, 0.5);
 }
 
-/* Analyses one way; slice < 0: all its slices. */
+/* Analyses one way; only < 0: all its slices. */
 static void way_run(struct aliasing *a, int way, int only, struct summary *summary)
 {
     const struct umb_cascade_plan *plan = &a->plans[way];
@@ -231,7 +231,7 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Blue below 1, white at 1, red above; full at a factor of 16. Grey where nothing is to say. */
+/* Blue below 1, white at 1, red above; full colour at a factor of 16. Grey: no value. */
 static void heat_color(float most, uint8_t out[3])
 {
     if (isnan(most)) {

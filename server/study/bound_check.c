@@ -13,7 +13,7 @@ enum {
     BLOCK = 256,
     PLACES_FIRST = 48,     /* random places tried before the voxels' centres, */
     PLACES_LAST = 2048,    /* and after them */
-    CENTRES_MAX = 1 << 18, /* of a coarse cell's voxels */
+    CENTRES_MAX = 1 << 18, /* most centres of a coarse cell's voxels */
 };
 
 struct check {
@@ -21,16 +21,16 @@ struct check {
     struct umb_query query;
     struct umb_light_info light;
     struct umb_frustum_info frustum;
-    double off_m; /* rays start so far off a surface: what floats resolve of the scene, and more */
+    double off_m; /* start of rays off a surface, metres: above the float resolution of the scene */
     pthread_mutex_t lock;
     struct umbt_bound_result result;
 };
 
-/* A point under examination. */
+/* A point whose answer is examined. */
 struct suspect {
     double at[3];
     float normal[3]; /* towards the light */
-    int lit;         /* by a ray */
+    int lit;         /* 1 if lit by a ray */
     size_t number;
 };
 
@@ -67,8 +67,8 @@ static int is_lit(const struct check *check, const double from[3])
 }
 
 /*
- * 1 if a place within the bound has the other truth. The dark behind the point's own surface does
- * not count, nor that inside closed parts where the asset leaves it undefined.
+ * 1 if a place within the bound has the other truth. Places in the dark behind the point's own
+ * surface do not count, nor those inside closed parts, where the asset is undefined.
  */
 static int tells(const struct check *check, const struct suspect *s, const double place[3])
 {
@@ -85,7 +85,7 @@ static int tells(const struct check *check, const struct suspect *s, const doubl
                                       umbt_point_is_inside(check->job->scene, place, NULL)));
 }
 
-/* Random places in the ball. */
+/* Tests random places in the ball. */
 static int search_ball(const struct check *check, const struct suspect *s, unsigned first,
                        unsigned count)
 {
@@ -105,7 +105,7 @@ static int search_ball(const struct check *check, const struct suspect *s, unsig
     return 0;
 }
 
-/* Centre number i of the voxels that answered, world space; 0 if it is behind the light. */
+/* Centre number i of the voxels of the answer, world space; 0 if it is behind the light. */
 static int centre(const struct umbr_light_frame *frame, const struct umb_explanation *e, uint32_t i,
                   double place[3])
 {
@@ -120,8 +120,8 @@ static int centre(const struct umbr_light_frame *frame, const struct umb_explana
     return umbr_light_frame_world(frame, voxel, place);
 }
 
-/* The voxels that answered: 1 if one of their centres has the other truth; *inside: if one lies in
- * a closed part. */
+/* Tests the voxels of the answer: 1 if one of their centres has the other truth; *inside: 1 if one
+ * lies in a closed part. */
 static int search_centres(const struct check *check, const struct suspect *s,
                           const struct umb_explanation *e, int *inside)
 {
@@ -145,7 +145,7 @@ static int search_centres(const struct check *check, const struct suspect *s,
     return 0;
 }
 
-/* An answer that is not the truth: is a true boundary near enough? */
+/* Examines an answer that differs from the truth: is a true boundary within the bound? */
 static void examine(const struct check *check, const struct suspect *s,
                     struct umbt_bound_result *result)
 {
@@ -182,7 +182,7 @@ static int take_point(const struct check *check, size_t number, struct suspect *
     for (int k = 0; k < 3; k++) {
         facing += (double)s->normal[k] * way[k];
     }
-    if (fabs(facing) < 0.01) { /* a ray along the surface says nothing */
+    if (fabs(facing) < 0.01) { /* a ray along the surface is not reliable */
         return 0;
     }
     if (facing < 0) {
@@ -217,7 +217,7 @@ static enum umb_status check_block(void *user, size_t first, size_t count, struc
             .positions = s.at, .format = UMB_POINT_F64, .normals = s.normal, .count = 1};
         umb_query_run(&check->query, &one, 0, 1, &answers);
         if (check->light.kind == UMB_LIGHT_SPOT && answers.stats.outside > 0) {
-            continue; /* beyond the cone: lit, whatever stands in between */
+            continue; /* outside the cone: lit, whatever lies between */
         }
         sum.points++;
         if (value != (float)s.lit) {

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
 #define UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
 /*
- * Is the stated bound true? Points on the scene's surfaces are asked with a setting and by a ray
- * each. Where the two differ, another ray must find the other truth no farther away than the bound:
- * tried at places around the point and at the centres of the voxels that answered.
+ * Test of the stated bound. Points on the scene's surfaces are answered by a query with a setting
+ * and by a ray each. Where the two differ, another ray must find the other truth within the bound.
+ * It is tried at places around the point and at the centres of the voxels of the answer.
  *
  * A window that reaches into a closed solid is undefined; the bound promises nothing there.
  */
@@ -12,10 +12,10 @@
 #include "umbrage/curve.h"
 
 struct umbt_bound_result {
-    uint64_t points;       /* compared: those that face the light */
-    uint64_t differ;       /* answers that are not what the ray says */
-    uint64_t undefined;    /* of these, where nothing else was found and the window is in a solid */
-    uint64_t beyond;       /* of these, where no true boundary lies within the bound: must be 0 */
+    uint64_t points;       /* points compared: those that face the light */
+    uint64_t differ;       /* answers that differ from the ray's */
+    uint64_t undefined;    /* part of these with an undefined window, where no boundary was found */
+    uint64_t beyond;       /* part of these without a true boundary within the bound: must be 0 */
     double worst_point[3]; /* one of the last kind */
 };
 
@@ -28,7 +28,7 @@ struct umbt_bound_job {
     unsigned threads;
 };
 
-/* Checks. Out: result. Fails: what preparing the query fails with, E_NO_MEMORY. Cost: about a ray a
+/* Checks the bound. Out: result. Fails: as umb_query_prepare, E_NO_MEMORY. Cost: about a ray a
  * point, and a few hundred where answers differ. */
 UMB_CHECKED enum umb_status umbt_bound_check(const struct umbt_bound_job *job,
                                              struct umbt_bound_result *result,

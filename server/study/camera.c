@@ -25,7 +25,7 @@
 #define FIT_MARGIN      1.04
 #define VERTICAL_SINE   0.99985 /* cosine of 1 degree */
 
-/* What the keys say together. */
+/* Checks combinations of keys. */
 static enum umb_status request_check(const struct umbt_camera_request *request, bool has_fov,
                                      struct umb_error *error)
 {
@@ -97,8 +97,8 @@ double umbt_compass_azimuth(const double direction[3], int z_up, double otherwis
     return degrees < 0.0 ? degrees + 360.0 : degrees;
 }
 
-/* right and up from forward, so that the picture stands upright; looking straight up or down,
- * north is at the top. */
+/* Computes right and up from forward, so that the picture stands upright; looking straight up or
+ * down, north is at the top. */
 static void axes_make(struct umbt_camera *camera, int z_up)
 {
     double vertical[3] = {0.0, z_up ? 0.0 : 1.0, z_up ? 1.0 : 0.0};
@@ -111,7 +111,7 @@ static void axes_make(struct umbt_camera *camera, int z_up)
     (void)umbt_normalize(camera->up);
 }
 
-/* Places the eye and returns how far it stands back from the centre, in metres along the view. */
+/* Places the eye and returns its distance from the centre, in metres along the view. */
 static double eye_fit(const struct umbt_camera_subject *subject, const double centre[3],
                       struct umbt_camera *camera)
 {
@@ -142,7 +142,7 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     return -back;
 }
 
-/* A camera from a compass direction, fitted; returns its distance as eye_fit does. */
+/* Makes a camera from a compass direction, fitted; returns its distance as eye_fit does. */
 static double compass_fit(const struct umbt_camera_subject *subject, const double centre[3],
                           double azimuth_deg, double elevation_deg, struct umbt_camera *camera)
 {

@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_STUDY_CAMERA_H
 #define UMBRAGE_SERVER_STUDY_CAMERA_H
 /*
- * Pinhole cameras: what --camera says, and a fitted view when it says nothing.
+ * Pinhole cameras: the camera of --camera, or a fitted view without it.
  *
- * The default view: a three-quarter view from 35 degrees above the horizon, from a compass
- * direction 80 degrees to one side of the sun's: the side from which the scene fills more of the
- * picture, clockwise if both are equal. The light then comes from the side: shadows lie
- * across the picture, one face of a box is lit and one is not. Vertical field of view 35 degrees.
- * The eye moves along and across the view until all geometry just fits, with 4 % to spare.
+ * The default view is a three-quarter view from 35 degrees above the horizon. Its compass direction
+ * is 80 degrees to one side of the sun's: the side from which the scene fills more of the picture,
+ * clockwise if both are equal. The light then comes from the side: shadows lie across the picture,
+ * one face of a box is lit and one is not. The vertical field of view is 35 degrees. The eye moves
+ * along and across the view until all geometry just fits, with 4 % to spare.
  *
  * Compass: azimuth in degrees clockwise from north (+y in z-up scenes, -z in y-up ones), elevation
  * above the horizon, as for suns. All positions in metres, world space.
@@ -19,11 +19,11 @@
 #include "umbrage/geom.h"
 #include "umbrage/status.h"
 
-/* What --camera asked for; zeroed means the default view. */
+/* The request of --camera; zeroed means the default view. */
 struct umbt_camera_request {
     bool has_eye, has_target, has_azimuth, has_elevation;
     double eye[3], target[3];
-    double azimuth_deg;   /* where the fitted camera stands, seen from the scene */
+    double azimuth_deg;   /* compass direction of the fitted camera, seen from the scene */
     double elevation_deg; /* -90..90 */
     double fov_deg;       /* vertical, 1..150; 0 = 35 */
 };
@@ -31,20 +31,20 @@ struct umbt_camera_request {
 struct umbt_camera {
     double eye[3];
     double right[3], up[3], forward[3]; /* orthonormal */
-    double tan_x, tan_y;                /* of half the fields of view */
+    double tan_x, tan_y;                /* tangents of half the fields of view */
 };
 
-/* The same camera for the libraries, which sees from near_m to far_m. */
+/* The camera in the form of the libraries, which sees from near_m to far_m. */
 struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m);
 
-/* The field of view of the picture's height, degrees. */
+/* Vertical field of view, degrees. */
 double umbt_camera_fov_deg(const struct umbt_camera *camera);
 
 /* The geometry a camera is fitted to. */
 struct umbt_camera_subject {
     const double (*points)[3]; /* [count], borrowed */
     size_t count;              /* at least 1 */
-    struct umb_box box;        /* of the points */
+    struct umb_box box;        /* bounds of the points */
     int z_up;
     double to_light[3]; /* unit, from the scene to the sun */
 };

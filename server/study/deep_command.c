@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `deep`: deep shadow maps of a scene with translucent casters, against brute-force products of
- * traced rays; what neighbour links are worth; and maps of moments beside them.
+ * `deep`: deep shadow maps of a scene with translucent casters, compared with brute-force products
+ * of traced rays; the gain of neighbour links; and maps of moments beside them.
  */
 #include "study/study_command.h"
 
@@ -22,7 +22,7 @@
 #include "tool/exit_code.h"
 
 #define REPEATS 3
-#define COLUMNS 5U /* of the picture */
+#define COLUMNS 5U /* columns of the picture */
 #define GAP     4U /* pixels between tiles */
 
 struct deep {
@@ -36,8 +36,9 @@ struct deep {
     struct umb_map_frustum frustum;
     struct umbt_light_hits hits;
     float *values, *other; /* [receivers] */
-    double *box, *between; /* [receivers] products over a box of texels; over boxes around
-                              the four texels that a point lies between, as their weights */
+    /* [receivers] products over a box of texels; products over the boxes around the four nearest
+     * texels, weighted as in bilinear filtering. */
+    double *box, *between;
     struct umbt_picture sheet;
 };
 
@@ -75,8 +76,8 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-/* Lifts points off their surfaces, towards the light, by half of the wider window: a plane does not
- * shadow itself then, as with bias_normal 1. Maps and products are asked at the same points. */
+/* Lifts points off their surfaces, towards the light, by half of the wider window: a plane then
+ * does not shadow itself, as with bias_normal 1. Maps and products use the same points. */
 static void points_lift(struct deep *d)
 {
     for (size_t i = 0; i < d->buffer.receiver_count; i++) {
@@ -141,7 +142,7 @@ static struct umb_map_filter filter_of(const struct deep *d)
                                    .bias_m = d->frustum.depth_m / 65536.0};
 }
 
-/* One map: built, asked a few times, best time kept. */
+/* Result of one map: built, queried a few times, best time kept. */
 struct result {
     struct umb_map_info info;
     double query_ns;
@@ -172,7 +173,7 @@ static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_setting
     return status;
 }
 
-/* Light left at a depth by a texel's fragments themselves: a product in long double. */
+/* Light left at a depth behind a texel's own fragments: a product in long double. */
 static long double texel_left(const struct deep *d, int64_t x, int64_t y, double depth)
 {
     const int64_t side = (int64_t)d->resolution;
@@ -189,8 +190,8 @@ static long double texel_left(const struct deep *d, int64_t x, int64_t y, double
     return left;
 }
 
-/* The mean over a box of texels around (x, y), whose middle may lie between texels: then those at
- * its ends count by their share. */
+/* Mean over a box of texels around (x, y). Its middle may lie between texels: those at its ends
+ * then count by their share. */
 static double brute_force(const struct deep *d, double x, double y, double depth)
 {
     const int64_t taps = (int64_t)d->taps;
@@ -252,7 +253,7 @@ static void tile_draw(struct deep *d, size_t tile, const float *values)
     }
 }
 
-/* The picture: truths as floats, which nothing can tell apart. */
+/* Draws the truths as floats; the difference is invisible. */
 static void truth_draw(struct deep *d, size_t tile, const double *truth)
 {
     for (size_t i = 0; i < d->buffer.receiver_count; i++) {
@@ -273,7 +274,7 @@ static enum umb_status sheet_begin(struct deep *d, struct umb_error *error)
                                    rows * (d->options.size[1] + GAP) - GAP, error);
 }
 
-/* All maps of moments. results: [umbt_moment_row_count]. */
+/* Runs all maps of moments. results: [umbt_moment_row_count]. */
 static enum umb_status moments_run(struct deep *d, struct umbt_moment_result *results,
                                    struct umb_error *error)
 {
@@ -297,11 +298,12 @@ static enum umb_status moments_run(struct deep *d, struct umbt_moment_result *re
     return status;
 }
 
-/* What the command found out. */
+/* Results of the command. */
 struct findings {
     struct result exact, searched, linked, streamed;
-    double exact_error, error;          /* farthest from the products: nothing left out; epsilon */
-    int linked_same, streamed_same;     /* 1: the bits of the search */
+    /* Largest difference from the products: without truncation; with epsilon. */
+    double exact_error, error;
+    int linked_same, streamed_same;     /* 1: the same bits as the search */
     struct umbt_moment_result *moments; /* [umbt_moment_row_count] */
 };
 
@@ -343,7 +345,7 @@ static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_e
     return status;
 }
 
-/* What a way costs beside searching every list. */
+/* Prints the cost of a way, compared with a search of every list. */
 static void way_print(FILE *to, const char *name, const struct result *way,
                       const struct result *searched, int same)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the camera sees; see gbuffer.h. */
+/* Visible points; see gbuffer.h. */
 #include "study/gbuffer.h"
 
 #include <math.h>
@@ -59,7 +59,7 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
     *v = (j + (n - 0.5 - i) / n) / n;
 }
 
-/* Unit normal by the triangle's winding, in doubles. Returns 0 if it has no area. */
+/* Unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
     double a[3], b[3];
@@ -69,8 +69,8 @@ static int triangle_normal(const double corners[3][3], double normal[3])
     return umbt_normalize(normal) > 0.0;
 }
 
-/* The distance at which a ray meets the triangle's plane, if that is a small correction of Embree's
- * answer; edge-on the plane says nothing about the distance. */
+/* The distance at which a ray meets the triangle's plane, if it differs little from Embree's
+ * answer; a plane seen edge on gives no reliable distance. */
 static double distance_refine(const double corners[3][3], const double normal[3],
                               const double eye[3], const double direction[3], double distance,
                               double tolerance)

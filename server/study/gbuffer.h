@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_STUDY_GBUFFER_H
 #define UMBRAGE_SERVER_STUDY_GBUFFER_H
 /*
- * What the camera sees in a band of pixel rows: for each sub-sample the surface point, its
+ * Visible points of a camera in a band of pixel rows: for each sub-sample the surface point, its
  * geometric normal turned towards the camera, and its triangle.
  *
- * Points are intersected again with the triangle's plane in doubles, so that they lie on the
- * surface to rounding and not to Embree's float distance, which far away is off by more than a
- * voxel. Points of all hits stand first and dense in the arrays (`receivers`), ready for a query;
- * `slots` says where a sub-sample's point is.
+ * Points are intersected again with the triangle's plane in doubles, so they lie on the surface to
+ * rounding. Embree's float distance is off by more than a voxel far away. Points of all hits stand
+ * first and dense in the arrays (`receivers`), ready for a query; `slots` gives the index of a
+ * sub-sample's point.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"
@@ -18,7 +18,7 @@
 struct umbt_gbuffer {
     uint32_t width, aa; /* pixels a row; aa * aa sub-samples a pixel */
     uint32_t first_row, row_count;
-    size_t capacity;       /* of each array, in sub-samples */
+    size_t capacity;       /* room of each array, in sub-samples */
     size_t receiver_count; /* hits of the band */
     uint32_t *slots;       /* [row_count * width * aa * aa], receiver number or UMBT_SKY */
     double *positions;     /* [3 * receiver_count], world space */

@@ -8,7 +8,7 @@
 #include "tool/threads.h"
 #include "study/study_vec.h"
 
-#define STEP_SHARE 1e-7 /* of the range of depth: beyond a hit, to find the next */
+#define STEP_SHARE 1e-7 /* step beyond a hit, to find the next, as a share of the depth range */
 
 struct trace {
     const struct umbt_scene *scene;
@@ -18,7 +18,7 @@ struct trace {
     uint32_t *counts;               /* [texels] */
 };
 
-/* Share of the light that a triangle takes. */
+/* Share of the light that a triangle absorbs. */
 static float triangle_alpha(const struct trace *trace, uint32_t triangle)
 {
     const struct umbs_scene_view *scene = &trace->scene->scene->view;
@@ -31,7 +31,7 @@ static float triangle_alpha(const struct trace *trace, uint32_t triangle)
     return own < 1.0F ? own : (float)trace->alpha;
 }
 
-/* All hits of a texel's ray, nearest first. */
+/* Finds all hits of a texel's ray, nearest first. */
 static enum umb_status texel_block(void *user, size_t first, size_t count, struct umb_error *error)
 {
     const struct trace *trace = user;
@@ -60,7 +60,7 @@ static enum umb_status texel_block(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
-/* Moves what was found together: list i from first[i]. */
+/* Joins the lists: list i begins at first[i]. */
 static void hits_gather(const struct trace *trace, size_t texels, struct umbt_light_hits *hits)
 {
     uint64_t used = 0;

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_LIGHT_HITS_H
 #define UMBRAGE_SERVER_STUDY_LIGHT_HITS_H
-/* All that light meets on its way through each texel of a map, by traced rays. */
+/* All surfaces on the light's path through each texel of a map, by traced rays. */
 #include "study/study_scene.h"
 #include "umbrage/maps.h"
 
-#define UMBT_HITS_MAX 64U /* of a ray; what lies behind is left out */
+#define UMBT_HITS_MAX 64U /* hits of a ray; farther ones are left out */
 
 struct umbt_light_hits {
     struct umb_map_fragment *fragments; /* [first[texels]], nearest first in a texel */
@@ -14,8 +14,8 @@ struct umbt_light_hits {
 };
 
 /*
- * Traces. A surface whose material is BLEND takes its own constant alpha where that is below 1,
- * else `alpha`; every other surface takes all.
+ * Traces the map. A surface whose material is BLEND absorbs its own constant alpha if that is below
+ * 1, else `alpha`; every other surface absorbs all light.
  *
  * Fails: E_NO_MEMORY; hits is then zeroed.
  */

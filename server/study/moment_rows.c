@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Maps of moments of translucent casters, run; see moment_rows.h. */
+/* Running the maps of moments of translucent casters; see moment_rows.h. */
 #include "study/moment_rows.h"
 
 #include <math.h>

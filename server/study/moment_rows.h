@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_MOMENT_ROWS_H
 #define UMBRAGE_SERVER_STUDY_MOMENT_ROWS_H
-/* The maps of moments that deep maps are compared with; each family rises in its parameter. */
+/* The maps of moments that are compared with deep maps; each family rises in its parameter. */
 #include <stddef.h>
 #include "umbrage/maps.h"
 
@@ -13,23 +13,23 @@ struct umbt_moment_row {
 extern const struct umbt_moment_row umbt_moment_rows[];
 extern const size_t umbt_moment_row_count;
 
-/* What a row is asked. */
+/* Query of a row. */
 struct umbt_moment_question {
     const struct umb_map_frustum *frustum;
     const struct umb_map_fragments *fragments;
     const struct umb_points *points;
-    uint32_t taps;       /* of the box that texels are blurred by */
-    double bias_m;       /* of the filter */
+    uint32_t taps;       /* width of the box blur of texels */
+    double bias_m;       /* bias of the filter */
     const double *truth; /* [points->count] */
 };
 
 struct umbt_moment_result {
     struct umb_map_info info;
-    double build_s, query_ns;           /* CPU time of all; of a point, the best of a few */
-    double mean, lighter, darker, most; /* of |answer - truth|, its two parts, the largest */
+    double build_s, query_ns; /* CPU time of the whole build; of a point, the best of a few */
+    double mean, lighter, darker, most; /* mean of |answer - truth|, its two parts, the largest */
 };
 
-/* Builds, asks and compares. Out: values: float[points->count]. */
+/* Builds the map, queries it and compares. Out: values: float[points->count]. */
 UMB_CHECKED enum umb_status umbt_moment_row_run(const struct umbt_moment_row *row,
                                                 const struct umbt_moment_question *question,
                                                 float *values, struct umbt_moment_result *result,

@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
 #define UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
 /*
- * The peer that is a sparse volume: NanoVDB's mask grid over the voxels of an asset, as its users
- * look things up in it.
+ * A peer that is a sparse volume: NanoVDB's mask grid over the voxels of an asset, with the
+ * look-ups that its users write.
  *
- * On is shadowed. Mixed blocks of 8^3 voxels are leaves of 64 bytes of mask; blocks and squares of
- * blocks that are shadowed throughout are tiles. Written to win: points are transformed in blocks
- * of 64 by vectors; single taps go through the tree or through an accessor, whichever is quicker;
- * windows through an accessor tap by tap, or (UMBT_NANOVDB_LEAVES) leaf by leaf with a popcount a
- * row, which is not how the library's interface is used but is what its layout allows.
+ * On means shadowed. Mixed blocks of 8^3 voxels are leaves of 64 bytes of mask; blocks and squares
+ * of blocks that are shadowed throughout are tiles. It is written for speed. Points are transformed
+ * in blocks of 64 by vectors; single taps go through the tree or through an accessor, whichever is
+ * faster. Windows go through an accessor tap by tap or, with UMBT_NANOVDB_LEAVES, leaf by leaf with
+ * a popcount a row. The library's interface has no such call, but its layout allows it.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -20,11 +20,11 @@ extern "C" {
 
 struct umbt_nanovdb;
 
-/* 1 if the library was there when this was built; else (nanovdb_absent.c) no grid can be made. */
+/* 1 if this build has the library; else (nanovdb_absent.c) no grid can be made. */
 int umbt_nanovdb_is_built(void);
 
-/* State of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed; then slices[k]
- * is its slice at depth k, bit x + 8 * y lit. */
+/* State of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed. If mixed,
+ * slices[k] is its slice at depth k, bit x + 8 * y lit. */
 typedef int (*umbt_nanovdb_block_fn)(const void *user, uint32_t x, uint32_t y, uint32_t z,
                                      uint64_t slices[8]);
 

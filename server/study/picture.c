@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * PNG files. libpng's simplified interface encodes into memory, so that no longjmp crosses our
- * frames and the file is written in one go.
+ * PNG files. libpng's simplified interface encodes into memory, so no longjmp crosses our frames
+ * and the file is written in one step.
  */
 #include "study/picture.h"
 

@@ -7,7 +7,7 @@
 #include "base/bytes.h"
 #include "tool/output.h"
 
-#define POINT_BYTES_MAX 192U /* of one point: six numbers of at most 25 characters as text */
+#define POINT_BYTES_MAX 192U /* longest text of one point: six numbers of at most 25 characters */
 #define BUFFER_BYTES    65536U
 
 static size_t f32_put(float value, uint8_t *at)
@@ -27,7 +27,7 @@ static size_t number_put(enum umbt_point_file_format format, double value, uint8
     return sizeof value;
 }
 
-/* Bytes of one point at `at`; never above POINT_BYTES_MAX. */
+/* Writes one point at `at`; returns its bytes, at most POINT_BYTES_MAX. */
 static size_t point_put(const struct umbt_point_file *file, const double position[3],
                         const float normal[3], uint8_t *at)
 {

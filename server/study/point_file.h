@@ -16,7 +16,7 @@ enum umbt_point_file_format {
 struct umbt_point_file {
     const char *path; /* "-" is stdout */
     enum umbt_point_file_format format;
-    int normals;      /* write them too */
+    int normals;      /* 1: write normals too */
     double origin[3]; /* subtracted from every position */
 };
 

@@ -15,15 +15,15 @@
 #include "tool/progress.h"
 #include "study/study_vec.h"
 
-#define ROUND         262144U  /* candidates tried between two looks at the result */
+#define ROUND         262144U  /* candidates tried in one round */
 #define BLOCK         1024U    /* candidates a thread takes at a time */
-#define HOPELESS      1000000U /* candidates after which ... */
-#define HOPELESS_RATE 1000U    /* ... fewer than one in so many is given up on */
-#define CLEARANCE                                                                                  \
-    1e-6                     /* off a surface before asking where that is, of the diagonal: ten    \
-                                times the ray tracer's float rounding */
+#define HOPELESS      1000000U /* candidates after which sampling ends if ... */
+#define HOPELESS_RATE 1000U    /* ... fewer than one in this many is accepted */
+/* Distance off a surface before the inside test, as a share of the diagonal: ten times the ray
+ * tracer's float rounding. */
+#define CLEARANCE  1e-6
 #define SIDE_MAX   16384U    /* pixels of a view */
-#define PIXELS_MAX 67108864U /* the same; 64 Mi, as of a picture */
+#define PIXELS_MAX 67108864U /* pixels of a view; 64 Mi, as for a picture */
 
 /* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
@@ -48,7 +48,7 @@ static uint64_t mix(uint64_t z)
     return z ^ (z >> 31);
 }
 
-/* The next number in 0..1, 1 excluded, of a candidate's own stream. */
+/* The next number in [0, 1) of a candidate's own stream. */
 static double uniform(uint64_t *state)
 {
     *state += 0x9e3779b97f4a7c15U;
@@ -71,7 +71,7 @@ int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], 
     return winding > 0;
 }
 
-/* The first triangle whose sum of areas is above `at`; triangles of no area are never found. */
+/* The first triangle whose sum of areas is above `at`; triangles of zero area are never found. */
 static size_t triangle_at(const struct sampling *sampling, double at)
 {
     size_t low = 0, high = sampling->request->scene->count - 1;
@@ -192,8 +192,8 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     return UMB_OK;
 }
 
-/* Tries candidates a round at a time until the set is full. Ends: each round either accepts one in
- * HOPELESS_RATE on the average of all so far, or is the last. */
+/* Tries candidates in rounds until the set is full. It ends: unless one in HOPELESS_RATE candidates
+ * so far was accepted, the round is the last. */
 static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_set *set,
                                   struct umb_error *error)
 {

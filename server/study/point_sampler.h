@@ -4,15 +4,15 @@
 /*
  * Query points of a scene, for load tests, demonstrations and benchmarks.
  *
- *   surface  uniform over the area of all triangles, those parts that lie inside a closed part
- *            left out (nobody sees them, and answers there are unspecified)
+ *   surface  uniform over the area of all triangles, without what lies inside a closed part
+ *            (invisible, and answers there are unspecified)
  *   near     off such a surface point along its normal by up to `reach_m`, outside closed parts
  *   free     uniform in the scene's box, outside closed parts
- *   view     what the pixels of a camera see, in scan order
+ *   view     points that the pixels of a camera see, in scan order
  *
  * Random points are made from numbered candidates, each with random numbers of its own (SplitMix64
  * of the seed and the number), and taken in the order of their numbers: the same seed gives the
- * same points whatever the thread count.
+ * same points for every number of threads.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"
@@ -26,7 +26,7 @@ enum umbt_point_kind {
 struct umbt_point_request {
     const struct umbt_scene *scene;
     enum umbt_point_kind kind;
-    size_t count; /* wanted, at least 1 */
+    size_t count; /* number of points wanted, at least 1 */
     uint64_t seed;
     double reach_m;   /* near: > 0 */
     unsigned threads; /* 1..256 */
@@ -37,7 +37,7 @@ struct umbt_point_set {
     size_t count;
     double (*positions)[3]; /* [count], world space, metres */
     float (*normals)[3];    /* [count], unit; zero for free points, the surface's for near ones */
-    uint64_t candidates;    /* tried for them: random points, or pixels */
+    uint64_t candidates;    /* candidates tried: random points, or pixels */
 };
 
 /*
@@ -55,14 +55,14 @@ struct umbt_point_view {
     const struct umbt_scene *scene;
     const struct umbt_camera_request *camera;
     const struct umbt_camera_subject *subject;
-    uint32_t width, height; /* of the first picture; its shape is kept */
-    size_t count;           /* wanted; 0 = every pixel that sees the scene */
+    uint32_t width, height; /* size of the first picture; its shape is kept */
+    size_t count;           /* number of points wanted; 0 = every pixel that sees the scene */
     unsigned threads;
 };
 
 /*
  * Makes the points that a camera sees, with normals towards the camera. With a count, the picture
- * grows until it has as many points, and every k-th in scan order is taken.
+ * grows until it has enough points, and every k-th in scan order is taken.
  *
  * Fails: E_NO_MEMORY; E_ARGUMENT (the camera sees nothing, stands inside a closed part, or sees so
  *        little that the picture would be above 16384 pixels a side).
@@ -73,8 +73,8 @@ UMB_CHECKED enum umb_status umbt_points_view(const struct umbt_point_view *view,
 void umbt_point_set_finish(struct umbt_point_set *set); /* a zeroed struct is allowed */
 
 /*
- * 1 if a point lies inside a closed part, by the crossings of one ray. Off a surface, `away` is
- * its normal and turns the ray away from it; else NULL.
+ * 1 if a point lies inside a closed part, by the crossings of one ray. away: for a point on a
+ * surface its normal, from which the ray then points away; else NULL.
  */
 int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], const double *away);
 

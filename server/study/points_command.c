@@ -2,8 +2,8 @@
 /*
  * `points`: sample points of a scene, for load tests and demonstrations.
  *
- * Camera, up axis and light direction mean what they mean to `render`; the light only chooses the
- * side from which a fitted camera looks.
+ * Camera, up axis and light direction have the same meaning as in `render`; the light only chooses
+ * the side from which a fitted camera looks.
  */
 #include "study/study_command.h"
 
@@ -22,10 +22,10 @@
 #include "tool/exit_code.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */
-#define REACH_DEFAULT 5.0        /* metres; but at most ... */
+#define REACH_DEFAULT 5.0        /* metres; at most ... */
 #define REACH_SHARE   0.05       /* ... this share of the scene's diagonal */
 #define REACH_MAX     1e6        /* metres */
-#define COARSE_M      0.01       /* a float spacing that is worth a warning */
+#define COARSE_M      0.01       /* float spacing that causes a warning */
 #define SUN_AZIMUTH   135.0      /* the bake's default sun */
 #define SUN_ELEVATION 45.0
 
@@ -145,8 +145,8 @@ static enum umb_status random_sample(struct points_run *run, struct umb_error *e
     return umbt_points_sample(&request, &run->set, error);
 }
 
-/* Floats far from the origin are coarser than a voxel; said, and forbidden only where there are
- * none. */
+/* Warns if floats so far from the origin are coarse; fails if the coordinates exceed the range of
+ * floats. */
 static enum umb_status floats_judge(const struct points_run *run, struct umb_error *error)
 {
     double reach = 0.0;

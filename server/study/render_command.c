@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `render`: a picture of a scene with its shadows, and how it differs from a ray-traced one.
+ * `render`: a picture of a scene with its shadows, and its difference from a ray-traced one.
  *
  * Outputs are written only after everything was rendered; each replaces its file atomically.
  */
@@ -35,7 +35,7 @@ static const char *truth_name(enum umbt_truth_kind kind)
     return names[kind];
 }
 
-/* What cannot be written is better known before the work than after it. */
+/* Checks the outputs before the work, so that an unwritable one is found early. */
 static enum umb_status outputs_check(const struct umbt_render_options *options,
                                      struct umb_error *error)
 {
@@ -52,7 +52,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
 {
     struct umbt_render_options *options = &render->options;
     const double start = umbu_clock_s();
-    options->settings.opaque_only = options->compare; /* rays are stopped or not */
+    options->settings.opaque_only = options->compare; /* rays know only opaque and open */
     enum umb_status status = umbt_source_init(&render->source, options->asset, &options->daemon,
                                               &options->settings, error);
     if (status == UMB_OK) {
@@ -67,7 +67,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return status;
 }
 
-/* The light's disc is traced for parallel light only. */
+/* Refuses the disc of a lamp: the light's disc is traced for parallel light only. */
 static enum umb_status truth_check(const struct render *render, struct umb_error *error)
 {
     const struct umbt_render_options *options = &render->options;
@@ -104,7 +104,8 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         truth->frusta = render->source.frusta;
         truth->frustum_count = light->frustum_count;
     }
-    for (int k = 0; k < 3; k++) { /* a point light shows the scene as from anywhere: from above */
+    /* A point light has no direction: the scene is shown as if lit from above. */
+    for (int k = 0; k < 3; k++) {
         truth->to_light[k] =
             light->kind == UMB_LIGHT_POINT ? k == (options->z_up ? 2 : 1) : -light->direction[k];
     }
@@ -187,7 +188,7 @@ static enum umb_status pictures_write(const struct render *render, struct umb_er
     return status;
 }
 
-/* A daemon does not say enough to find the windows that reach into closed solids. */
+/* A daemon does not give enough data to find the windows that reach into closed solids. */
 static int undefined_is_known(const struct render *render)
 {
     return render->source.asset != NULL;

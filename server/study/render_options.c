@@ -11,7 +11,7 @@
 #include "study/view_options.h"
 #include "tool/exit_code.h"
 
-#define FOG_MAX   100.0 /* 1/m: nothing is seen beyond some centimetres */
+#define FOG_MAX   100.0 /* 1/m: the view ends after some centimetres */
 #define RAD_A_DEG 0.017453292519943295
 #define AT(field) UMBU_AT(struct umbt_render_options, field)
 
@@ -105,7 +105,7 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed,
     return UMB_OK;
 }
 
-/* Only one thing goes to stdout. */
+/* Refuses a second output to stdout. */
 static enum umb_status stdout_check(struct umbt_render_options *options, struct umb_error *error)
 {
     const int pictures = umbu_output_is_stdout(options->output) +
@@ -118,7 +118,7 @@ static enum umb_status stdout_check(struct umbt_render_options *options, struct 
                : UMB_OK;
 }
 
-/* What the options say together. */
+/* Checks combinations of options. */
 static enum umb_status options_check(const struct umbt_render_options *options,
                                      struct umb_error *error)
 {

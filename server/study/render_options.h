@@ -23,7 +23,7 @@ struct umbt_render_options {
     unsigned up; /* 0 by the scene's format, 1 y, 2 z */
     int z_up;
     int force, json, quiet;
-    int to_stdout; /* one of the pictures goes there */
+    int to_stdout; /* 1: one of the pictures goes to stdout */
 };
 
 /* Reads and checks. Returns -1 to go on, else the exit code, after the help or a message. */

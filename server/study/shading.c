@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How pictures look; see shading.h. The constants are taste, set by looking at the scenes. */
+/* The look of pictures; see shading.h. The constants are taste, chosen by looking at the scenes. */
 #include "study/shading.h"
 
 #include <math.h>
@@ -22,8 +22,8 @@ static const struct umbt_rgb palette[] = {
 static const struct umbt_rgb sun_color = {{1.16, 1.06, 0.90}};
 static const struct umbt_rgb sky_light = {{0.24, 0.29, 0.38}};
 static const struct umbt_rgb ground_light = {{0.21, 0.19, 0.16}};
-static const double fog_sun = 0.8;   /* of the sun's colour that sunlit fog sends to the eye */
-static const double fog_shade = 0.2; /* of the ambient light that all of it sends */
+static const double fog_sun = 0.8; /* share of the sun's colour that sunlit fog sends to the eye */
+static const double fog_shade = 0.2; /* share of the ambient light that all fog sends */
 static const struct umbt_rgb sky_zenith = {{0.36, 0.52, 0.74}};
 static const struct umbt_rgb sky_horizon = {{0.74, 0.80, 0.86}};
 static const struct umbt_rgb sky_below = {{0.47, 0.52, 0.57}};

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_SHADING_H
 #define UMBRAGE_SERVER_STUDY_SHADING_H
 /*
- * How pictures look: muted surface colours, a warm sun by Lambert's law, a sky dome that tints
+ * The look of pictures: muted surface colours, a warm sun by Lambert's law, a sky dome that tints
  * ambient light cool from above and warm from the ground, a soft shoulder, sRGB.
  *
  * Colours are linear RGB, 0..1 once displayed. Pure functions.
@@ -13,8 +13,8 @@ struct umbt_rgb {
     double c[3];
 };
 
-/* The surface colour of a group of triangles (a material or a part); the same key, the same colour.
- */
+/* The surface colour of a group of triangles (a material or a part); equal keys give equal
+ * colours. */
 struct umbt_rgb umbt_surface_color(uint32_t key);
 
 /*
@@ -26,13 +26,13 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);
 
-/* A colour seen through fog; through, lit: as umbt_fog_look gives them. */
+/* A colour seen through fog; through, lit: results of umbt_fog_look. */
 struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit);
 
 /* The sky behind the scene; upward: vertical component of the unit view direction. */
 struct umbt_rgb umbt_sky(double upward);
 
-/* Rolls highlights off: 0 stays 0, the slope there is 1, nothing reaches 1. */
+/* Compresses highlights: 0 stays 0, the slope there is 1, and 1 is never reached. */
 double umbt_shoulder(double linear);
 
 /* Encodes one linear value (clamped to 0..1) as 8-bit sRGB. Source: IEC 61966-2-1. */

@@ -17,7 +17,7 @@ static size_t texels_of(const struct umbt_map16 *map)
     return (size_t)map->side * (size_t)map->side;
 }
 
-/* Texels in large pages where the system has them, all lit. NULL without memory. */
+/* Allocates texels, all lit, in large pages if the system has them. NULL if out of memory. */
 static uint16_t *layout_make(const struct umbt_map16 *map)
 {
     void *memory = NULL;
@@ -25,7 +25,7 @@ static uint16_t *layout_make(const struct umbt_map16 *map)
     if (posix_memalign(&memory, LARGE_PAGE, texels * sizeof(uint16_t)) != 0) {
         return NULL;
     }
-    (void)madvise(memory, texels * sizeof(uint16_t), MADV_HUGEPAGE); /* a wish */
+    (void)madvise(memory, texels * sizeof(uint16_t), MADV_HUGEPAGE); /* a hint */
     uint16_t *layout = memory;
     for (size_t i = 0; i < texels; i++) {
         layout[i] = (uint16_t)map->size;

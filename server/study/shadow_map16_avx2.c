@@ -2,9 +2,9 @@
 /*
  * Queries of the 16-bit shadow map, for AVX2; see shadow_map16.h.
  *
- * A ring holds the texel and the depth of the points ahead: a block of points is transformed while
- * the texels of the one before are on their way. The transform does the same operations in the same
- * order as the product's, so that both look up the same voxel.
+ * A ring holds the texel and the depth of the next points: a block of points is transformed while
+ * the texels of the block before are being fetched. The transform does the same operations in the
+ * same order as umbrage's own, so both look up the same voxel.
  */
 #include "study/shadow_map16.h"
 
@@ -18,7 +18,7 @@ struct ring {
     int32_t x[RING], y[RING], z[RING]; /* x, y: of the window's centre, padding included */
 };
 
-/* Row k of the transform for four points; the sum in the product's order. */
+/* Row k of the transform for four points; the sum is in umbrage's own order. */
 static __m256d transform(const double m[4], __m256d x, __m256d y, __m256d z)
 {
     __m256d sum = _mm256_mul_pd(_mm256_set1_pd(m[0]), x);
@@ -27,14 +27,14 @@ static __m256d transform(const double m[4], __m256d x, __m256d y, __m256d z)
     return _mm256_add_pd(sum, _mm256_set1_pd(m[3]));
 }
 
-/* Floor, kept within low..high, plus add. */
+/* Floor, clamped to low..high, plus add. */
 static __m128i cell(__m256d v, double low, double high, int32_t add)
 {
     v = _mm256_max_pd(_mm256_min_pd(_mm256_floor_pd(v), _mm256_set1_pd(high)), _mm256_set1_pd(low));
     return _mm_add_epi32(_mm256_cvttpd_epi32(v), _mm_set1_epi32(add));
 }
 
-/* Four points from twelve floats. */
+/* Transforms four points, which are twelve floats. */
 static void transform_four(const struct umbt_map16 *map, const float *points, struct ring *ring,
                            size_t at)
 {
@@ -50,7 +50,7 @@ static void transform_four(const struct umbt_map16 *map, const float *points, st
     const __m128 pz = _mm_shuffle_ps(z01, c, _MM_SHUFFLE(3, 0, 2, 0));
     const __m256d x = _mm256_cvtps_pd(px), y = _mm256_cvtps_pd(py), z = _mm256_cvtps_pd(pz);
     const double border = UMBT_MAP16_PAD / 2, size = (double)map->size;
-    /* Beyond the padding's middle every window is lit, wherever it is. */
+    /* From the middle of the padding on every window is lit, so far points may be clamped there. */
     _mm_storeu_si128((__m128i *)(void *)(ring->x + at),
                      cell(transform(map->m[0], x, y, z), -border, size + border, UMBT_MAP16_PAD));
     _mm_storeu_si128((__m128i *)(void *)(ring->y + at),
@@ -102,7 +102,7 @@ static inline int rows_count(const uint16_t *texel, size_t side, int taps, int32
     return row_lanes_sum(sum, taps) + more;
 }
 
-/* The same in plain C; the compiler turns the inner loop into vectors. */
+/* rows_count in plain C; the compiler turns the inner loop into vectors. */
 static inline int plain_count(const uint16_t *texel, size_t side, int taps, int32_t z)
 {
     const int16_t depth = (int16_t)z;
@@ -117,7 +117,7 @@ static inline int plain_count(const uint16_t *texel, size_t side, int taps, int3
     return count;
 }
 
-/* Which of the 8 columns of tile `t` lie in x0 .. x1, as eight lanes of 16 bits. */
+/* Mask of the columns of tile `t` within x0 .. x1, as eight lanes of 16 bits. */
 static __m128i column_mask(int32_t x0, int32_t x1, int32_t t)
 {
     const __m128i column =
@@ -134,7 +134,7 @@ static inline int tiles_count(const struct umbt_map16 *map, int32_t x, int32_t y
     const size_t across = (size_t)map->side >> 3;
     const int32_t first = x & 7, last = first + taps - 1;
     __m128i masks[4];
-    const int columns = (last >> 3) + 1; /* tiles that the window crosses: 2 or 3, or 4 never */
+    const int columns = (last >> 3) + 1; /* tiles that the window crosses: 2 or 3, never 4 */
     for (int t = 0; t < columns; t++) {
         masks[t] = column_mask(first, last, t);
     }
@@ -227,7 +227,7 @@ static inline __attribute__((always_inline)) void run(const struct umbt_map16_qu
     }
 }
 
-/* Each window by each way. */
+/* A case for each window and way. */
 #define WAYS(TAPS)                                                                                 \
     case TAPS:                                                                                     \
         if (query->way == UMBT_MAP16_PLAIN) {                                                      \

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where shadows come from; see shadow_source.h. */
+/* Sources of shadows; see shadow_source.h. */
 #include "study/shadow_source.h"
 
 #include <errno.h>
@@ -10,7 +10,7 @@
 
 #include "study/study_scene.h"
 
-/* Of a request: a point with its normal, and what stands beside all points. */
+/* Bytes of a request: of a point with its normal, and of everything else. */
 #define POINT_BYTES (3 * sizeof(double) + 3 * sizeof(float))
 #define HEAD_BYTES  512
 
@@ -61,7 +61,7 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     return UMB_OK;
 }
 
-/* Points of a call as the server takes them; where it tells no limit, it has none. */
+/* Points of a call that the server accepts; a server that names no limit has none. */
 static size_t call_max(const struct umb_client_limits *limits)
 {
     const uint64_t bytes = limits->max_message_bytes;
@@ -138,7 +138,7 @@ enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3]
                : umb_query_prepare(source->asset, &source->settings, &source->query, error);
 }
 
-/* Asks the daemon, as many calls as it takes. */
+/* Queries the daemon in as many calls as needed. */
 static enum umb_status ask(const struct umbt_source *source, const struct umb_points *points,
                            float *values, struct umb_query_stats *stats, struct umb_error *error)
 {

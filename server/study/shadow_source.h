@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_SERVER_STUDY_SHADOW_SOURCE_H
 #define UMBRAGE_SERVER_STUDY_SHADOW_SOURCE_H
 /*
- * Where shadows come from: an asset file queried in process, or an asset of a daemon queried over
+ * Sources of shadows: an asset file queried in process, or an asset of a daemon queried through
  * libumbrage. The answers are the same bits.
  *
- * An argument is a file if it exists as one, holds a '/', or ends in .umb or .umbm; else it names
- * an asset of a daemon: at its address, or UMBRAGE_ADDRESS, or tcp:127.0.0.1:7420; with the token
- * in its file, or UMBRAGE_TOKEN, or none.
+ * An argument is a file if a file of that name exists, if it holds a '/', or if it ends in .umb or
+ * .umbm. Else it names an asset of a daemon: at the given address, or UMBRAGE_ADDRESS, or
+ * tcp:127.0.0.1:7420; with the token in the given file, or UMBRAGE_TOKEN, or none.
  * Threads: after init, umbt_source_answer may be called from any number of threads.
  */
 #include "tool/session.h"
@@ -17,16 +17,16 @@ struct umbt_source {
     const char *name;          /* file or asset as given, borrowed */
     struct umb_asset *asset;   /* file, else NULL */
     struct umb_client *client; /* daemon, else NULL */
-    size_t call_max;           /* daemon: points it takes at once */
+    size_t call_max;           /* daemon: most points of a call */
     struct umb_query_settings settings;
     struct umb_query query; /* file */
     uint8_t id[UMB_ID_BYTES];
     uint8_t scene_hash[UMB_ID_BYTES];
-    double origin[3]; /* file: that transforms start from */
+    double origin[3]; /* file: origin of the transforms */
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
-    int translucent;                 /* the asset was baked with the effect transmittance */
+    int translucent;                 /* 1: the asset was baked with the effect transmittance */
 };
 
 /* 1 if the argument names a file by the rule above. */
@@ -45,7 +45,7 @@ UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const c
                                              struct umb_error *error);
 void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */
 
-/* Lets the footprint filter answer for pixels of an angle, in radians, seen from an eye. Fails: as
+/* Sets the footprint filter for pixels of an angle, in radians, seen from an eye. Fails: as
  * umb_query_prepare. */
 UMB_CHECKED enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3],
                                              double pixel_rad, struct umb_error *error);
@@ -53,7 +53,8 @@ UMB_CHECKED enum umb_status umbt_source_look(struct umbt_source *source, const d
 /*
  * Answers points first .. first + count - 1.
  *
- * In:    positions: double[3 * (first + count)], world space, finite; normals: float, likewise.
+ * In:    positions: double[3 * (first + count)], world space, finite; normals: float[3 * (first +
+ *        count)].
  * Out:   values: float, written at the same indices. stats: added to.
  * Fails: file: E_ARGUMENT (not finite); daemon: as umb_client_query.
  */

@@ -10,7 +10,7 @@
 #define RUNS     5
 #define ATTEMPTS 3
 #define RUN_S    0.002
-#define CALLS    1000 /* a run, at most */
+#define CALLS    1000 /* calls a run, at most */
 
 static int by_size(const void *a, const void *b)
 {
@@ -31,7 +31,7 @@ struct umbt_steady_time umbt_steady_time(void (*ask)(void *user), void *user, si
                                          double enough)
 {
     struct umbt_steady_time best = {0.0, INFINITY};
-    const double once = calls_s(ask, user, 1); /* and warm */
+    const double once = calls_s(ask, user, 1); /* after a first call has warmed up the caches */
     const int calls = 1 + (int)fmin(RUN_S / fmax(once, 1e-9), CALLS);
     for (int attempt = 0; attempt < ATTEMPTS && best.spread > enough; attempt++) {
         double seconds[RUNS];

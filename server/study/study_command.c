@@ -99,7 +99,7 @@ static void options_complete(struct umbt_study_options *options)
     }
 }
 
-/* The aliasing heat map of the same view, by the command that makes one. */
+/* Draws the aliasing heat map of the same view, by the command `aliasing`. */
 static enum umb_status heat_draw(const struct umbt_study *study, struct umb_error *error)
 {
     char path[PATH_BYTES], threads[16];

@@ -35,7 +35,7 @@ void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result
     result->over_05 = counts[2] / count;
 }
 
-/* Distances of the wrong answers, in any order. */
+/* Statistics of the distances of wrong answers, in any order. */
 static void distances_conclude(float *wrong, size_t wrongs, struct umbt_study_result *result)
 {
     qsort(wrong, wrongs, sizeof *wrong, compare_floats);

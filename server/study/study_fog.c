@@ -6,14 +6,14 @@
 #include <string.h>
 #include "study/study_vec.h"
 
-#define INTERVALS 256 /* of a view ray; one with more is halved */
+#define INTERVALS 256 /* most intervals of a view ray; a ray with more is halved */
 
 enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, double density,
                               struct umbt_fog *fog, struct umb_error *error)
 {
     fog->density = density;
     enum umb_status status = umb_volume_prepare(asset, light, &fog->volume, error);
-    /* How a lamp's light fades is not known, and fog shows little else. */
+    /* The falloff of a lamp's light is not known, and fog would mostly show that. */
     return status == UMB_OK ? umb_volume_check_parallel(&fog->volume, error) : status;
 }
 
@@ -35,7 +35,7 @@ static double lit_between(const struct umbt_fog *fog, const double eye[3], const
     memcpy(segments.origin, eye, sizeof segments.origin);
     umb_volume_segments(&fog->volume, &segments, 0, 1, &answers);
     if (answer.interval_count > INTERVALS) {
-        /* Halving ends: a voxel long piece crosses few voxels. */
+        /* Halving ends: a piece as long as a voxel crosses few voxels. */
         const double middle = 0.5 * (from + to);
         return lit_between(fog, eye, way, from, middle) + lit_between(fog, eye, way, middle, to);
     }

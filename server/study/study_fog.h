@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_FOG_H
 #define UMBRAGE_SERVER_STUDY_STUDY_FOG_H
 /*
- * Sunlit fog between the eye and what it sees: light shafts. The lit intervals of each view ray
- * come from a segment query of the asset, so that the integral over them is exact for a fog of
- * constant density: nothing is sampled along the ray.
+ * Sunlit fog between the eye and the surface: light shafts. The lit intervals of each view ray come
+ * from a segment query of the asset. So the integral over them is exact for a fog of constant
+ * density: nothing is sampled along the ray.
  */
 #include "umbrage/volume.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage-study: everything that needs rays and a scene beside an asset. Dispatches sub-commands.
- */
+/* umbrage-study: all tools that need rays and a scene in addition to an asset. Dispatches
+ * sub-commands. */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -38,7 +38,7 @@ static const struct command {
     {"deep", umbt_deep_command},
 };
 
-/* Data that did not reach stdout must not look like success. */
+/* Fails if data could not be written to stdout: that must not look like success. */
 static int output_finish(int code)
 {
     if ((fflush(stdout) != 0 || ferror(stdout)) && code <= 1) {
@@ -50,9 +50,9 @@ static int output_finish(int code)
 
 int main(int argc, char **argv)
 {
-    /* A closed pipe or connection is an error of that write, not the end of the process. */
+    /* Makes a write to a closed pipe or connection fail, instead of ending the process. */
     (void)signal(SIGPIPE, SIG_IGN);
-    (void)signal(SIGXFSZ, SIG_IGN); /* so is a file beyond the size limit */
+    (void)signal(SIGXFSZ, SIG_IGN); /* the same for a file beyond the size limit */
     if (argc < 2) {
         fputs(help, stderr);
         return umbu_exit_code(UMB_E_ARGUMENT);
@@ -80,7 +80,7 @@ int main(int argc, char **argv)
         puts("umbrage-study " UMB_VERSION_TEXT);
         return output_finish(0);
     }
-    if (strpbrk(argv[1], "./") == NULL) { /* no scene's name */
+    if (strpbrk(argv[1], "./") == NULL) { /* not a scene's name */
         fprintf(stderr, "umbrage-study: '%.80s' is not a command; see umbrage-study --help\n",
                 argv[1]);
         return umbu_exit_code(UMB_E_ARGUMENT);

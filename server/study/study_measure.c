@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Every setting against the same samples (study.h).
+ * Measuring every setting on the same samples (study.h).
  *
- * Errors come from answers that are the same bits in every run, and are summed in the order of the
- * samples, so that a report's errors can be reproduced exactly.
+ * The answers are the same bits in every run, and errors are summed in the order of the samples, so
+ * a report's errors can be reproduced exactly.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -17,13 +17,13 @@
 #include "umbrage/curve.h"
 
 #define BLOCK    64
-#define JUDGED_M 0.01F /* of visibility: answers farther off are looked at for undefined space */
+#define JUDGED_M 0.01F /* visibility error above which an answer is checked for undefined space */
 
 static const uint32_t taps_quick[] = {1, 3, 9};
 static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
 
-/* What all settings share, and what one is judged by. */
+/* State that all settings share, and the truth of the current one. */
 struct judging {
     const struct umbt_probe *probe;
     const float *area;
@@ -53,7 +53,7 @@ static enum umb_status undefined_block(void *user, size_t first, size_t count,
     return UMB_OK;
 }
 
-/* What an asset reads for a point of the view. */
+/* Counts what an asset reads for a point of the view. */
 static void reads_count(const struct umbt_probe *probe, float *values)
 {
     const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
@@ -100,7 +100,7 @@ static void add_setting(struct umbt_study *study, const struct umbt_study_result
     }
 }
 
-/* The filters, coarse levels and half shadows of an asset. */
+/* Lists the filters, coarse levels and half shadows of an asset. */
 static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *taps, size_t count)
 {
     const struct umbt_study_bake *bake = &study->bakes[b];
@@ -124,7 +124,7 @@ static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *tap
     }
 }
 
-/* Bound and cache lines as the asset states them. */
+/* Reads bound and cache lines from the asset's curve. */
 static void curve_read(const struct umbt_study *study, struct umbt_study_result *result)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -161,7 +161,7 @@ static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, co
     }
 }
 
-/* Lists all settings, those of assets first. Out: peer_of: which peer a setting asks, or NULL. */
+/* Lists all settings, those of assets first. Out: peer_of: the peer of each setting, or NULL. */
 static void list_settings(struct umbt_study *study, const struct umbt_peers *peers,
                           const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX])
 {

@@ -13,7 +13,7 @@
 extern const unsigned char umbu_page_study_page[];
 extern const size_t umbu_page_study_page_size;
 
-/* A picture file as an <img>; nothing if it is not there. */
+/* Writes a picture file as an <img>; nothing if the file is missing. */
 static void image(FILE *to, const struct umbt_study *study, const char *name, const char *label)
 {
     char path[PATH_BYTES];

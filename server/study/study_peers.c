@@ -14,7 +14,7 @@
 #include "umbrage/volume.h"
 
 #define MAP_LOG2_MAX    13 /* 8192 texels a side: 128 MiB */
-#define VOLUME_LOG2_MAX 12 /* of nanovdb_peer.h */
+#define VOLUME_LOG2_MAX 12 /* greatest log2_size of nanovdb_peer.h */
 #define DERIVED_QUICK   1024U
 #define DERIVED_FULL    2048U
 #define BIAS_CLEARS     (65.0 / 64.0)
@@ -59,7 +59,7 @@ float *umbt_peers_moved(const struct umbt_study *study, const struct umbt_peers 
 {
     const struct umb_query_settings settings = {.taps = taps};
     const double(*step)[3] = bake->frustum.voxel_step;
-    /* Without a normal: that of (1,1,1) / sqrt(3) in voxels. */
+    /* Reach without a normal: that of (1,1,1) / sqrt(3) in voxels. */
     const double no_normal =
         0.5 / sqrt(3.0) *
         ((double)taps * (umb__length(step[0]) + umb__length(step[1])) + umb__length(step[2]));
@@ -91,7 +91,7 @@ struct columns {
     struct umbt_map16 *map;
 };
 
-/* One block of 8 x 8 columns, asked at the centres of their texels on the first slice. */
+/* Fills one block of 8 x 8 columns, queried at the centres of their texels on the first slice. */
 static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
 {
     const struct umb_frustum_info *frustum = &columns->bake->frustum;
@@ -146,7 +146,7 @@ static enum umb_status map_fill(const struct umbt_study *study, const struct umb
                             : status;
 }
 
-/* Takes the layout that is quicker for windows, and gives the other back. */
+/* Keeps the layout that is faster for windows, and frees the other. */
 static enum umb_status map_tune(const struct umbt_study *study, const struct umbt_peers *peers,
                                 struct umbt_peer *peer, struct umb_error *error)
 {
@@ -226,7 +226,7 @@ static int block_state(const void *user, uint32_t x, uint32_t y, uint32_t z, uin
     return 2;
 }
 
-/* A volume of the voxels that a map's heights tell; the map still has its rows. */
+/* Makes a volume from a map's heights; the map still has its rows. */
 static enum umb_status volume_add(const struct umbt_study *study, struct umbt_peers *peers,
                                   const struct umbt_peer *map, struct umb_error *error)
 {
@@ -248,7 +248,7 @@ static enum umb_status volume_add(const struct umbt_study *study, struct umbt_pe
     return UMB_OK;
 }
 
-/* The shadow map of a resolution, and its volume. */
+/* Makes the shadow map of a resolution, and its volume. */
 static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peers *peers,
                                 uint32_t bake, struct umb_error *error)
 {
@@ -323,7 +323,7 @@ static void say_missing(struct umbt_study *study)
     }
 }
 
-/* The resolution whose maps are derived: a map for a GPU, not for a film, and below the finest. */
+/* The resolution whose maps are derived: fit for a GPU, and below the finest. */
 static uint32_t derived_resolution(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;

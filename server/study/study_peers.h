@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_PEERS_H
 #define UMBRAGE_SERVER_STUDY_STUDY_PEERS_H
 /*
- * What else answers the samples of a study (study.h), made from its open assets so that resolution
- * and frustum are the same: a plain 16-bit shadow map with percentage closer filtering
- * (shadow_map16.h), a NanoVDB mask grid of the voxels (nanovdb_peer.h, where the build has it), and
+ * Peers that answer the samples of a study (study.h), made from its open assets so that resolution
+ * and frustum are the same. They are a plain 16-bit shadow map with percentage closer filtering
+ * (shadow_map16.h), a NanoVDB mask grid of the voxels (nanovdb_peer.h, if the build has it), and
  * the maps that `umbrage derive` makes for GPUs.
  *
- * In favour of the first two: samples that face away are left out of their time and shadowed for
- * nothing, and the others were moved off their surface and made floats beforehand; an asset's time
- * holds all of that.
+ * The first two get an advantage. Samples that face away are left out of their time and shadowed
+ * for free; the others were moved off their surface and converted to floats before. An asset's time
+ * includes all of that.
  */
 #include "study/nanovdb_peer.h"
 #include "study/shadow_map16.h"
@@ -17,12 +17,12 @@
 #include "umbrage/derive.h"
 
 #define UMBT_PEERS_MAX         32
-#define UMBT_PEER_DERIVED_TAPS 9 /* what derived maps are filtered with */
+#define UMBT_PEER_DERIVED_TAPS 9 /* filter width of derived maps */
 
 /* One of them. */
 struct umbt_peer {
     enum umbt_study_method method;
-    uint32_t bake; /* whose voxels it has */
+    uint32_t bake; /* bake whose voxels it has */
     uint64_t bytes;
     double build_s;              /* DERIVED: of umb_derive, CPU time */
     enum umbt_map16_way way;     /* DEPTH_MAP */
@@ -35,7 +35,7 @@ struct umbt_peer {
 struct umbt_peers {
     uint32_t count;
     struct umbt_peer list[UMBT_PEERS_MAX];
-    /* The samples that face the light or have no normal, in order. */
+    /* Samples that face the light or have no normal, in order. */
     size_t facing_count;
     uint32_t *rank;         /* [points + 1]: facing samples before each */
     double (*positions)[3]; /* [facing_count] */
@@ -43,15 +43,16 @@ struct umbt_peers {
 };
 
 /*
- * Makes them for the resolutions that they can be made for; study->missing says which could not
- * be and why. Fails: E_NO_MEMORY, and as umb_derive.
+ * Makes the peers for the resolutions that allow it; study->missing names those that could not be
+ * made, with the reason. Fails: E_NO_MEMORY, and as umb_derive.
  */
 UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
                                             struct umb_error *error);
 void umbt_peers_finish(struct umbt_peers *peers);
 
-/* The facing samples as a filter of `taps` asks for them: moved off their surface, relative to the
- * asset's origin. Out: float[3 * facing_count], malloc; NULL without memory. */
+/* The facing samples for a filter of `taps`: moved off their surface, relative to the asset's
+ * origin.
+ * Out: float[3 * facing_count], malloc; NULL if out of memory. */
 float *umbt_peers_moved(const struct umbt_study *study, const struct umbt_peers *peers,
                         const struct umbt_study_bake *bake, uint32_t taps);
 

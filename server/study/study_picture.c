@@ -13,12 +13,12 @@
 #include "tool/progress.h"
 
 #define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
-#define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves while rays are traced */
+#define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves during ray tracing */
 #define QUERY_BLOCK  16384             /* points a request: well under the daemon's usual limit */
 #define TRACE_BLOCK  512
 #define FIXED_ONE    4294967296.0
 
-/* Sums over receivers that face the light; visibilities in 2^-32, so that order does not matter. */
+/* Sums over receivers that face the light; visibilities in 2^-32, so the order does not matter. */
 struct differences {
     uint64_t facing, undefined, over_half, over_half_defined;
     uint64_t lighter, darker, defined;
@@ -29,12 +29,12 @@ struct frame {
     const struct umbt_picture_request *request;
     struct umbt_picture_result *result;
     struct umbt_gbuffer buffer;
-    uint32_t height; /* of the picture */
+    uint32_t height; /* height of the picture */
     float *answers;  /* [capacity] of the asset */
     float *truths;   /* [capacity] of the rays */
     struct umbu_progress progress;
     pthread_mutex_t mutex; /* guards result->stats, sum and picture_sum while blocks run */
-    uint64_t picture_sum;  /* of |asset - traced| over 8-bit channels */
+    uint64_t picture_sum;  /* sum of |asset - traced| over 8-bit channels */
     struct differences sum;
 };
 
@@ -71,7 +71,7 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
-/* Cosine between a receiver's normal and the way to the light. */
+/* Cosine between a receiver's normal and the direction to the light. */
 static double receiver_cosine(const struct frame *frame, size_t slot, const double normal[3])
 {
     const struct umbt_picture_request *request = frame->request;
@@ -81,8 +81,8 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
     return umb__dot(normal, towards);
 }
 
-/* How far the truth's share may be off: an edge through s x s rays misses or takes up to s of them.
- * The other kinds are exact about what they ask. */
+/* Largest error of the truth's share: an edge through s x s rays misses up to s of them. The other
+ * kinds are exact. */
 static double truth_error(const struct umbt_truth *truth)
 {
     return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
@@ -170,7 +170,7 @@ static void pixel_direction(const struct frame *frame, size_t pixel, double dire
                     (row + 0.5) / (double)frame->height, direction);
 }
 
-/* A colour seen through the fog before it: up to the receiver, or past the whole scene. */
+/* A colour seen through the fog: up to the receiver, or through the whole scene. */
 static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32_t slot,
                                  struct umbt_rgb color)
 {
@@ -209,7 +209,8 @@ static void pixel_shade(const struct frame *frame, size_t pixel, const float *vi
     }
 }
 
-/* Where the asset differs, over a pale grey picture: red where it is lighter, blue where darker. */
+/* Colours the differences over a pale grey picture: red where the asset is lighter, blue where
+ * darker. */
 static void pixel_difference(const struct frame *frame, size_t pixel, const uint8_t traced[3],
                              uint8_t out[3])
 {

@@ -4,9 +4,8 @@
 /*
  * A picture of a scene with its shadows, from an asset, from rays, or from both for comparison.
  *
- * Works in bands of rows, so that memory does not grow with the picture. Sub-samples are shaded,
- * rolled off, averaged over the pixel and encoded.
- * Results do not depend on the number of threads.
+ * It works in bands of rows, so memory does not grow with the picture. Sub-samples are shaded,
+ * rolled off, averaged over the pixel and encoded. Results do not depend on the number of threads.
  *
  * Differences are taken over receivers that face the light: elsewhere both answers are 0 by the
  * normal, and counting them would flatter the mean.
@@ -17,8 +16,9 @@
 #include "study/traced_shadow.h"
 #include "study/gbuffer.h"
 
-/* Below this cosine between normal and light a texel's edge reaches so far along the surface that
- * shadows are not expected to be right; such receivers are hardly lit, too. */
+/* Cosine between normal and light below which receivers are not judged. There a texel's edge
+ * reaches so far along the surface that shadows cannot be right; such receivers are also hardly
+ * lit. */
 #define UMBT_JUDGED_FACING 0.2
 
 struct umbt_picture_request {
@@ -32,26 +32,28 @@ struct umbt_picture_request {
     int z_up;
     uint32_t aa; /* 1..3 */
     unsigned threads;
-    struct umbt_picture *asset;      /* out, made by the caller; NULL to leave out */
-    struct umbt_picture *traced;     /* out, likewise */
-    struct umbt_picture *difference; /* out, likewise; needs source and truth */
+    struct umbt_picture *asset;  /* out, made by the caller; NULL to leave out */
+    struct umbt_picture *traced; /* out, made by the caller; NULL to leave out */
+    /* Out, made by the caller; NULL to leave out; needs source and truth. */
+    struct umbt_picture *difference;
     int quiet;
 };
 
 struct umbt_picture_result {
-    uint64_t samples, receivers, facing; /* sub-samples; that hit; of them facing the light */
+    /* Sub-samples; those that hit a surface; part of these that faces the light. */
+    uint64_t samples, receivers, facing;
     struct umb_query_stats stats;
     double gbuffer_s, query_s, trace_s, compare_s; /* wall seconds of the stages */
     /* With source and truth, over receivers facing the light: */
     double mean_difference;           /* mean of |asset - traced| */
     double mean_lighter, mean_darker; /* its two parts: asset lighter (leaks), darker (acne) */
     double over_half;                 /* share with |asset - traced| > 0.5 */
-    /* The same without receivers whose window reaches into closed solids (unspecified answers): */
+    /* The mean without receivers whose window reaches into closed solids (unspecified answers): */
     uint64_t undefined; /* such receivers among those that differ */
     double mean_defined, over_half_defined;
-    /* Of the receivers with N.L above UMBT_JUDGED_FACING, windows into closed solids left out of
-     * the shares: asset below 0.5 where the truth is above 0.5 by more than its own error, and the
-     * reverse. */
+    /* Receivers with N.L above UMBT_JUDGED_FACING, without windows into closed solids. The shares
+     * count those where the asset is below 0.5 and the truth above 0.5 by more than its own error,
+     * and the reverse. */
     uint64_t judged;
     double false_shadow, false_light;
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */

@@ -50,7 +50,7 @@ enum umb_status umbt_study_camera(const struct umbt_study *study, uint32_t width
     return umbt_camera_make(&fitted, &subject, width, height, camera, error);
 }
 
-/* A resolution's asset as the picture renderer takes it. */
+/* A resolution's asset in the form of the picture renderer. */
 static enum umb_status source_make(const struct umbt_study *study,
                                    const struct umbt_study_result *result,
                                    struct umbt_source *source, struct umb_error *error)

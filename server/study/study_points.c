@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The samples of a study and what is true of them (study.h).
+ * The samples of a study and their truth (study.h).
  *
- * How far a surface point is from the true shadow boundary: rays from points in its tangent plane,
- * in 16 directions and ever further out, until one sees something else; then the distance is
- * halved in. Where the surface bends away from its tangent plane the distance is an estimate from
- * below, as any other surface close by counts too.
+ * The distance of a surface point to the true shadow boundary comes from rays that start in its
+ * tangent plane, in 16 directions and ever farther out, until one has another truth. Then the
+ * distance is narrowed by halving. Where the surface bends away from its tangent plane the distance
+ * is an estimate from below, because any other surface close by counts too.
  */
 #include "study/study.h"
 
@@ -18,18 +18,18 @@
 #include "study/study_vec.h"
 
 #define DIRECTIONS   16
-#define RINGS        12   /* reach / 2^11 .. reach */
-#define HALVINGS     6    /* a boundary's distance to 1.6 % */
-#define REACH_SHARE  0.02 /* of the scene's diagonal */
-#define SURFACE_LIFT 2e-6 /* of the diagonal, as traced_shadow.h says */
-#define BORDER_SHARE 0.1  /* of the reach: points nearer a boundary are the border set */
+#define RINGS        12   /* rings from reach / 2^11 to reach */
+#define HALVINGS     6    /* halvings: a boundary's distance to 1.6 % */
+#define REACH_SHARE  0.02 /* share of the scene's diagonal */
+#define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
+#define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary are the border set */
 #define BORDER_DRAWS 8    /* surface points drawn for each border point wanted */
 #define BLOCK        256
 #define VIEWS        3
 
 const char *const umbt_study_set_names[UMBT_STUDY_SET_COUNT] = {"view", "border", "free"};
 
-/* Work of the threads. */
+/* State of the tracing threads. */
 struct tracing {
     const struct umbt_study *study;
     struct umbt_study_points *points;
@@ -42,7 +42,7 @@ static int sees_light(const struct umbt_study *study, const double from[3])
                           2.0 * study->scene.diagonal_m);
 }
 
-/* Two unit vectors that span the plane across a unit normal. */
+/* Two unit vectors that span the plane perpendicular to a unit normal. */
 static void tangents(const double normal[3], double u[3], double v[3])
 {
     const int least = fabs(normal[0]) < fabs(normal[1])
@@ -64,7 +64,7 @@ static int lit_at(const struct umbt_study *study, const double from[3], const do
     return sees_light(study, at);
 }
 
-/* The least distance at which a direction shows another truth; infinite if none does. */
+/* Least distance at which a direction has another truth; infinite if there is none. */
 static double distance_along(const struct umbt_study *study, const double from[3],
                              const double along[3], int lit, double nearest)
 {
@@ -157,7 +157,8 @@ static void append(struct umbt_study_points *points, const struct umbt_point_set
     points->count += count;
 }
 
-/* What three cameras around the scene see; a camera that sees nothing is left out. */
+/* Draws the points seen by three cameras around the scene; a camera that sees nothing is left
+ * out. */
 static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
 {
     const struct umbs_scene_view *scene = &study->scene.scene->view;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One setting, made ready and asked; see study_probe.h. */
+/* Preparing and querying one setting; see study_probe.h. */
 #include "study/study_probe.h"
 
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 
 #include "study/study_vec.h"
 
-#define AHEAD       16U /* points, where there are too few to tune with */
+#define AHEAD       16U /* prefetch distance in points if there are too few for tuning */
 #define TUNE_POINTS 256U
 
 struct umb_points umbt_study_points_all(const struct umbt_study *study)
@@ -85,7 +85,8 @@ void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t coun
         return;
     }
     const uint32_t *rank = probe->peers->rank + first;
-    for (size_t i = count; i-- > 0;) { /* from the end: an answer moves to its place or behind */
+    /* From the end: an answer moves to its place or farther back. */
+    for (size_t i = count; i-- > 0;) {
         values[i] = rank[i + 1] > rank[i] ? values[rank[i] - rank[0]] : 0.0F;
     }
 }
@@ -108,7 +109,7 @@ static void truth_prepare(struct umbt_probe *probe)
     memcpy(probe->truth.origin, probe->bake->info.origin, sizeof probe->truth.origin);
 }
 
-/* How far ahead the map is read, by trying on the view. */
+/* Tunes the map's prefetch distance on the view. */
 static enum umb_status map_prepare(struct umbt_probe *probe, struct umb_error *error)
 {
     const size_t view = probe->peers->rank[probe->study->points.first[UMBT_STUDY_BORDER]];

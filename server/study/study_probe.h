@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_PROBE_H
 #define UMBRAGE_SERVER_STUDY_STUDY_PROBE_H
-/* Settings of a study on their way: made and judged in study_measure.c, timed in study_times.c. */
+/* Probes: settings of a study, made and judged in study_measure.c, timed in study_times.c. */
 #include "study/traced_shadow.h"
 #include "study/study.h"
 #include "study/study_peers.h"
 
-/* One setting on its way. */
+/* One setting, prepared. */
 struct umbt_probe {
     struct umbt_study *study;
     struct umbt_study_result *result;
     const struct umbt_study_bake *bake;
     struct umbt_truth truth;
-    /* Of an asset: query. Of a peer: the others, as far as it needs them. */
+    /* An asset uses query; a peer uses the others that it needs. */
     struct umb_query query;
     const struct umbt_peers *peers;
     const struct umbt_peer *peer;
@@ -26,25 +26,25 @@ struct umbt_probe {
 struct umb_points umbt_study_points_all(const struct umbt_study *study);
 
 /*
- * Asks a setting about samples first .. first + count - 1.
+ * Queries samples first .. first + count - 1 with a setting.
  *
- * Out: values: float[count]; of a peer the facing samples' answers alone, one after the other
+ * Out: values: float[count]; for a peer only the answers of facing samples, one after the other
  *      (umbt_probe_answer puts them in their places).
  * Threads: any.
  */
 void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* The same with an answer for each sample, values[0] that of sample `first`. */
+/* umbt_probe_run with an answer for each sample, values[0] that of sample `first`. */
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* Makes a setting ready to be asked. Fails: E_NO_MEMORY, as umb_query_prepare. */
+/* Prepares a setting for queries. Fails: E_NO_MEMORY, as umb_query_prepare. */
 UMB_CHECKED enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error);
 void umbt_probe_finish(struct umbt_probe *probe);
 
 /* A sample's unit normal; zero for free points. */
 void umbt_study_normal(const struct umbt_study_points *points, size_t i, double normal[3]);
 
-/* Takes the times of all results and of the rays. probes: [result_count], prepared. Fails:
+/* Measures the times of all results and of the rays. probes: [result_count], prepared. Fails:
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *probes,
                                              struct umb_error *error);

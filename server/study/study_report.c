@@ -34,7 +34,7 @@ static void json_bake(struct umbu_json *json, const struct umbt_study_bake *bake
     umbu_json_end(json, '}');
 }
 
-/* The numbers of a result by name, in the order of the columns. */
+/* A column: a number of a result, by name. */
 struct column {
     const char *name;
     double value;
@@ -42,7 +42,7 @@ struct column {
 
 #define COLUMNS 24
 
-/* A time whose runs differ too much is not told. */
+/* A time for the report; left out if its runs differ too much. */
 static double told(double ns, double spread)
 {
     return spread <= UMBT_STUDY_SPREAD_MAX ? ns : (double)NAN;
@@ -177,7 +177,7 @@ static void csv(FILE *to, const struct umbt_study *study)
         const struct umbt_study_result *result = &study->results[r];
         const struct umbt_study_bake *bake = &study->bakes[result->bake];
         columns_of(result, columns);
-        const int peer = result->method >= UMBT_STUDY_DEPTH_MAP; /* lies in no file */
+        const int peer = result->method >= UMBT_STUDY_DEPTH_MAP; /* peers have no file */
         fprintf(to, "%s,%s,%u,%d,%u,%u,%.6g,", result->name, bake->name, bake->resolution,
                 bake->frustum.closed, result->taps, result->level, bake->voxel_m);
         fprintf(to, peer ? "," : "%" PRIu64 ",", bake->packed_bytes);
@@ -189,7 +189,7 @@ static void csv(FILE *to, const struct umbt_study *study)
     }
 }
 
-/* Writes what `print` prints as one file. */
+/* Writes the output of `print` as one file. */
 static enum umb_status print_file(const struct umbt_study *study, const char *name,
                                   void (*print)(FILE *to, const struct umbt_study *study),
                                   struct umb_error *error)

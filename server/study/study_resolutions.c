@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The assets of a study (study.h): one umbrage-bake a resolution, in a process of its own, so that
- * its time and memory are those a user would see. Its own comparison with rays is off: the study
- * compares more.
+ * The assets of a study (study.h): one umbrage-bake a resolution, in a separate process, so that
+ * its time and memory are those a user would see. The bake's own comparison with rays is off,
+ * because the study compares more.
  *
- * An asset that an earlier run left in FOLDER/assets is taken if it was baked from this scene at
- * this resolution; the times of its bake are kept beside it.
+ * An asset of an earlier run in FOLDER/assets is reused if it was baked from this scene at this
+ * resolution; the times of its bake are stored beside it.
  */
 #define _GNU_SOURCE /* wait4 */
 #include "study/study.h"
@@ -29,7 +29,7 @@
 #define LOWEST       512
 #define ARGS_MAX     32
 #define TALK_BYTES   200
-#define EXIT_NO_ROOM 75 /* of umbrage-bake: memory, limits */
+#define EXIT_NO_ROOM 75 /* umbrage-bake's exit code for memory and limits */
 
 /* Files of one asset. */
 struct asset_paths {
@@ -50,7 +50,7 @@ static enum umb_status paths_make(const struct umbt_study *study, const char *na
     return UMB_OK;
 }
 
-/* umbrage-bake beside the running program. */
+/* Path of umbrage-bake, beside the running program. */
 static enum umb_status find_bake(char path[PATH_BYTES], struct umb_error *error)
 {
     ssize_t got = readlink("/proc/self/exe", path, PATH_BYTES - 16);
@@ -67,16 +67,16 @@ static enum umb_status find_bake(char path[PATH_BYTES], struct umb_error *error)
     return UMB_OK;
 }
 
-/* The command line of one bake; texts are borrowed. */
+/* Fills the command line of one bake; texts are borrowed. */
 static void fill_arguments(const struct umbt_study *study, const struct umbt_study_bake *bake,
                            const struct asset_paths *paths, char *numbers, const char **arguments)
 {
     const struct umbt_study_options *o = &study->options;
-    const char *fixed[] = {"umbrage-bake", o->scene,   "-o",
-                           paths->asset,   "--verify", "0",
-                           "--quiet",      "--closed", bake->closed ? "auto" : "off",
-                           "--resolution", numbers,    "--threads",
-                           numbers + 16,   "--effect", "transmittance=off"}; /* as rays see it */
+    const char *fixed[] = {"umbrage-bake", o->scene, "-o", paths->asset, "--verify", "0", "--quiet",
+                           "--closed", bake->closed ? "auto" : "off", "--resolution", numbers,
+                           "--threads",
+                           /* Because rays know only opaque and open. */
+                           numbers + 16, "--effect", "transmittance=off"};
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
     (void)snprintf(numbers + 16, 16, "%u", (unsigned)o->threads);
@@ -104,7 +104,7 @@ static void become_bake(const char *program, const char *const *arguments, const
     _exit(127);
 }
 
-/* The last line that the bake wrote. */
+/* Reads the last line of the bake's messages. */
 static void last_line(const char *path, char *line, size_t size)
 {
     char text[512];
@@ -159,7 +159,7 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
 
 static void times_save(const char *path, const struct umbt_study_bake *bake)
 {
-    FILE *file = fopen(path, "w"); /* without it the next run bakes again */
+    FILE *file = fopen(path, "w"); /* without this file the next run bakes again */
     if (file != NULL) {
         (void)fprintf(file, "%.6f %.6f\n", bake->wall_s, bake->cpu_s);
         (void)fclose(file);
@@ -176,7 +176,7 @@ static int times_load(const char *path, struct umbt_study_bake *bake)
     return good;
 }
 
-/* Opens an asset and reads what the study needs of it. */
+/* Opens an asset and reads the facts that the study needs. */
 static enum umb_status resolution_open(struct umbt_study_bake *bake, const char *path,
                                        struct umb_error *error)
 {
@@ -206,7 +206,7 @@ static void resolution_close(struct umbt_study_bake *bake)
     bake->asset = NULL;
 }
 
-/* 1 if an earlier run left this very asset. */
+/* 1 if an earlier run left this asset. */
 static int resolution_reuse(const struct umbt_study *study, struct umbt_study_bake *bake,
                             const struct asset_paths *paths)
 {
@@ -224,7 +224,7 @@ static int resolution_reuse(const struct umbt_study *study, struct umbt_study_ba
     return same;
 }
 
-/* What an exit code of umbrage-bake means for the study. */
+/* The status for an exit code of umbrage-bake. */
 static enum umb_status status_of(int code)
 {
     static const enum umb_status known[] = {UMB_E_ARGUMENT, UMB_E_BAD_SCENE, UMB_E_NO_INPUT,
@@ -237,7 +237,7 @@ static enum umb_status status_of(int code)
     return UMB_E_UNAVAILABLE;
 }
 
-/* Bakes one asset, or says in bake->reason why it cannot be. */
+/* Bakes one asset, or writes the reason for a failure to bake->reason. */
 static enum umb_status resolution_bake(const struct umbt_study *study, struct umbt_study_bake *bake,
                                        struct umb_error *error)
 {
@@ -276,7 +276,7 @@ static enum umb_status folders_make(const char *folder, struct umb_error *error)
     return UMB_OK;
 }
 
-/* One resolution, open or closed. Out: 0 when it is the last. */
+/* Adds one resolution, open or closed. Out: 0 if it is the last. */
 static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution, int closed,
                                       int *more, struct umb_error *error)
 {

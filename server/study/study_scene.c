@@ -41,7 +41,7 @@ static double triangle_area(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Decides by what surfaces are told apart, and which is the main one. */
+/* Decides whether materials or parts distinguish surfaces, and which surface is the main one. */
 static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error *error)
 {
     for (size_t i = 1; i < scene->count && !scene->by_material; i++) {
@@ -55,7 +55,7 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     }
     for (size_t i = 0; i < scene->count; i++) {
         const uint32_t group = surface_group(scene, i);
-        /* Triangles of no group share the last place. */
+        /* Triangles without a group share the last place. */
         areas[group < group_count ? group : group_count] +=
             triangle_area((const double(*)[3])scene->corners[i]);
     }
@@ -68,7 +68,8 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
-/* In: whole: triangles with holes are none; through: rays go through translucent ones. */
+/* Loads a scene. In: whole: treats triangles with holes as whole; through: rays pass translucent
+ * ones. */
 static enum umb_status scene_load(struct umbt_scene *scene, const char *path, int whole,
                                   int through, struct umb_error *error)
 {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_SCENE_H
 #define UMBRAGE_SERVER_STUDY_STUDY_SCENE_H
 /*
- * A scene beside an asset: imported, flattened, split into parts and ready for rays.
+ * A scene in addition to an asset: imported, flattened, split into parts and ready for rays.
  *
  * Closed parts that the bake turns around (umbs_part.flipped) are turned around here too, so that
  * "outside" means the same to the rays and to the bake.
@@ -18,12 +18,13 @@ struct umbt_scene {
     uint32_t *materials;     /* [count] */
     size_t count;            /* at least 1 */
     struct umbs_parts parts;
-    struct umbs_cuts cuts; /* triangles with holes, or translucent; rays go through those */
+    /* Triangles with holes, or translucent; rays pass through those places. */
+    struct umbs_cuts cuts;
     struct umbr_rays *rays;
-    struct umb_box box; /* of all triangles */
-    double diagonal_m;  /* of the box */
+    struct umb_box box; /* bounds of all triangles */
+    double diagonal_m;  /* diagonal of the box */
     uint8_t hash[UMB_ID_BYTES];
-    int by_material;       /* surfaces are told apart by material, else by part */
+    int by_material;       /* 1: surfaces are distinguished by material, 0: by part */
     uint32_t main_surface; /* the material or part of the largest area */
 };
 
@@ -35,12 +36,12 @@ int umbt_plan_has(const char *plan, const char *effect);
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
 
-/* The same, and rays go through translucent triangles. */
+/* umbt_scene_init, but rays pass through translucent triangles. */
 UMB_CHECKED enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
                                                    struct umb_error *error);
 
-/* The same as the voxels of an asset with this plan see it: without holes unless its effect cut-out
- * is on, and rays go through translucent triangles if its effect transmittance is. */
+/* umbt_scene_init for an asset with this plan. Holes count only if its effect cut-out is on; rays
+ * pass through translucent triangles if its effect transmittance is on. */
 UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                                     const char *plan, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */
@@ -54,8 +55,8 @@ UMB_CHECKED enum umb_status umbt_scene_match(const struct umbt_scene *scene, con
                                              const uint8_t asset_hash[UMB_ID_BYTES],
                                              struct umb_error *error);
 
-/* Key of a triangle's surface colour, by its material if several are used, else by its part; 0 for
- * the one of the largest area, usually the ground. */
+/* Key of a triangle's surface colour, by its material if several are used, else by its part. The
+ * largest surface, usually the ground, has key 0. */
 uint32_t umbt_scene_surface_key(const struct umbt_scene *scene, size_t triangle);
 
 #endif

@@ -39,7 +39,7 @@ static int stays_below(const struct umbt_study_result *result, double error_m)
     return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
 }
 
-/* Whether a's time is known and less than b's; of unknown ones the one that reads less. */
+/* Whether a's time is known and less than b's; if both are unknown, whether a reads less. */
 static int is_faster(const struct umbt_study_result *a, const struct umbt_study_result *b)
 {
     const int a_known = a->spread <= UMBT_STUDY_SPREAD_MAX;
@@ -83,12 +83,12 @@ static void say_setting(struct writer *writer, const struct umbt_study *study,
         1e-6 * (double)bake->packed_bytes, 1e-6 * (double)bake->info.memory_bytes, bake->wall_s);
 }
 
-/* The pair of settings that a sentence names. */
+/* The pair of settings in a sentence. */
 struct choice {
     const struct umbt_study_result *hard, *soft; /* any filter; 9 taps and more, or NULL */
 };
 
-/* Says what stays below an error, unless the sentence before named the same. */
+/* Writes which settings stay below an error, unless the sentence before named the same ones. */
 static void say_error(struct writer *writer, const struct umbt_study *study, double error_m,
                       struct choice *last)
 {
@@ -106,7 +106,7 @@ static void say_error(struct writer *writer, const struct umbt_study *study, dou
     say(writer, ".\n");
 }
 
-/* The best that these resolutions reached. */
+/* The sharpest result of all resolutions. */
 static const struct umbt_study_result *sharpest(const struct umbt_study *study)
 {
     const struct umbt_study_result *best = NULL;
@@ -167,7 +167,7 @@ static void say_time(struct writer *writer, const struct umbt_study_result *resu
     }
 }
 
-/* What a peer of the finest resolution that it has costs beside the asset it was made of. */
+/* Writes the cost of a peer, at its finest resolution, beside that of its asset. */
 static void say_peer(struct writer *writer, const struct umbt_study *study,
                      enum umbt_study_method method, const char *name)
 {
@@ -201,7 +201,8 @@ static void say_peer(struct writer *writer, const struct umbt_study *study,
     }
 }
 
-/* Times that are not told; of all threads only: nothing above depends on those. */
+/* Names the times that are left out; only those of all threads, because the summary needs no
+ * others. */
 static void say_unsteady(struct writer *writer, const struct umbt_study *study)
 {
     uint32_t one = 0, all = 0;
@@ -240,7 +241,7 @@ void umbt_study_summary(const struct umbt_study *study, char *text, size_t size)
     say(&writer, "Sharpest of these resolutions: edges within %.3g m: ", best->off_p95_m);
     say_setting(&writer, study, best);
     say(&writer, ".\n");
-    /* 1, 2, 5 a decade, from what was reached on. */
+    /* Errors of 1, 2, 5 a decade, from the best reached one on. */
     const double decade = pow(10.0, floor(log10(fmax(best->off_p95_m, 1e-6))));
     struct choice last = {best, NULL};
     for (double scale = decade; scale <= study->points.reach_m; scale *= 10.0) {

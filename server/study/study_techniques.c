@@ -19,7 +19,7 @@
 #define RESOLUTION_FULL  1024
 #define SUN_RAD          (0.53 * 3.14159265358979323846 / 180.0)
 
-/* Notes one more row of the report. */
+/* Adds a row to the report. */
 static void note(struct umbt_study *study, const char *name, enum umbt_technique_truth truth,
                  const struct umbt_technique_result *result)
 {
@@ -52,7 +52,7 @@ static enum umb_status row_measure(struct umbt_study *study, const struct umbt_t
     return status;
 }
 
-/* The view's filter on the DAG of one asset as one more technique. */
+/* Measures the view's filter on the DAG of one asset, as one more technique. */
 static enum umb_status dag_measure(struct umbt_study *study, const struct umbt_study_bake *bake,
                                    const struct umbt_technique_view *view, float *values,
                                    struct umb_error *error)

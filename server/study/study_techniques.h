@@ -3,7 +3,8 @@
 #define UMBRAGE_SERVER_STUDY_STUDY_TECHNIQUES_H
 /*
  * The shadow maps of the literature in the study: every row of `umbrage-study techniques`, and the
- * voxel DAG, on what one camera sees, against traced rays over each one's own filter.
+ * voxel DAG, on the points that one camera sees. Each is compared with traced rays over its own
+ * filter.
  */
 #include "study/study.h"
 #include "tool/json.h"

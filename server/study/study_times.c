@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Times of every setting and of rays (study_probe.h): runs interleaved over the settings, so that a
- * machine's mood falls on all of them alike, and again for those whose runs differ too much; CPU
- * time of the one thread where one thread is meant, wall time where all are.
+ * Times of every setting and of rays (study_probe.h). Runs are interleaved over the settings, so
+ * that a disturbance of the machine affects all of them alike. Settings whose runs differ too much
+ * are timed again. Times of one thread are its CPU time, times of all threads are wall time.
  */
 #include "study/study_probe.h"
 
@@ -13,15 +13,15 @@
 #include "study/study_vec.h"
 #include "tool/clock.h"
 
-#define AREA_RAYS   9 /* a side: 81 rays a point */
+#define AREA_RAYS   9 /* rays a side: 81 rays a point */
 #define AREA_POINTS 2000
 #define ALL_BLOCK   4096
-/* What all threads do: so much that starting them hardly counts, but no more than so many points,
+/* Work of a run with all threads: so much that starting them hardly counts, but limited in points,
  * views and seconds of one thread. */
 #define ALL_POINTS 1000000U
 #define ALL_PASSES 32U
 #define ALL_S      0.02
-#define ATTEMPTS   4 /* at times that do not spread too far */
+#define ATTEMPTS   4 /* attempts at times whose runs agree */
 
 /* Times of one setting, a run each. */
 struct times {
@@ -44,7 +44,7 @@ static double median(double values[UMBT_STUDY_RUNS])
 static double spread(const double values[UMBT_STUDY_RUNS])
 {
     const double middle = values[UMBT_STUDY_RUNS / 2];
-    /* The two outermost runs of each side are the machine's, not the setting's. */
+    /* The outermost run on each side is attributed to the machine, not to the setting. */
     return middle > 0.0 ? (values[UMBT_STUDY_RUNS - 2] - values[1]) / middle : 0.0;
 }
 
@@ -54,7 +54,7 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
     float values[ALL_BLOCK];
     (void)error;
-    while (count > 0) { /* the view over and over */
+    while (count > 0) { /* repeats the view */
         const size_t at = first % view;
         const size_t room = view - at < count ? view - at : count;
         umbt_probe_run(probe, at, room, values);
@@ -64,14 +64,15 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     return UMB_OK;
 }
 
-/* How often all threads answer the view: for ALL_S on one of them, or as many points as that. */
+/* Number of passes over the view so that one thread is busy for ALL_S seconds, limited in
+ * points. */
 static size_t all_passes(size_t view, double ns)
 {
     const double wanted = fmin((double)ALL_POINTS, 1e9 * ALL_S / fmax(ns, 1.0)) / (double)view;
     return wanted >= (double)ALL_PASSES ? ALL_PASSES : 1 + (size_t)wanted;
 }
 
-/* values: scratch, float[points]. */
+/* Times a setting once. values: scratch, float[points]. */
 static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
                                  float *values, struct umb_error *error)
 {
@@ -98,7 +99,7 @@ struct ray_times {
     double area[UMBT_STUDY_RUNS], area8[UMBT_STUDY_RUNS];
 };
 
-/* Eight samples a call; the last few are left out. Out: how many were stopped. */
+/* Eight samples a call; the last few are left out. Out: number of rays that hit. */
 static int rays_by_eight(const struct umbt_study *study, size_t count, double reach)
 {
     const struct umbt_study_points *points = &study->points;
@@ -114,8 +115,8 @@ static int rays_by_eight(const struct umbt_study *study, size_t count, double re
     return sum;
 }
 
-/* A window's rays of one sample, eight a call, the last call with fewer new ones. Out: how many
- * were stopped. */
+/* Traces a window's rays of one sample, eight a call; the last call has fewer new ones. Out: number
+ * of rays that hit. */
 static int window_by_eight(const struct umbt_study *study, const struct umbt_truth *window,
                            size_t i)
 {
@@ -151,8 +152,8 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
     return sum;
 }
 
-/* Rays on the same samples: one a point, and a window of them. Out: how many were stopped, so that
- * the compiler cannot leave them out. */
+/* Times rays on the same samples: one a point, and a window of them. Out: number of rays that hit,
+ * so that the compiler cannot remove them. */
 static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
                      const struct umbt_truth *truth)
 {
@@ -190,7 +191,7 @@ static int rays_once(const struct umbt_study *study, struct ray_times *times, in
     return sum;
 }
 
-/* Keeps a time if its runs are steadier than those of the one before. */
+/* Keeps a time if its runs are steadier than those of the time before. */
 static void keep_steadier(double runs[UMBT_STUDY_RUNS], double *ns, double *spread_kept)
 {
     const double middle = median(runs), apart = spread(runs);
@@ -226,7 +227,7 @@ static int is_noisy(const struct umbt_study_result *result)
            UMBT_STUDY_SPREAD_MAX;
 }
 
-/* One attempt: the runs of all settings whose times are not steady yet, interleaved. */
+/* One attempt: interleaved runs of all settings whose times are not steady yet. */
 static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe *probes,
                                      struct times *times, const struct umbt_truth *window,
                                      float *values, struct umb_error *error)

@@ -9,7 +9,7 @@
 #include "tool/threads.h"
 
 #define BLOCK   64
-#define CHECKED 1000 /* samples that are traced twice as finely as well */
+#define CHECKED 1000 /* samples that are also traced with twice the rays a side */
 
 struct tracing {
     const struct umbt_study_points *points;
@@ -34,7 +34,7 @@ static enum umb_status trace_block(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
-/* How well the truth knows itself: against one with twice the rays a side. */
+/* Estimates the truth's own error, against one with twice the rays a side. */
 static double own_error(const struct tracing *tracing)
 {
     const size_t surface = tracing->points->first[UMBT_STUDY_FREE];
@@ -51,7 +51,7 @@ static double own_error(const struct tracing *tracing)
     return count > 0.0 ? sqrt(sum / count) : 0.0;
 }
 
-/* Whether both ask the same rays. */
+/* True if both trace the same rays. */
 static int is_same(const struct umbt_truth *a, const struct umbt_truth *b)
 {
     return a->kind == b->kind && a->settings.taps == b->settings.taps &&

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_VEC_H
 #define UMBRAGE_SERVER_STUDY_STUDY_VEC_H
 /*
- * What base/vec.h leaves out of the vectors of cameras and rays. Prefix umbt_ (study).
- * Results may be written over an argument where it says so; nothing here can fail.
+ * Vector functions for cameras and rays that base/vec.h lacks. Prefix umbt_ (study). A result may
+ * be written over an argument only if the function says so; nothing here can fail.
  */
 #include <math.h>
 
@@ -17,8 +17,8 @@ static inline void umbt_along(const double a[3], double t, const double b[3], do
     }
 }
 
-/* Scales a to unit length; returns its old length, and leaves it alone if that is 0 or not finite.
- */
+/* Scales a to unit length and returns its old length. If that is 0 or not finite, a is
+ * unchanged. */
 static inline double umbt_normalize(double a[3])
 {
     const double length = umb__length(a);

@@ -10,17 +10,17 @@
 #include "study/study_vec.h"
 #include "tool/clock.h"
 
-#define WEIGHT 0.5 /* of logarithmic against uniform splits (Zhang et al. 2006) */
+#define WEIGHT 0.5 /* weight of logarithmic against uniform splits (Zhang et al. 2006) */
 #define BLOCK  512
 
-/* A row at work. */
+/* A row being measured. */
 struct cascades {
     const struct umbt_technique_view *view;
     struct umb_cascade_plan plan;
     struct umb_map *maps[UMB_CASCADES_MAX];
     struct umb_map_query queries[UMB_CASCADES_MAX];
-    struct umbt_truth truths[UMB_CASCADES_MAX]; /* of each slice's box */
-    float *depth;                               /* of one slice at a time */
+    struct umbt_truth truths[UMB_CASCADES_MAX]; /* truths of each slice's box */
+    float *depth;                               /* depths of one slice at a time */
     float *traced;                              /* [receivers] */
 };
 
@@ -42,7 +42,7 @@ static enum umb_status plan_make(struct cascades *c, const struct umbt_technique
         camera.near_m = fmin(camera.near_m, distance_of(view, i));
         camera.far_m = fmax(camera.far_m, distance_of(view, i));
     }
-    camera.near_m *= 0.999; /* room, where all points are equally far */
+    camera.near_m *= 0.999; /* some room, if all points are equally far */
     camera.far_m *= 1.001;
     for (uint32_t i = 0; i < row->cascades; i++) {
         settings.resolution[i] = view->resolution / 2;
@@ -94,7 +94,7 @@ static enum umb_status traced_block(void *user, size_t first, size_t count, stru
     return UMB_OK;
 }
 
-/* All points of the view by all slices. */
+/* State of querying all points of the view in all slices. */
 struct asking {
     const struct cascades *cascades;
     const struct umb_points *points;

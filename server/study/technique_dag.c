@@ -9,7 +9,7 @@
 #include "study/study_vec.h"
 
 #define BLOCK    512
-#define SAME_SUN 1e-9 /* 1 less the cosine of the angle between two suns: 0.003 degrees */
+#define SAME_SUN 1e-9 /* 1 - cosine of the largest angle between equal suns: 0.003 degrees */
 
 const enum umbt_technique_truth umbt_dag_truths[UMBT_DAG_ROWS] = {UMBT_POINT, UMBT_BOX};
 
@@ -68,7 +68,7 @@ static enum umb_status box_make(const struct umbt_technique_view *view,
                             : status;
 }
 
-/* All points of the view. */
+/* State of querying all points of the view. */
 struct asking {
     const struct umb_query *query;
     const struct umb_points *points;

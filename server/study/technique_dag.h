@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_STUDY_TECHNIQUE_DAG_H
 #define UMBRAGE_SERVER_STUDY_TECHNIQUE_DAG_H
 /*
- * A baked asset as rows of the study of techniques, on the same points of the same view: one tap
- * against one ray, and the view's filter, in voxels, against rays over its box.
+ * A baked asset as rows of the study of techniques, on the same points of the same view. One tap is
+ * compared with one ray, and the view's filter, in voxels, with rays over its box.
  */
 #include "study/technique_view.h"
 
 #define UMBT_DAG_ROWS 2U
 
-/* The rows' truths. */
+/* The truths of the rows. */
 extern const enum umbt_technique_truth umbt_dag_truths[UMBT_DAG_ROWS];
 
 /*

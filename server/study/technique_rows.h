@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_TECHNIQUE_ROWS_H
 #define UMBRAGE_SERVER_STUDY_TECHNIQUE_ROWS_H
 /*
- * The techniques that the study compares: settings, and which truth each is held against.
+ * The techniques that the study compares: their settings, and the truth of each.
  */
 #include "umbrage/cascades.h"
 

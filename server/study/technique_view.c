@@ -12,11 +12,12 @@
 #include "study/technique_cascades.h"
 #include "tool/clock.h"
 
-#define DISC_RAYS  64U
-#define AREA_RAYS  11U  /* a side */
-#define LIFT_SHARE 2e-6 /* of the scene's diagonal: off the surface, above Embree's rounding */
+#define DISC_RAYS 64U
+#define AREA_RAYS 11U /* rays a side */
+/* Share of the scene's diagonal: off the surface, above Embree's rounding. */
+#define LIFT_SHARE 2e-6
 
-/* A layer on its way. */
+/* A layer being traced. */
 struct layer {
     const struct umbr_rays *rays;
     const struct umb_map_frustum *frustum;
@@ -215,7 +216,7 @@ struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *vi
     struct umb_map_filter filter = row->filter;
     filter.width = row->truth == UMBT_POINT ? 1.0 : (double)view->taps;
     filter.bias_normal = 1.0;
-    filter.bias_m = view->frustum.depth_m / 65536.0; /* a step of 16 bits, for all alike */
+    filter.bias_m = view->frustum.depth_m / 65536.0; /* a step of 16 bits, for all techniques */
     if (filter.kernel == UMB_MAP_POISSON) {
         filter.width *= 1.12837917; /* a disc of the box's area */
     }
@@ -228,7 +229,7 @@ struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *vi
     return filter;
 }
 
-/* All points of the view by one map. */
+/* State of querying all points of the view in one map. */
 struct asking {
     const struct umb_map_query *query;
     struct umb_points points;

@@ -6,7 +6,7 @@
  * points that the camera sees, and their traced visibility by each kind of truth.
  *
  * Truths use the same box in light space as a filter of `width` texels, moved off the surface as
- * bias_normal = 1 does; so what is left of a difference is the technique's and its map's.
+ * bias_normal = 1 does. So the remaining difference comes from the technique and its map.
  */
 #include "study/gbuffer.h"
 #include "study/picture.h"
@@ -40,7 +40,7 @@ UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view 
                                                      struct umb_error *error);
 void umbt_technique_view_finish(struct umbt_technique_view *view);
 
-/* A frustum's layer of depths, traced. depth: float[frustum->width * frustum->height]. */
+/* Traces a frustum's layer of depths. depth: float[frustum->width * frustum->height]. */
 UMB_CHECKED enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
                                                  const struct umb_map_frustum *frustum,
                                                  float *depth, struct umb_error *error);
@@ -55,12 +55,12 @@ float umbt_technique_traced(const struct umbt_technique_view *view, const struct
 
 #define UMBT_TECHNIQUE_STEADY 0.15 /* spread of runs that is good enough */
 
-/* How one technique answered. Differences are over points that face the light. */
+/* Result of one technique. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
     double build_s; /* CPU time */
     struct umbt_steady_time query;
-    double mean, lighter, darker; /* of |answer - truth|, and its two parts */
+    double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
 };
 
@@ -69,21 +69,21 @@ struct umbt_technique_result {
 void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
                             const float *values, struct umbt_technique_result *result);
 
-/* The row's filter with what the view sets. */
+/* The row's filter, completed with the view's values. */
 struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
                                             const struct umbt_technique_row *row);
 
-/* The row's settings, likewise. */
+/* The row's settings, completed with the view's values. */
 struct umb_map_settings umbt_technique_settings(const struct umbt_technique_view *view,
                                                 const struct umbt_technique_row *row);
 
-/* Builds, asks and compares one row. values: float[receivers], out. */
+/* Builds, queries and compares one row. values: float[receivers], out. */
 UMB_CHECKED enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
                                                const struct umbt_technique_row *row, float *values,
                                                struct umbt_technique_result *result,
                                                struct umb_error *error);
 
-/* Draws the view with visibilities of its points into a picture, at pixel (x0, y0). */
+/* Draws the view into a picture at pixel (x0, y0), with the given visibilities of its points. */
 void umbt_technique_draw(const struct umbt_technique_view *view, const float *values,
                          struct umbt_picture *picture, uint32_t x0, uint32_t y0);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `techniques`: every shadow map technique on the same points of a scene against traced rays, with
- * error, bytes and time, and one picture of the view by each, side by side.
+ * `techniques`: every shadow map technique on the same points of a scene, compared with traced
+ * rays: error, bytes and time, and one picture of the view by each, side by side.
  */
 #include "study/study_command.h"
 
@@ -29,7 +29,7 @@ struct study {
     struct umbt_picture sheet;
     float *values;
     struct umb_asset *asset;               /* NULL: none */
-    size_t row_count;                      /* of techniques, then of the asset */
+    size_t row_count;                      /* rows of techniques, then of the asset */
     struct umbt_technique_result *results; /* [row_count] */
 };
 
@@ -95,7 +95,7 @@ static void tile_draw(struct study *study, size_t tile, const float *values)
     }
 }
 
-/* Row i: a technique, or the asset. */
+/* Runs row i: a technique, or the asset. */
 static enum umb_status row_run(struct study *study, size_t i, struct umb_error *error)
 {
     struct umbt_technique_result *result = &study->results[i];
@@ -134,7 +134,7 @@ static enum umb_status rows_run(struct study *study, struct umb_error *error)
     return status;
 }
 
-/* What row i is called, and what it is held against. */
+/* Name of row i, and its truth. */
 static const char *row_name(const struct study *study, size_t i, char *buffer, size_t size)
 {
     if (i < umbt_technique_row_count) {

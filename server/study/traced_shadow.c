@@ -6,8 +6,9 @@
 #include "rays/verify_light_frame.h"
 #include "study/study_vec.h"
 
-#define SURFACE_OFFSET 2e-6 /* of the scene's diagonal */
-#define FAR_FACTOR     2.0  /* no caster is further than the diagonal from a point of the scene */
+#define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
+/* Longest ray: no caster is farther than the diagonal from a point of the scene. */
+#define FAR_FACTOR 2.0
 
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3])
@@ -56,7 +57,7 @@ static double row_of(const struct umb_frustum_info *frustum, int row, const doub
     return umb__dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
 }
 
-/* The frustum that a point belongs to, with its voxels as they are there: a lamp's grow with the
+/* The frustum of a point, with the size of voxels at the point: a lamp's voxels grow with the
  * distance along the axis, and lie along the ray. */
 static void frustum_at(const struct umbt_truth *truth, const double point[3],
                        struct umb_frustum_info *at)
@@ -93,17 +94,17 @@ static int ray_reaches(const struct umbt_truth *truth, const double from[3])
                           truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
 }
 
-/* side x side starts of rays, `pitch` texels apart, centred `centre` texels from the moved point.
- */
+/* A window: side x side starts of rays, `pitch` texels apart, centred `centre` texels from the
+ * moved point. */
 struct window {
     double moved[3];
     double centre[2];
     double pitch;
     uint32_t side;
-    struct umb_frustum_info frustum; /* at the moved point */
+    struct umb_frustum_info frustum; /* frustum at the moved point */
 };
 
-/* The texels of the query's window: their centres, at the moved point's depth. */
+/* Window of the query: the centres of its texels, at the moved point's depth. */
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {
@@ -165,7 +166,7 @@ int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3
     return 0;
 }
 
-/* Two unit vectors across a third. */
+/* Two unit vectors perpendicular to a third. */
 static void across(const double w[3], double u[3], double v[3])
 {
     const double axis[3] = {fabs(w[0]) < 0.6, !(fabs(w[0]) < 0.6), 0};
@@ -177,7 +178,7 @@ static void across(const double w[3], double u[3], double v[3])
     umb__cross(w, u, v);
 }
 
-/* A place in the square -1..1 on both axes to one in the unit disc, areas in proportion. */
+/* Maps a place in the square -1..1 on both axes to the unit disc, with areas in proportion. */
 static void square_to_disc(double a, double b, double *x, double *y)
 {
     const double quarter = 0.7853981633974483;

@@ -2,26 +2,25 @@
 #ifndef UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 #define UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 /*
- * Shadows by rays: what an asset's pictures are compared with.
+ * Shadows by rays, the reference for an asset's pictures.
  *
- * Four references, each towards the light from points outside the surface, 0 where the normal
- * faces away:
+ * Four references, each towards the light from points outside the surface, 0 where the normal faces
+ * away:
  *
- * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1: the point is moved as the query
- *   moves it (computed here from the documented formula, not asked from the query); n x n rays
- *   start at the centres of the n x n texels around the moved point's texel, all at the moved
- *   point's own depth. Same footprint, but each texel's answer is traced; what remains is the
+ * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1. The point is moved as the query
+ *   moves it (computed here from the documented formula, not by the query). n x n rays start at the
+ *   centres of the n x n texels around the moved point's texel, all at the moved point's own depth.
+ *   The footprint is the same, but each texel's answer is traced; the remaining difference is the
  *   quantisation of depth to voxels.
- * - UMBT_TRUTH_AREA: the same, with samples x samples rays spread evenly over the n texels wide
- *   square centred on the moved point itself. What remains also holds the texel grid.
- * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. What remains is
- *   everything: resolution, bias and filter.
- *
+ * - UMBT_TRUTH_AREA: like TEXELS, with samples x samples rays spread evenly over the n texels wide
+ *   square centred on the moved point itself. The remaining difference includes the texel grid.
+ * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. The remaining difference
+ *   includes everything: resolution, bias and filter.
  * - UMBT_TRUTH_DISC, the default for penumbras: samples x samples rays from the surface, spread
- *   evenly over the light's disc (the concentric map of Shirley and Chiu 1997). What remains is
- *   everything. Parallel light only.
+ *   evenly over the light's disc (the concentric map of Shirley and Chiu 1997). The remaining
+ *   difference includes everything. Parallel light only.
  *
- * Precision: starts are moved 2e-6 of the scene's diagonal off the surface for those two,
+ * Precision: for the last two, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
  */
 #include "rays/rays.h"
@@ -42,32 +41,31 @@ struct umbt_truth {
     double extent;                     /* for DISC: the light's angular diameter, radians */
     double to_light[3];                /* unit; parallel light */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
-    const struct umb_frustum_info *frusta; /* of the lamp, borrowed; TEXELS and AREA */
+    const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */
     uint32_t frustum_count;
-    double diagonal_m;               /* of the scene */
-    double origin[3];                /* of the asset; TEXELS and AREA */
-    struct umb_frustum_info frustum; /* of parallel light; TEXELS and AREA */
+    double diagonal_m;               /* diagonal of the scene */
+    double origin[3];                /* origin of the asset; TEXELS and AREA */
+    struct umb_frustum_info frustum; /* frustum of parallel light; TEXELS and AREA */
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
 
-/* Unit direction from a point to the light: to_light without a lamp. Returns how far the light is,
- * metres; infinite without a lamp. */
+/* Unit direction from a point to the light: to_light without a lamp. Returns the light's distance
+ * in metres; infinite without a lamp. */
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3]);
 
 /*
- * Metres a point is moved along its unit normal, as umbrage/query.h documents for points with
- * normals. Pure.
- * In: frustum: voxel_step as it is at the point.
+ * Metres by which a point is moved along its unit normal, as umbrage/query.h documents for points
+ * with normals. Pure.
+ * In: frustum: with the voxel_step at the point.
  */
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3]);
 
 /*
  * 1 if a texel of the point's filter window lies, at the moved point's depth, inside a closed solid
- * of an asset baked under the closed rule: the asset's answer there is unspecified (design,
- * "defined space"), so a difference says nothing about it. Needs frustum and origin, whatever the
- * kind.
+ * of an asset baked under the closed rule. The asset's answer there is unspecified, so a difference
+ * says nothing about it. Needs frustum and origin, whatever the kind.
  */
 int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `verify`: an asset file against rays through the scene it was baked from.
+ * `verify`: compares an asset file with rays through the scene it was baked from.
  *
- * Exit 1 means that the asset disagrees with the rays outside the one-voxel band around shadow
+ * Exit code 1: the asset disagrees with the rays outside the one-voxel band around shadow
  * boundaries, where it must not (rays/verify.h).
  */
 #include "study/study_command.h"
@@ -32,11 +32,11 @@ struct verify {
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umbt_scene scene;
-    uint32_t first_light, light_count;  /* to verify */
+    uint32_t first_light, light_count;  /* range of lights to verify */
     struct umbr_verify_result *results; /* [light_count] */
     double seconds;
     uint64_t outside_band;
-    size_t rows_done; /* with --bounds */
+    size_t rows_done; /* number of rows checked with --bounds */
 };
 
 static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
@@ -171,7 +171,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
     umbu_progress_end(&compared.progress);
     verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
-        if (verify->results[i].points == 0) { /* silence must not pass for agreement */
+        if (verify->results[i].points == 0) { /* no compared points must not pass for agreement */
             status = umb_fail(error, UMB_E_BAD_SCENE,
                               "light %u: no point can be compared: all %" PRIu64
                               " drawn lie inside closed solids",
@@ -266,7 +266,7 @@ static void put_row(struct umbu_json *json, uint32_t light, const struct umb_cur
     umbu_json_end(json, '}');
 }
 
-/* One row of a light's curve against rays. */
+/* Checks one row of a light's curve against rays. */
 static enum umb_status row_check(struct verify *verify, const struct umbt_point_set *points,
                                  uint32_t light, const struct umb_curve_row *row,
                                  struct umb_error *error)
@@ -301,7 +301,7 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
     return UMB_OK;
 }
 
-/* --bounds: every row of every light's curve. */
+/* Runs --bounds: checks every row of every light's curve. */
 static enum umb_status bounds_verify(struct verify *verify, struct umb_error *error)
 {
     const struct umbt_point_request request = {
@@ -360,7 +360,7 @@ int umbt_verify_command(int argc, char **argv)
         status = lights_verify(&verify, &error);
     }
     if (status == UMB_OK && verify.bounds) {
-        /* said already, row by row */
+        /* already printed, row by row */
     } else if (status == UMB_OK && verify.json) {
         report_json(&verify);
     } else if (status == UMB_OK && !verify.quiet) {

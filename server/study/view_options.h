@@ -44,7 +44,7 @@ enum umb_status umbt_read_camera(const struct umbu_option *option, const char *t
 #define UMBT_THREADS_ROW(type)                                                                     \
     "threads", "N", "threads that work", UMBU_COUNT(1, 256), UMBU_AT(type, threads),               \
         .otherwise = "all processors"
-/* What they open. */
+/* The opened scene, sun and camera. */
 struct umbt_view {
     struct umbt_scene scene;
     struct umbt_camera camera;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Flattening, dropping what has no area, parts, bounds, materials. Memory is asked for only after
- * the number of triangles has met --memory.
+ * Analysis of a scene: flattening, dropping triangles without area, parts, bounds, materials.
+ * Memory is allocated only after the number of triangles has been checked against --memory.
  */
 #include "bake/analysis/analysis.h"
 
@@ -31,7 +31,7 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
     memset(analysis, 0, sizeof *analysis);
 }
 
-/* Moves the triangles that were not dropped to the front, and the translucent ones behind. */
+/* Moves the kept opaque triangles to the front, and the translucent ones after them. */
 static void compact(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -46,7 +46,7 @@ static void compact(struct umbb_analysis *analysis)
     }
 }
 
-/* The same for their cuts; once, as they stay. */
+/* Moves the cuts of the kept triangles in the same way; once, as they do not change. */
 static void compact_cuts(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -57,7 +57,7 @@ static void compact_cuts(struct umbb_analysis *analysis)
     }
 }
 
-/* Takes the translucent triangles out of what was flattened. Allocates them. */
+/* Takes the translucent triangles out of the flattened ones. Allocates their array. */
 static enum umb_status keep_translucent(struct umbb_analysis *analysis, struct umb_error *error)
 {
     size_t to = 0;
@@ -101,9 +101,9 @@ static double area_of(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Whether the closed rule is used. If it is for closed parts only it has to be worth it: what lies
- * inside of them saves bytes where their surfaces are, and takes penumbras and columns away
- * everywhere. Without it all casters are open. */
+/* Decides whether the closed rule is used. If it is asked for closed parts only, it must be worth
+ * it. The inside of closed parts saves bytes where their surfaces are, and costs penumbras and
+ * columns everywhere. Without the rule all casters are open. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;
@@ -115,7 +115,7 @@ static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode 
     }
 }
 
-/* Takes over what the parts say. Allocates dropped and kinds. */
+/* Takes over the results of the search for parts. Allocates dropped and kinds. */
 static enum umb_status take_parts(struct umbb_analysis *analysis, const struct umbs_parts *parts,
                                   enum umbb_closed_mode mode, struct umb_error *error)
 {
@@ -136,7 +136,7 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
             analysis->dropped[i] = UMBB_DROPPED;
         } else if (cut != UMBS_CUT_NONE && umbs_cut_is_translucent(&analysis->cuts, cut)) {
             analysis->dropped[i] = UMBB_TRANSLUCENT;
-        } else { /* a triangle with holes bounds no solid, on nobody's word */
+        } else { /* a triangle with holes bounds no solid, also on the caller's word */
             const double area = area_of((const double(*)[3])analysis->corners[i]);
             const int closed = cut == UMBS_CUT_NONE && parts->parts[parts->part_of[i]].closed;
             analysis->area_m2 += area;
@@ -189,7 +189,7 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
     return status;
 }
 
-/* Finds what is cut out or translucent, unless it is to be taken as opaque. */
+/* Finds the cut-out and translucent triangles, unless they are to be taken as opaque. */
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options, struct umb_error *error)
 {
@@ -208,7 +208,7 @@ static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct um
     return status;
 }
 
-/* Bounds of the casters and the origin of the asset. */
+/* Sets the bounds of the casters and the origin of the asset. */
 static void measure(struct umbb_analysis *analysis)
 {
     struct umb_box *box = &analysis->bounds;
@@ -238,7 +238,8 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
     if (status == UMB_OK && analysis->flat_count == 0) {
         status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
-    if (status == UMB_OK) { /* before areas, which may overflow, drop a triangle quietly */
+    /* Before areas, which may overflow, drop a triangle without a message. */
+    if (status == UMB_OK) {
         status =
             umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error);
     }
@@ -249,11 +250,11 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
     return status;
 }
 
-/* What flattening and finding parts will take, beside the scene as it is. */
+/* Checks the memory of flattening and of the search for parts, in addition to the scene. */
 static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t allowed_bytes,
                                     struct umb_error *error)
 {
-    /* The scene was in memory to count it; 2^64 bytes are more triangles than anything holds. */
+    /* The scene was counted in memory, so this fits 64 bits. */
     const uint64_t scene_bytes =
         view->vertex_count * (3 * sizeof(double) + (view->uvs != NULL ? 2 * sizeof(float) : 0)) +
         view->triangle_count * 3 * sizeof(uint32_t) + view->alpha_bytes;
@@ -272,7 +273,7 @@ static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t
     return UMB_OK;
 }
 
-/* Gives each light its frusta. */
+/* Fits the frusta of each light. */
 static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_size,
                                   struct umb_error *error)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The same for every kind of light: rows X, Y and W of the frustum's matrix. */
+/* Edge functions for every kind of light, by rows X, Y and W of the frustum's matrix. */
 #include "bake/analysis/cut_planes.h"
 
 uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis)
@@ -11,7 +11,7 @@ uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis)
                (2 * sizeof *analysis->translucent + 2 * sizeof *analysis->translucent_cuts);
 }
 
-/* The plane of a triangle of the world before a frustum. */
+/* Makes the edge functions of a world triangle for a frustum. */
 static void make_plane(struct umbb_analysis *analysis, const struct umb_frustum_info *frustum,
                        const double triangle[3][3], uint32_t cut)
 {

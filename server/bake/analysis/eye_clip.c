@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Plane after plane; each may add one corner. */
+/* Clips by one plane after the other; each may add one corner. */
 #include "bake/analysis/eye_clip.h"
 
 #include <string.h>
@@ -8,7 +8,7 @@ enum {
     PLANES = 5,
 };
 
-/* How far inside plane number `plane` a point lies, negative outside. */
+/* Distance of a point inside plane number `plane`, negative outside. */
 static double inside(const struct umbb_pyramid *pyramid, int plane, const double p[3])
 {
     switch (plane) {
@@ -25,7 +25,7 @@ static double inside(const struct umbb_pyramid *pyramid, int plane, const double
     }
 }
 
-/* The point of the edge from a, inside by `in`, to b, outside by -out, that lies on the plane. */
+/* Intersection of the plane with the edge from a, inside by `in`, to b, outside by -out. */
 static void cut(const double a[3], const double b[3], double in, double out, double to[3])
 {
     const double share = in / (in - out);

@@ -2,23 +2,23 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_EYE_CLIP_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_EYE_CLIP_H
 /*
- * Cutting triangles to the pyramid that a spot or point light looks along, before the division by
- * the distance: Sutherland and Hodgman 1974, in homogeneous coordinates (X, Y, W).
+ * Cutting triangles to the pyramid that a spot or point light sees, before the division by the
+ * distance: Sutherland and Hodgman 1974, in homogeneous coordinates (X, Y, W).
  *
- * Watertight: where two triangles share an edge, both cut it at the same point, bit for bit, since
- * a cut goes from the end inside to the end outside, whichever triangle asks.
+ * Watertight: two triangles cut a shared edge at the same point, bit for bit, since a cut always
+ * goes from the end inside to the end outside.
  */
 #include <stddef.h>
 
 #define UMBB_CLIP_CORNERS_MAX 8 /* a triangle and five planes */
 
-/* X in low[0] W .. high[0] W, Y likewise by [1], W at least near. */
+/* The pyramid: X in low[0] W .. high[0] W, Y likewise by [1], W at least near. */
 struct umbb_pyramid {
     double low[2], high[2];
     double near;
 };
 
-/* A convex polygon; none if it has less than three corners. */
+/* A convex polygon; empty if it has fewer than three corners. */
 struct umbb_polygon {
     size_t count;
     double corners[UMBB_CLIP_CORNERS_MAX][3]; /* X, Y, W */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which faces a light has. */
+/* Choosing the faces of each light. */
 #include "bake/analysis/frusta.h"
 
 #include <math.h>
@@ -12,13 +12,13 @@
 
 #define DEG_A_RAD 57.29577951308232
 
-/* The frusta so far. */
+/* The frusta made so far, and the light being added. */
 struct list {
     const struct umbb_frusta_input *input;
     struct umb_frustum_info *frusta; /* [6 * lights] */
     uint32_t count;
-    double voxel_min; /* metres, of spot and point lights */
-    /* Spot or point light being added. */
+    double voxel_min; /* least voxel size of spot and point lights, metres */
+    /* Direction of the spot light being added. */
     const double *direction; /* NULL: a point light */
     double cone_sine;
     struct umbb_contact contact; /* Nearest contact of all its faces */
@@ -36,7 +36,7 @@ double umbb_light_reach(const struct umb_box *bounds, const double position[3])
     return sqrt(square);
 }
 
-/* Least size of voxels. */
+/* Least size of voxels, metres. */
 static double least_voxel(const struct umb_box *bounds)
 {
     double half = 0.0;
@@ -54,7 +54,7 @@ static struct umb_frustum_info *next(struct list *list, uint32_t light)
     return frustum;
 }
 
-/* Notes the surface that is too near to a face's light, if there is one. */
+/* Records the surface that is too near to a face's light, if there is one. */
 static void look_for_contact(struct list *list, const struct umbb_eye *eye)
 {
     struct umbb_contact contact;
@@ -74,7 +74,7 @@ static void look_for_contact(struct list *list, const struct umbb_eye *eye)
     }
 }
 
-/* Refuses a lamp whose light would leak through a surface. */
+/* Refuses a lamp whose light would pass through a surface. */
 static enum umb_status check_contact(const struct list *list, const struct umbb_eye *eye,
                                      const struct umb_light_info *light, uint32_t number,
                                      struct umb_error *error)
@@ -99,8 +99,8 @@ static enum umb_status check_contact(const struct list *list, const struct umbb_
                     number, light->name, p[0], p[1], p[2], least, 2.0 * least);
 }
 
-/* Adds the face along eye->axes[2] if it sees a caster, or if `always`. Returns 1 if it sees one.
- */
+/* Adds the face along eye->axes[2] if it sees a caster, or if `always`. Returns 1 if it sees
+ * one. */
 static int add_face(struct list *list, uint32_t light, const struct umbb_eye *eye, int always)
 {
     struct umb_frustum_info frustum;
@@ -117,7 +117,7 @@ static int add_face(struct list *list, uint32_t light, const struct umbb_eye *ey
     return seen;
 }
 
-/* Turns the eye to a side of a cube. In: cube: its axes; sign: -1: to the side behind. */
+/* Turns the eye to a side of a cube. In: cube: its axes; sign: -1: the opposite side. */
 static void look_along(struct umbb_eye *eye, const double cube[3][3], int axis, int sign)
 {
     for (int k = 0; k < 3; k++) {
@@ -127,9 +127,9 @@ static void look_along(struct umbb_eye *eye, const double cube[3][3], int axis, 
     }
 }
 
-/* Cube faces around `front`; the one behind only if `all`. A light has at least one. Sides have the
- * cube's own axes, so that they meet edge to edge; those along the world's are the same but for
- * quarter turns. */
+/* Adds the faces of a cube around `front`; the opposite one only if `all`. A light has at least
+ * one. The faces have the cube's own axes, so they meet edge to edge. If these are the world's
+ * axes, the faces differ from world faces by quarter turns only. */
 static void add_cube(struct list *list, uint32_t light, struct umbb_eye *eye, const double front[3],
                      int all)
 {

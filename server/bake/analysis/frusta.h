@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_FRUSTA_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_FRUSTA_H
 /*
- * The frusta of all lights: one for a directional light, one for a spot light whose cone is at most
- * 2 * UMBB_SPOT_HALF_ANGLE_DEG wide, cube faces for wider ones (all but the one behind) and for
- * point lights. Of cube faces only those are kept that see a caster.
+ * The frusta of all lights. A directional light has one, as has a spot light whose cone is at most
+ * 2 * UMBB_SPOT_HALF_ANGLE_DEG wide. Wider spot lights have cube faces (all but the opposite one),
+ * as have point lights. Of cube faces only those are kept that see a caster.
  */
 #include "bake/analysis/light_choice.h"
 
@@ -14,14 +14,14 @@
 struct umbb_frusta_input {
     const double (*corners)[3][3]; /* [count] world */
     size_t count;
-    struct umb_box bounds; /* of the corners */
+    struct umb_box bounds; /* bounds of the corners */
     const double *origin;  /* [3] of the asset */
     uint32_t log2_size;
     int closed;
 };
 
 /*
- * Fits.
+ * Fits the frusta.
  *
  * Out:   choice: each light's first_frustum and frustum_count. frusta: malloced, in the order of
  *        lights; NULL on failure.
@@ -32,7 +32,7 @@ UMB_CHECKED enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *inpu
                                             struct umb_frustum_info **frusta, uint32_t *count,
                                             struct umb_error *error);
 
-/* How far the farthest corner of the casters' box lies from a light, metres. */
+/* Distance from a light to the farthest corner of the casters' box, metres. */
 double umbb_light_reach(const struct umb_box *bounds, const double position[3]);
 
 #endif

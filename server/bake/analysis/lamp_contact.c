@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The boxes of triangles exclude nearly all of them; the others are measured and cut to the face.
- */
+/* The boxes of triangles exclude nearly all of them; the distance of the others is computed, and
+ * they are cut to the face. */
 #include "bake/analysis/lamp_contact.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "base/vec.h"
 #include "bake/analysis/eye_clip.h"
 
-/* 1 if a triangle's box comes within reach of 0 on all axes. */
+/* 1 if a triangle's box comes within `reach` of the position on all axes. */
 static int is_near(const double corners[3][3], const double position[3], double reach)
 {
     for (int k = 0; k < 3; k++) {
@@ -22,7 +22,7 @@ static int is_near(const double corners[3][3], const double position[3], double 
     return 1;
 }
 
-/* Point of segment a, b nearest to 0. */
+/* Point of segment a, b nearest to the origin. */
 static void nearest_on_edge(const double a[3], const double b[3], double out[3])
 {
     double way[3];
@@ -34,7 +34,8 @@ static void nearest_on_edge(const double a[3], const double b[3], double out[3])
     }
 }
 
-/* Point of a triangle nearest to 0: the foot point if it is inside, else a point of an edge.
+/* Point of a triangle nearest to the origin: the foot point if it is inside, else a point of an
+ * edge.
  * In: normal: unit. */
 static void nearest_place(const double at[3][3], const double normal[3], double out[3])
 {
@@ -93,7 +94,7 @@ static double greatest(const struct umbb_contact_input *input, const double corn
     return most;
 }
 
-/* Judges a triangle whose box is near; 1 if light would pass through it. */
+/* Tests a triangle whose box is near; 1 if light would pass through it. */
 static int judge(const struct umbb_contact_input *input, double near, double tangent, size_t number,
                  struct umbb_contact *contact)
 {

@@ -19,7 +19,7 @@ struct umbb_contact_input {
     size_t count;
     const struct umbb_eye *eye;
     uint32_t log2_size;
-    /* Spot lights: unit, and the sine of half the cone's angle. Point lights: NULL, 1. */
+    /* Spot lights: unit vector; the sine of half the cone's angle. Point lights: NULL, 1. */
     const double *direction;
     double cone_sine;
     const double *origin; /* [3] of the asset */
@@ -32,7 +32,7 @@ struct umbb_contact {
 };
 
 /* Finds the nearest such surface of one face; 0 if there is none. Triangles without an area do not
- * count: they cast nothing. */
+ * count, because they cast nothing. */
 int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact);
 
 #endif

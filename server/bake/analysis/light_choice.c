@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Choosing lights; the words for what is left out. */
+/* Choosing the lights, and the notices about the others. */
 #include "bake/analysis/light_choice.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@
 
 #define MINUTES_A_DAY 1440.0
 
-/* What choosing goes by. */
+/* Input and results of the choice. */
 struct chooser {
     const struct umbs_scene_view *view;
     const struct umbb_options *options;
@@ -45,7 +45,7 @@ void umbb_light_choice_finish(struct umbb_light_choice *choice)
     memset(choice, 0, sizeof *choice);
 }
 
-/* Room for one more light, zeroed but for its extent. */
+/* Makes room for one more light, zeroed except for its extent. */
 static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
                                  struct umb_light_info **light, struct umb_error *error)
 {
@@ -78,7 +78,7 @@ static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
     return UMB_OK;
 }
 
-/* A sun has its own angular diameter unless another was given. */
+/* Adds a sun, with the sun's angular diameter unless the options give one. */
 static enum umb_status add_sun(struct chooser *c, struct umb_light_info **light,
                                struct umb_error *error)
 {
@@ -106,7 +106,7 @@ static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double 
     return UMB_OK;
 }
 
-/* The suns of a path that stand above the horizon, named by the place's mean solar time. */
+/* Adds the suns of a path that stand above the horizon, named by the place's mean solar time. */
 static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path *path,
                                    struct umb_error *error)
 {
@@ -140,7 +140,7 @@ static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path
     return UMB_OK;
 }
 
-/* A spot or point light of the command line. */
+/* Adds a spot or point light of the command line. */
 static enum umb_status choose_at(struct chooser *c, const struct umbb_light_request *request,
                                  struct umb_error *error)
 {
@@ -192,7 +192,7 @@ static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light
     return UMB_OK;
 }
 
-/* The light that --light names; the first of that name. */
+/* Adds the light that --light names: the first with that name. */
 static enum umb_status choose_named(struct chooser *c, const char *wanted, struct umb_error *error)
 {
     for (uint32_t i = 0; i < c->view->light_count; i++) {
@@ -205,7 +205,7 @@ static enum umb_status choose_named(struct chooser *c, const char *wanted, struc
                     wanted, c->view->light_count);
 }
 
-/* The file's lights or the default sun. */
+/* Adds the file's lights, or the default sun. */
 static enum umb_status choose_default(struct chooser *c, struct umb_error *error)
 {
     for (uint32_t i = 0; i < c->view->light_count; i++) {
@@ -260,7 +260,7 @@ enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
     enum umb_status status =
         options->lights.count > 0 ? choose_requested(&c, error) : choose_default(&c, error);
     const int short_of_memory = ferror(c.notices);
-    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
     if ((fclose(c.notices) != 0 || short_of_memory || choice->notices == NULL) &&
         status == UMB_OK) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "light: memory for notices refused");

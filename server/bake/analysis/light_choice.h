@@ -2,18 +2,18 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 /*
- * Which lights are baked: those that the options of light_options.h ask for, in the order given;
- * else all of the file's lights; else a sun at azimuth 135, elevation 45. What was assumed becomes
- * a notice.
+ * Choice of the lights to bake. The options of light_options.h come first, in the order given; else
+ * all of the file's lights; else a sun at azimuth 135, elevation 45. Each assumption becomes a
+ * notice.
  */
 #include "bake/bake_options.h"
 #include "scene/scene.h"
 
-/* The lights chosen, and what there is to say about the choice. */
+/* The chosen lights, and notices about the choice. */
 struct umbb_light_choice {
-    struct umb_light_info *lights; /* [count] name, kind, unit direction, position, extent; their
-                                      frusta are not set */
-    double *cones;                 /* [count] half the angle of a spot light's cone, radians */
+    /* [count] name, kind, unit direction, position, extent; their frusta are not set yet. */
+    struct umb_light_info *lights;
+    double *cones; /* [count] half the angle of a spot light's cone, radians */
     uint32_t count, capacity;
     char *notices; /* lines, or NULL */
     size_t notice_bytes;

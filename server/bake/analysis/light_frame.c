@@ -9,11 +9,11 @@
 
 #include "base/vec.h"
 
-/* An axis is at least this share of the longest one: a flat scene still gets voxels of some depth.
- */
+/* Least length of an axis as a share of the longest one: a flat scene still gets voxels of some
+ * depth. */
 #define EXTENT_SHARE_MIN (1.0 / 1024.0)
 
-/* Sine and cosine of 0..45 degrees by their series; the terms left out are below 1e-19. */
+/* Sine and cosine of 0..45 degrees by their series; the omitted terms are below 1e-19. */
 static void small_sin_cos(double degrees, double *sine, double *cosine)
 {
     const double x = degrees * 0.017453292519943295, square = x * x;

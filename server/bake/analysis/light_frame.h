@@ -2,40 +2,38 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 /*
- * Light space of a directional light: where the voxels lie.
+ * Light space of a directional light: position and size of its voxels.
  *
  * The frame's axes are u, v across the light and w along it, right handed (u x v = w). The box of
- * all casters is fitted on each axis by itself, so voxels are boxes, not cubes. No caster comes
- * nearer to the border than about one voxel.
- * Only additions, multiplications, divisions and square roots of doubles: the same bits on every
- * machine.
+ * all casters is fitted on each axis separately, so voxels are boxes, not cubes. Casters keep a
+ * distance of about one voxel from the border. Only additions, multiplications, divisions and
+ * square roots of doubles: the same bits on every machine.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/asset.h"
 
-/* No coordinate may be larger (metres): a voxel must stay far above what doubles resolve. */
+/* Limit of coordinates (metres): a voxel must stay far above the resolution of doubles. */
 #define UMBB_WORLD_MAX 1e12
 
 /*
- * Turns degrees into sine and cosine, exact at multiples of 90.
- * libm is not used: its last bit differs between machines, and the direction is part of what an
- * asset's id is made from.
+ * Sine and cosine of degrees, exact at multiples of 90. libm is not used: its last bit differs
+ * between machines, and the direction enters an asset's id.
  */
 void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine);
 
-/* The direction in which light from the sun travels: unit length. */
+/* Direction of the light from the sun: unit length. */
 void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, double direction[3]);
 
-/* From a vector to the sun, east, north and up, to the direction in which its light travels in the
- * scene: unit length. */
+/* Direction of the light in the scene, from a vector towards the sun in east, north and up: unit
+ * length. */
 void umbb_compass_direction(const double east_north_up[3], int z_up, double direction[3]);
 
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
 
-/* Makes unit axes u, v, w from w, right handed: u is across w and the world axis that w leans on
- * least. */
+/* Makes unit axes u, v, w from w, right handed: u is perpendicular to w and to the world axis with
+ * the smallest part in w. */
 void umbb_light_axes(const double w[3], double axes[3][3]);
 
 /* Checks that all corners are finite and within UMBB_WORLD_MAX. Fails: E_BAD_SCENE. */
@@ -45,7 +43,7 @@ UMB_CHECKED enum umb_status umbb_world_check(const double (*corners)[3][3], size
 /*
  * Fits the frustum of a directional light to world triangles.
  *
- * In:    corners: double[count][3][3], count > 0, as umbb_world_check wants them. direction: unit.
+ * In:    corners: double[count][3][3], count > 0, checked by umbb_world_check. direction: unit.
  *        origin: the asset's origin.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
  * Fails: E_BAD_SCENE (no extent at all).

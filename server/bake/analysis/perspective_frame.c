@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fitting and projecting, both on triangles cut to the pyramid before anything is divided. */
+/* Fitting and projecting, both on triangles that are cut to the pyramid before any division. */
 #include "bake/analysis/perspective_frame.h"
 
 #include <math.h>
@@ -10,7 +10,7 @@
 #include "bake/analysis/eye_clip.h"
 #include "bake/depth/cut_out.h"
 
-/* An axis is at least this share of the longest one, as in light_frame.c. */
+/* Least length of an axis as a share of the longest one, as in light_frame.c. */
 #define EXTENT_SHARE_MIN (1.0 / 1024.0)
 
 struct extent {
@@ -23,7 +23,7 @@ static void extent_add(struct extent *extent, double value)
     extent->high = value > extent->high ? value : extent->high;
 }
 
-/* Extents of u / W, v / W and W over what the face sees of the casters. */
+/* Extents of u / W, v / W and W over the casters that the face sees. */
 static void measure(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
                     double tangent, struct extent extents[3])
 {
@@ -54,7 +54,8 @@ static void measure(const double (*corners)[3][3], size_t count, const struct um
     }
 }
 
-/* Voxels a unit along an axis, and where zero lies: a voxel of margin on either side. */
+/* Voxels a unit along an axis, and the position of zero: with a margin of a voxel on either
+ * side. */
 static double scale_of(const struct extent *extent, double least, double size, double *offset)
 {
     const double length = fmax(extent->high - extent->low, least);
@@ -102,7 +103,7 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
     return seen;
 }
 
-/* Where projected triangles come from, and how many there may be. */
+/* Input of a projection, and the limit of its triangles. */
 struct source {
     const struct umbb_casters *world;
     double near;
@@ -110,7 +111,7 @@ struct source {
     int has_cuts;
 };
 
-/* Room for one more triangle. */
+/* Makes room for one more triangle. */
 static enum umb_status reserve(struct umbb_projected *projected, const struct source *source,
                                struct umb_error *error)
 {
@@ -148,7 +149,7 @@ static enum umb_status reserve(struct umbb_projected *projected, const struct so
     return UMB_OK;
 }
 
-/* Adds what is left of a triangle of the world, a polygon, as a fan of triangles. */
+/* Adds the rest of a world triangle after cutting, a polygon, as a fan of triangles. */
 static enum umb_status add_polygon(struct umbb_projected *projected,
                                    const struct umbb_polygon *polygon, const struct source *source,
                                    size_t number, struct umb_error *error)

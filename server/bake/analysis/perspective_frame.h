@@ -2,24 +2,23 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_PERSPECTIVE_FRAME_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_PERSPECTIVE_FRAME_H
 /*
- * Light space of spot and point lights: where the voxels of one face lie.
+ * Light space of spot and point lights: position and size of the voxels of one face.
  *
- * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. Of that the
- * frustum keeps what casters fill, fitted on each of the three axes by itself: the tangents u / W
- * and v / W, and W. Depth is linear in W, and where casters fill less of it than voxels that
- * coordinates can resolve (UMBB_VOXEL_SHARE), the range around them is wider; part of it may lie
- * behind the light then, where nothing is.
+ * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. The frustum
+ * keeps the part of it with casters, fitted on each of three axes separately: the tangents u / W
+ * and v / W, and W. Depth is linear in W. If casters fill a range of W below the voxels that
+ * coordinates can resolve (UMBB_VOXEL_SHARE), the range is wider; part of it may then lie behind
+ * the light, where nothing is.
  *
  * Guard band: t is widened so that at least UMBB_GUARD_TEXELS texels lie beyond the face's edge. A
- * filter window of a point inside the face then has all its texels in the face's own frustum, and a
- * face that is left out because it sees no caster, guard band included, has no shadow that a window
- * could meet.
+ * filter window of a point inside the face then has all its texels in the face's own frustum. A
+ * face that sees no caster, guard band included, is left out: no window could meet a shadow in it.
  *
  * Only additions, multiplications, divisions and square roots of doubles.
  */
 #include "bake/depth/tile.h"
 
-/* Half of the widest window and some for rounding. */
+/* Half of the widest window, and some for rounding. */
 #define UMBB_GUARD_TEXELS 10
 
 /*
@@ -29,14 +28,14 @@
  *
  * Why 2^-26. X of X / W is off by some 2^-52 of size times the reach, so a caster at the near
  * distance by 2^-26 size texels: 2^-8 of a texel at 2^18. Over a triangle that reaches from there
- * to the far end, near / W goes from 1 to 2^-26 and is off by 2^-52, so W by 2^-26 of itself, 2^-8
- * of a voxel at 2^18. A power of two leaves all bits of what lies farther alone.
+ * to the far end, near / W goes from 1 to 2^-26 and is off by 2^-52. So W is off by 2^-26 of
+ * itself, 2^-8 of a voxel at 2^18. A power of two leaves the bits of farther casters unchanged.
  */
 #define UMBB_NEAR_SHARE 0x1p-26
 
 /*
- * No voxel is less deep than this share of half the longest side of the casters' box. A caller's
- * floats, relative to the middle of the scene, are off by 2^-25 of that a coordinate, so that a
+ * Least depth of a voxel, as a share of half the longest side of the casters' box. A caller's
+ * floats, relative to the middle of the scene, are off by 2^-25 of that in each coordinate. So a
  * point of a surface is within a voxel of it, as the automatic bias expects; doubles are off by
  * 2^-28 of such a voxel.
  */
@@ -44,14 +43,14 @@
 
 /* One face of a light. */
 struct umbb_eye {
-    double position[3]; /* metres, world */
+    double position[3]; /* position of the light: metres, world */
     double axes[3][3];  /* u, v, w: unit, right handed */
     double tangent;     /* t without the guard band */
-    double reach;       /* metres: no caster is farther from the light */
-    double voxel_min;   /* metres: no voxel is less deep */
+    double reach;       /* metres: distance of the farthest caster, or more */
+    double voxel_min;   /* metres: least depth of a voxel */
 };
 
-/* t with the guard band. */
+/* The tangent t with the guard band. */
 static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
 {
     const double size = (double)((uint32_t)1 << log2_size);
@@ -72,8 +71,8 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
 /* World triangles as a perspective frustum's casters. */
 struct umbb_projected {
     double (*corners)[3][3]; /* [count] x, y in voxels; depth as umbb_casters wants it */
-    uint8_t *kinds;          /* [count] */
-    uint32_t *cuts;          /* [count] number of its cut; NULL if the world has none */
+    uint8_t *kinds;          /* [count] x, y in voxels; depth as in umbb_casters */
+    uint32_t *cuts;          /* [count] index of its cut; NULL if the world has none */
     size_t count, capacity;
     double depth_scale, depth_offset; /* see umbb_casters */
 };
@@ -81,9 +80,9 @@ struct umbb_projected {
 /*
  * Cuts triangles to a frustum and a voxel around it, and projects them.
  *
- * In:    world: corners, kinds, and of cuts which caster has which. reach: as umbb_perspective_fit
- *        had it. max_bytes: for the result.
- * Out:   projected: finish it, whatever is returned.
+ * In:    world: corners, kinds, and of cuts the table of casters. reach: as in
+ *        umbb_perspective_fit. max_bytes: limit of the result.
+ * Out:   projected: finish it after any result.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status

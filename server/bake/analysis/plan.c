@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing the plan. Every line states its reason; what this version cannot do is said, not hidden.
- */
+/* Writing the plan. Every line states its reason; effects that this version cannot do are listed,
+ * not hidden. */
 #include "bake/analysis/plan.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@
 #include "bake/print_text.h"
 #include "format/receiver_mask.h"
 
-/* Share of a float's significand: what a coordinate in floats may be off. */
+/* Relative rounding error of a coordinate stored as a float. */
 #define FLOAT_HALF_STEP 0x1p-24
 
 static const char *closed_name(enum umbb_closed_mode mode)
@@ -48,7 +48,7 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
                            : "none");
 }
 
-/* First occluders behind closed occluder depth maps. */
+/* First occluders behind closed parts, as occluder depth maps. */
 static void write_occluder_depth(FILE *to, const struct umbb_analysis *a,
                                  const struct umbb_options *options)
 {
@@ -67,7 +67,7 @@ static void write_occluder_depth(FILE *to, const struct umbb_analysis *a,
                : "none");
 }
 
-/* Nothing moves. */
+/* The static rule: nothing moves. */
 static void write_static(FILE *to, const struct umbb_analysis *a,
                          const struct umbb_options *options)
 {
@@ -92,7 +92,7 @@ static void write_static(FILE *to, const struct umbb_analysis *a,
             2 * most);
 }
 
-/* Whether floats in world space would be off by more than a voxel's hundredth. */
+/* Whether floats in world space would be off by more than a hundredth of a voxel. */
 static void write_origin(FILE *to, const struct umbb_analysis *a)
 {
     double most = 0.0, voxel = INFINITY;
@@ -121,8 +121,9 @@ static int has_extent(const struct umbb_analysis *a)
     return any;
 }
 
-/* How wide half shadows become, in metres and in voxels: behind the whole depth of a directional
- * light's frustum; for other lights behind a caster halfway between light and receiver. */
+/* Width of half shadows, in metres and in voxels. For a directional light it is taken behind the
+ * whole depth of its frustum; for other lights behind a caster halfway between light and
+ * receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
                              double *voxels)
 {
@@ -136,7 +137,7 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
     return width;
 }
 
-/* Why penumbras of a light are off; NULL if they are on. */
+/* Reason why penumbras of a light are off; NULL if they are on. */
 static const char *penumbra_refusal(const struct umbb_analysis *a,
                                     const struct umbb_options *options,
                                     const struct umb_light_info *light)
@@ -153,7 +154,7 @@ static const char *penumbra_refusal(const struct umbb_analysis *a,
                : NULL;
 }
 
-/* Lights that are no points: half shadows of the light that has the widest. */
+/* Lights that are not points: half shadows of the light with the widest ones. */
 static void write_penumbra(FILE *to, const struct umbb_analysis *a,
                            const struct umbb_options *options)
 {
@@ -166,7 +167,7 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
                     : "switched on, but no light has an extent (--light-size)");
         return;
     }
-    /* Lamps only where no sun calls for it. */
+    /* Lamps count only if no sun calls for penumbras. */
     for (int lamps = 0; lamps < 2 && !(most > 1.0); lamps++) {
         for (uint32_t i = 0; i < a->choice.count; i++) {
             const struct umb_light_info *light = &a->choice.lights[i];
@@ -221,7 +222,7 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     }
 }
 
-/* Materials whose textures leave holes. */
+/* Materials whose textures cut holes. */
 static void write_cut_out(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const struct umbb_options *options)
 {
@@ -254,7 +255,7 @@ static void write_cut_out(FILE *to, const struct umbb_analysis *a,
                : "none");
 }
 
-/* Materials that let a part of the light through. */
+/* Materials that transmit a part of the light. */
 static void write_transmittance(FILE *to, const struct umbb_analysis *a,
                                 const struct umbs_scene_view *view,
                                 const struct umbb_options *options)
@@ -284,7 +285,7 @@ static void write_transmittance(FILE *to, const struct umbb_analysis *a,
 static enum umb_status close_text(FILE *stream, char **text, struct umb_error *error)
 {
     const int failed = ferror(stream);
-    /* glibc closes well even if the last realloc fails, and then there is no text. */
+    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
     if (fclose(stream) != 0 || failed || *text == NULL) {
         free(*text);
         *text = NULL;
@@ -357,7 +358,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
     return close_text(to, text, error);
 }
 
-/* A light and the voxels of its first frustum. */
+/* Prints a light and the voxels of its first frustum. */
 static void print_light(FILE *to, const struct umbb_analysis *a, const struct umb_light_info *light)
 {
     char name[UMBB_ESCAPED_NAME_SIZE];

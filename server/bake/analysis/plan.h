@@ -2,20 +2,20 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_PLAN_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_PLAN_H
 /*
- * The plan in words, the settings in canonical form, the facts of the scene.
- * All texts are functions of scene and settings alone: plan and settings are part of the identity.
+ * The plan in words, the settings in canonical form, the facts of the scene. All texts are
+ * functions of scene and settings alone, because plan and settings enter the asset's id.
  */
 #include <stdio.h>
 #include "bake/analysis/analysis.h"
 #include "tool/json.h"
 
-/* Changes when equal settings would give other voxels, undefined ones included: in every asset, and
- * in the keys of tile results. */
+/* Version of the bake's voxels. It changes when equal settings would give other voxels, undefined
+ * ones included; it is in every asset and in the keys of tile results. */
 #define UMBB_BAKE_VERSION 1
 
 /*
- * One line an effect that the scene calls for or that was overruled:
- * effect=NAME state=on|off reason="..." cost="...".
+ * The plan: one line an effect that the scene calls for or that an option overruled: effect=NAME
+ * state=on|off reason="..." cost="...".
  * Out: text: malloced. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
@@ -31,7 +31,7 @@ UMB_CHECKED enum umb_status umbb_settings_text(const struct umbb_analysis *analy
                                                const struct umbb_options *options, char **text,
                                                struct umb_error *error);
 
-/* Prints what the scene holds, one key=value a line, then the plan. In: tiles: of all frusta. */
+/* Prints the facts of the scene, one key=value a line, then the plan. In: tiles: of all frusta. */
 void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
                      const struct umbs_scene_view *view, const char *plan, uint64_t tiles);
 
@@ -39,7 +39,7 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
  * position; extent in radians or metres. */
 void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights, uint32_t count);
 
-/* The same as umbb_plan_print as one JSON object. */
+/* Prints the content of umbb_plan_print as one JSON object. */
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *analysis,
                           const struct umbs_scene_view *view, const char *plan, uint64_t tiles);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Meeus' low-accuracy sun, as vectors: no inverse function is needed on the way to a direction. */
+/* Meeus's low-accuracy sun, as vectors: the way to a direction needs no inverse function. */
 #include "bake/analysis/sun_position.h"
 
 #include <math.h>
@@ -7,7 +7,7 @@
 #include "bake/analysis/light_frame.h"
 
 #define DAYS_A_CENTURY 36525.0
-/* The sun's distance in radii of the Earth: parallax 8.794 seconds of arc. */
+/* The sun's distance in radii of the Earth: a parallax of 8.794 seconds of arc. */
 #define SUN_DISTANCE 23455.0
 
 static double sine(double degrees)
@@ -26,7 +26,7 @@ static double cosine(double degrees)
 
 double umbb_days_from_2000(int year, int month, int day)
 {
-    /* Years from March on, so that the leap day is the last (Meeus, chapter 7). */
+    /* Years count from March, so that the leap day is the last (Meeus, chapter 7). */
     const int y = month > 2 ? year : year - 1;
     const int m = month > 2 ? month : month + 12;
     const int leap = 2 - y / 100 + y / 400;
@@ -35,17 +35,17 @@ double umbb_days_from_2000(int year, int month, int day)
     return julian - 2451545.0;
 }
 
-/* Longitude of the moon's ascending node, which nutation follows. */
+/* Longitude of the moon's ascending node, which drives nutation. */
 static double node_longitude(double t)
 {
     return 125.04 - 1934.136 * t;
 }
 
-/* What Venus, Jupiter, the moon and a long period do to the longitude. In: t: centuries from 2000.
- */
+/* Effect of Venus, Jupiter, the moon and a long period on the longitude. In: t: centuries from
+ * 2000. */
 static double perturbations(double t)
 {
-    const double u = t + 1.0; /* from 1900, as the formulae count */
+    const double u = t + 1.0; /* centuries from 1900, as in the formulae */
     return 0.00134 * cosine(153.23 + 22518.7541 * u) + 0.00154 * cosine(216.57 + 45037.5082 * u) +
            0.00200 * cosine(312.69 + 32964.3577 * u) +
            0.00179 * sine(350.74 + u * (445267.1142 - 0.00144 * u)) +

@@ -2,13 +2,12 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_SUN_POSITION_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_SUN_POSITION_H
 /*
- * Where the sun stands over a place at a time, good to 0.01 degrees from 1900 to 2100.
+ * Position of the sun over a place at a time, accurate to 0.01 degrees from 1900 to 2100.
  *
- * Geometric, without refraction (which lifts the sun by 0.02 degrees at an elevation of 45 and by
- * 0.5 at the horizon); nutation, aberration and parallax are counted in. Universal time stands for
- * UTC and UT1, which differ by less than a second (0.004 degrees).
- * Only additions, multiplications, divisions and square roots of doubles: the same bits on every
- * machine.
+ * Geometric, without refraction, which lifts the sun by 0.02 degrees at an elevation of 45 and by
+ * 0.5 at the horizon. Nutation, aberration and parallax are included. Universal time stands for UTC
+ * and UT1, which differ by less than a second (0.004 degrees). Only additions, multiplications,
+ * divisions and square roots of doubles: the same bits on every machine.
  * Source: J. Meeus, Astronomical Algorithms, 2nd edition, 1998: chapters 7 (days), 12 (sidereal
  * time), 22 (obliquity), 25 (the sun, lower accuracy); J. Meeus, Astronomical Formulae for
  * Calculators, 1982, chapter 18 (perturbations of its longitude, up to 0.006 degrees together).
@@ -17,7 +16,7 @@
 /* Days from 2000-01-01 12:00 to 0:00 of a Gregorian date. In: year: 1600.. */
 double umbb_days_from_2000(int year, int month, int day);
 
-/* Days that terrestrial time is ahead of universal time, as exactly as 0.01 degrees need it: 69
+/* Days by which terrestrial time is ahead of universal time, as exact as 0.01 degrees require: 69
  * seconds, the value of the 2020s (29 in 1950; the sun moves 0.001 degrees in 88). */
 #define UMBB_TERRESTRIAL_AHEAD (69.0 / 86400.0)
 

@@ -2,15 +2,15 @@
 /*
  * The lowest columns of a square: bricks from texels, and the nodes over 2 x 2 x 2 of them.
  *
- * Most quads (16 x 16 texels) of a surface are a few nodes high. Theirs are made from a table of
- * bricks, which costs no walk along four columns; others by joining columns.
+ * Most quads (16 x 16 texels) of a surface are a few nodes high. Their nodes come from a table of
+ * bricks, without a walk along four columns; the nodes of other quads come from joining columns.
  */
 #include <string.h>
 
 #include "bake/build/brick_slices.h"
 #include "bake/build/columns.h"
 
-/* What the bricks of a tile are built with. */
+/* State of the building of a tile's bricks. */
 struct walk {
     struct umb_pool *pool;
     const struct umbb_tile *tile;
@@ -32,7 +32,7 @@ static enum umb_status build_brick(const struct walk *walk, const int32_t *const
     return umb_pool_brick(walk->pool, visible, ref, error);
 }
 
-/* The first brick at or after z into which some value falls; `end` if none before it. */
+/* The first brick at or after z that contains some value; `end` if there is none before `end`. */
 static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *values, uint32_t z,
                            uint32_t end)
 {
@@ -42,11 +42,11 @@ static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *valu
 
 /* The brick after z that may differ from it, `end` if none before. Brick z has an event if some lit
  * or end v has v / 8 == z. Between two events all bricks are equal: every comparison with every
- * slice comes out the same. */
+ * slice has the same result. */
 static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
                            uint32_t end)
 {
-    if (end - z <= 2) { /* not worth the search */
+    if (end - z <= 2) { /* too few for a search */
         return z + 1;
     }
     uint32_t event = next_event(walk->slicer, values[0], z, end);
@@ -54,7 +54,7 @@ static uint32_t next_brick(const struct walk *walk, const int32_t *const values[
     return event > z + 1 ? event : z + 1;
 }
 
-/* Bricks of one 8x8 square. */
+/* Makes the bricks of one 8x8 square. */
 static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_column *column,
                                     struct umb_error *error)
 {
@@ -77,11 +77,11 @@ static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_
     return UMB_OK;
 }
 
-/* Asks for the texels of the square of 16x16 that the tree comes to after (x, y). */
+/* Prefetches the texels of the square of 16x16 that the tree visits after (x, y). */
 static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
 {
     size_t bit = 1;
-    while ((x & y & bit) != 0) { /* the last of a quarter: on in the quarter around it */
+    while ((x & y & bit) != 0) { /* last of a quarter: goes on in the quarter around it */
         x ^= bit;
         y ^= bit;
         bit <<= 1;
@@ -112,7 +112,7 @@ static void quad_bounds(const struct umbb_tile *tile, size_t x, size_t y,
     }
 }
 
-/* Nodes that a low quad may have along the light. */
+/* Most nodes that a low quad may have along the light. */
 #define LOW_NODES 8U
 
 /* All bricks of a low quad: [from its first node on][x + 2 * y]. Two rows are a node's children. */
@@ -139,7 +139,7 @@ static enum umb_status low_column(const struct walk *walk, size_t block,
     return UMB_OK;
 }
 
-/* The nodes of a low quad. In: four: the columns of its bricks. */
+/* Makes the nodes of a low quad. In: four: the columns of its bricks. */
 static enum umb_status low_quad(const struct walk *walk, const size_t place[2],
                                 const struct umbb_column four[4], struct umbb_column *column,
                                 struct umb_error *error)
@@ -172,7 +172,7 @@ static enum umb_status low_quad(const struct walk *walk, const size_t place[2],
     return status;
 }
 
-/* Nodes of level 4: the four columns of bricks in a 16x16 square, joined. */
+/* Makes nodes of level 4: joins the four columns of bricks in a 16x16 square. */
 static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_column *column,
                                    struct umb_error *error)
 {

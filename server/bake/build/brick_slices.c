@@ -2,8 +2,8 @@
 /*
  * Masks by comparing saturated bytes; runs by intersecting intervals of masks.
  *
- * Source of the run filling: the project's measurements (bytes of closed scenes halve, unique
- * bricks fall fourfold); the free choice of undefined voxels is Sintorn et al. 2014, section 6.1.
+ * Filling runs halves the bytes of closed scenes, with a quarter of the unique bricks (measured).
+ * The free choice of undefined voxels is from Sintorn et al. 2014, section 6.1.
  */
 #include "bake/build/brick_slices.h"
 
@@ -43,13 +43,13 @@ const struct umbb_slicer *umbb_slicer_plain(void)
 
 #ifdef __SSE2__
 
-/* Four values relative to z0. Both are within 0..2^20: no overflow. */
+/* Four values relative to z0. Both are within 0..2^20, so nothing overflows. */
 static __m128i relative(const int32_t *values, __m128i base)
 {
     return _mm_sub_epi32(_mm_loadu_si128((const __m128i *)(const void *)values), base);
 }
 
-/* Sixteen values relative to z0, saturated to bytes: what is above 127 stays above 7. */
+/* Sixteen values relative to z0, saturated to bytes: values above 127 stay above 7. */
 static __m128i relative_bytes(const int32_t *values, __m128i base)
 {
     const __m128i low = _mm_packs_epi32(relative(values, base), relative(values + 4, base));

@@ -10,22 +10,23 @@
  */
 #include <stdint.h>
 
-/* Two questions about the 64 integers of a block, row by row (lit or end of 8x8 texels). All ways
- * to answer them give the same bits. In: 0 <= values, z0 <= 2^20. */
+/* Two functions of the 64 integers of a block, row by row (lit or end of 8x8 texels). All
+ * implementations give the same bits. In: 0 <= values, z0 <= 2^20. */
 struct umbb_slicer {
     /* slices[z]: bit i is 1 where values[i] > z0 + z. */
     void (*above)(const int32_t values[64], int32_t z0, uint64_t slices[8]);
-    /* The least of the values that are at least z0; INT32_MAX if all are less. */
+    /* The least of the values that are at least z0; INT32_MAX if there is none. */
     int32_t (*least_from)(const int32_t values[64], int32_t z0);
 };
 
-/* The quickest that this build has and this processor runs. */
+/* The fastest one in this build that this processor runs. */
 const struct umbb_slicer *umbb_slicer_best(void);
 
 /* Plain C: the definition. */
 const struct umbb_slicer *umbb_slicer_plain(void);
 
-/* NULL if this build or this processor lacks the vectors. Sixteen bytes each for SSE2. */
+/* Vector forms; NULL if this build or this processor lacks the vectors. SSE2: sixteen bytes
+ * each. */
 const struct umbb_slicer *umbb_slicer_sse2(void);
 const struct umbb_slicer *umbb_slicer_avx2(void);
 const struct umbb_slicer *umbb_slicer_avx512(void);
@@ -35,8 +36,8 @@ const struct umbb_slicer *umbb_slicer_avx512(void);
  *
  * In:  visible[z]: voxels that must be 1. allowed[z]: voxels that may be 1 (visible or undefined);
  *      visible[z] is a subset of allowed[z].
- * Out: slices[z], visible[z] <= slices[z] <= allowed[z]. May be the same array as visible.
- * Greedy: a run of slices is extended while some mask fits them all; it takes the least such mask.
+ * Out: slices[z], visible[z] <= slices[z] <= allowed[z]. May be the same array as visible. Greedy:
+ * a run of slices grows while one mask fits them all; it takes the least such mask.
  */
 void umbb_slices_fill(const uint64_t visible[8], const uint64_t allowed[8], uint64_t slices[8]);
 

@@ -8,7 +8,7 @@
 #if defined(__AVX512F__) && defined(__AVX512BW__)
 #include <immintrin.h>
 
-/* Sixteen values relative to z0, saturated to bytes: what is above 127 stays above 7. */
+/* Sixteen values relative to z0, saturated to bytes: values above 127 stay above 7. */
 static inline __m128i relative_bytes(const int32_t *values, __m512i base)
 {
     return _mm512_cvtsepi32_epi8(_mm512_sub_epi32(_mm512_loadu_si512(values), base));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Top-down over the squares, columns joined on the way back.
+ * Top-down over the squares; columns are joined on the way back.
  *
  * Squares without a mixed node are not entered: their texels are not read (and may be unset).
  * Recursion is as deep as there are levels above the leaves, at most 15.
@@ -67,10 +67,10 @@ enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first, uint
     return UMB_OK;
 }
 
-/* A column being walked along z. */
+/* A position in a column, moving along z. */
 struct cursor {
     const struct umbb_column *column;
-    size_t run; /* the run that z is in, if z is in the mixed range */
+    size_t run; /* run that contains z, if z is in the mixed range */
 };
 
 /* Node at z, which never decreases from call to call; *end: first node after it that may differ. */
@@ -140,7 +140,7 @@ enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
         }
         z = next;
     }
-    /* The four's runs are done with: the new ones move down over them. */
+    /* The four columns' runs are no longer needed: the new ones move down over them. */
     column->run_first = runs_mark;
     column->run_count = runs->count - first;
     if (column->run_count > 0) {

@@ -5,13 +5,13 @@
  * From texels to nodes, one column of the octree at a time.
  *
  * A column is all nodes of a level over one square of texels, listed along the light as runs of
- * equal nodes. With M the greatest lit and m the least end of the square, a node over voxels
- * [z0, z1) is shadowed if z0 >= M (nothing in it is lit), else lit if z1 <= m (nothing in it is
- * shadow), else mixed; what is wholly undefined is shadowed, or whatever its parent is (Sintorn et
- * al. 2014, section 6.1). A mixed node holds a lit and a shadowed voxel by construction, so none
- * ever turns out uniform.
+ * equal nodes. Let M be the greatest lit and m the least end of the square. A node over voxels [z0,
+ * z1) is shadowed if z0 >= M (nothing in it is lit), else lit if z1 <= m (nothing in it is shadow),
+ * else mixed. A wholly undefined node is shadowed, or equal to its parent (Sintorn et al. 2014,
+ * section 6.1). A mixed node holds a lit and a shadowed voxel by construction, so none ever turns
+ * out uniform.
  *
- * Runs make long shadow walls cheap: where no lit and no end lies, a node equals its neighbour
+ * Runs make long shadow walls cheap: where there is no lit and no end, a node equals its neighbour
  * along z, and is built once. The work is proportional to the number of different nodes of a
  * column, not to its length.
  *
@@ -20,7 +20,7 @@
 #include "format/node_pool.h"
 #include "bake/depth/tile.h"
 
-/* Nodes z_before .. z_end - 1 are `ref`; z_before is the run before's end. */
+/* A run: nodes from the end of the run before it up to z_end - 1 are all `ref`. */
 struct umbb_column_run {
     uint32_t z_end;
     uint32_t ref;
@@ -32,7 +32,7 @@ struct umbb_column {
     size_t run_first, run_count;     /* in the stack's runs */
 };
 
-/* Working memory: runs of the columns that are under way. Start zeroed. */
+/* Working memory: runs of the columns being built. Start zeroed. */
 struct umbb_runs {
     struct umbb_column_run *items;
     size_t count, capacity;
@@ -40,7 +40,7 @@ struct umbb_runs {
 
 void umbb_runs_finish(struct umbb_runs *runs);
 
-/* Appends a column's runs, which lie in `from`, to `to`; the column then names those. */
+/* Appends a column's runs, which lie in `from`, to `to`; the column then refers to the copies. */
 UMB_CHECKED enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
                                            struct umbb_column *column, struct umb_error *error);
 
@@ -60,11 +60,11 @@ static inline struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_
     return (struct umbb_column){.mixed_first = first < end ? first : end, .mixed_end = end};
 }
 
-/* A quadtree of squares, and somebody who knows the columns over its leaves. */
+/* A quadtree of squares, with a function for the columns over its leaves. */
 struct umbb_column_tree {
     struct umb_pool *pool;
     struct umbb_runs *runs;
-    uint32_t log2_size; /* of the square over all */
+    uint32_t log2_size; /* size of the whole square */
     uint32_t leaf_level;
     int32_t *const *max_lit; /* [level][y * width + x]: levels leaf_level .. log2_size */
     int32_t *const *min_end;
@@ -78,7 +78,7 @@ struct umbb_column_tree {
 };
 
 /*
- * Builds the column over square (x, y) of a level: leaves from the one who knows them, joined.
+ * Builds the column over square (x, y) of a level by joining the columns of its leaves.
  *
  * Out:   column: its runs are the last of the tree's.
  * Fails: as umb_pool_brick, and as the leaves.
@@ -87,7 +87,7 @@ UMB_CHECKED enum umb_status umbb_column_of_tree(const struct umbb_column_tree *t
                                                 const size_t place[2], struct umbb_column *column,
                                                 struct umb_error *error);
 
-/* A square of a tile: of which level, and which in x and y. */
+/* A square of a tile: its level, and its indices in x and y. */
 struct umbb_square {
     uint32_t level;
     size_t place[2];

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Windows as boxes: point p of a triangle moves by at most `reach`, and its window by half the taps
- * more, so that it can read texel t only from within that box around t; there the triangle lies
- * between two depths. What the bias promises keeps the triangle's own plane out: the window of a
- * point on it lies before the plane everywhere, half a voxel and more.
+ * Windows as boxes. The bias moves point p of a triangle by at most `reach`, and the window adds
+ * half the taps. So p's window can read texel t only if p lies within that box around t; there the
+ * triangle lies between two depths. The bias excludes the triangle's own plane: the window of a
+ * point on it lies before the plane everywhere, by half a voxel and more.
  */
 #include "bake/build/static_rule.h"
 
@@ -16,18 +16,18 @@
 #include "format/receiver_mask.h"
 #include "umbrage/query.h"
 
-#define MET_LIT      1U                       /* first, or within a voxel of it, at some texel */
-#define MET_SHADOW   2U                       /* not first at some texel */
-#define POLYGON_MAX  8                        /* corners of a triangle that four lines cut */
-#define BIAS_SLACK   (65.0 / 64.0)            /* as automatic biases have (client/core/query) */
-#define WINDOW_HALF  (UMB_TAPS_MAX / 2 + 1.0) /* of the window, and half a texel */
-#define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey that are one job */
-#define VERTICAL     1e-6                     /* of its normal's length: a triangle seen edge on */
+#define MET_LIT      1U            /* first, or within a voxel of the first, at some texel */
+#define MET_SHADOW   2U            /* not first at some texel */
+#define POLYGON_MAX  8             /* most corners of a triangle cut by four lines */
+#define BIAS_SLACK   (65.0 / 64.0) /* slack of automatic biases, as in client/core/query */
+#define WINDOW_HALF  (UMB_TAPS_MAX / 2 + 1.0) /* half of the widest window, and half a texel */
+#define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey in one slice */
+#define VERTICAL     1e-6 /* share of its normal's length: a triangle seen edge on */
 
 /*
- * How far the bias s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 moves a point, in voxels of edges e:
- * s nx / ex and so on, with products of two parts of a unit normal of at most 1/2; and without a
- * normal (query.c). One voxel for rounding.
+ * Reach in voxels of edges e: how far the bias s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 moves a
+ * point, s nx / ex and so on. Products of two components of a unit normal are at most 1/2. It also
+ * covers points without a normal (query.c). One voxel is added for rounding.
  */
 static void set_reach(const double edge[3], double reach[3])
 {
@@ -41,13 +41,13 @@ static void set_reach(const double edge[3], double reach[3])
     reach[2] = (z > no_normal ? z : no_normal) + 1;
 }
 
-/* A polygon and its corners' number. */
+/* A polygon and its number of corners. */
 struct polygon {
     double at[POLYGON_MAX][3];
     int count;
 };
 
-/* Keeps what lies at sign * coordinate <= sign * limit (Sutherland and Hodgman 1974). */
+/* Keeps the part with sign * coordinate <= sign * limit (Sutherland and Hodgman 1974). */
 static void cut(struct polygon *p, int axis, double sign, double limit)
 {
     struct polygon out;
@@ -79,13 +79,13 @@ static void bounds_of(const double (*corners)[3], int count, double low[3], doub
     }
 }
 
-/* Floor within 0 .. count - 1. */
+/* Floor, clamped to 0 .. count - 1. */
 static uint32_t clamp_floor(double v, uint32_t count)
 {
     return !(v >= 1) ? 0 : v >= count ? count - 1 : (uint32_t)v;
 }
 
-/* Marks all cells that look-ups of the points of a box may lie in. */
+/* Marks all cells that may contain look-ups of a box's points. */
 static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
                      uint64_t *cells)
 {
@@ -104,7 +104,7 @@ static void mark_box(const struct umbb_static *rule, const double low[3], const 
     }
 }
 
-/* Marks the cells that look-ups of a triangle's points may lie in. */
+/* Marks the cells that may contain look-ups of a triangle's points. */
 static void mark_cells(const struct umbb_static *rule, const double corners[3][3], uint64_t *cells)
 {
     const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
@@ -112,7 +112,7 @@ static void mark_cells(const struct umbb_static *rule, const double corners[3][3
     double low[3], high[3];
     bounds_of(corners, 3, low, high);
     if (high[0] - low[0] <= cell && high[1] - low[1] <= cell && high[2] - low[2] <= cell) {
-        mark_box(rule, low, high, cells); /* cutting it into cells would say hardly less */
+        mark_box(rule, low, high, cells); /* cutting it into cells would hardly mark fewer */
         return;
     }
     const uint32_t x1 = clamp_floor((high[0] + reach[0]) / cell, across);
@@ -186,7 +186,7 @@ static int32_t lit_at(const struct umbb_tile *tile, int32_t x, int32_t y)
                                                                        : tile->lit[at];
 }
 
-/* What a row of texels says of a triangle. */
+/* Compares a row of texels with a triangle; returns MET_ flags. */
 static uint8_t survey_row(const struct umbb_tile *tile, const struct umbb_coverage *coverage,
                           int32_t row)
 {
@@ -207,7 +207,7 @@ struct survey {
     int (*cancelled)(void);
 };
 
-/* A share of the triangles: each is met by one job alone. */
+/* Surveys a share of the triangles, each of which belongs to one slice only. */
 static void survey_job(void *user, uint32_t job, unsigned thread)
 {
     const struct survey *survey = user;
@@ -256,12 +256,12 @@ void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile)
     }
 }
 
-/* A triangle made ready to be asked from texels. */
+/* An asked triangle, prepared for tests at texels. */
 struct asked {
     double low[3], high[3];
-    double anchor[3];   /* a corner */
-    double gradient[2]; /* of its depth */
-    int is_vertical;    /* no gradient */
+    double anchor[3];   /* one of its corners */
+    double gradient[2]; /* gradient of its depth */
+    int is_vertical;    /* 1: seen edge on, no gradient */
 };
 
 static void asked_init(struct asked *asked, const double corners[3][3])
@@ -281,8 +281,8 @@ static void asked_init(struct asked *asked, const double corners[3][3])
 }
 
 /*
- * Where the windows of a triangle's points can lie that read texel centre (x, y): from least to
- * most. Returns 0 if there are none.
+ * Range of depths of windows that belong to the triangle's points and read texel centre (x, y).
+ * Returns 0 if there are none.
  */
 static int window_depths(const struct asked *asked, const double reach[3], const double centre[2],
                          double *least, double *most)
@@ -305,7 +305,8 @@ static int window_depths(const struct asked *asked, const double reach[3], const
         *most = asked->high[2];
         return 1;
     }
-    /* The box's corners may lie far off the triangle, and a steep plane there beyond any depth. */
+    /* The box's corners may lie far off the triangle, where a steep plane leaves any range of
+     * depth. */
     low = low < asked->high[2] ? low : asked->high[2];
     *least = (low > asked->low[2] ? low : asked->low[2]) - reach[2];
     *most = high < asked->high[2] ? high : asked->high[2];
@@ -316,11 +317,11 @@ static int window_depths(const struct asked *asked, const double reach[3], const
 /* The texels of a band: rows y0 .. y0 + UMBB_STATIC_BAND - 1 of a tile. */
 struct band {
     struct umbb_tile *tile;
-    const int32_t *before; /* [texels] `end` until now */
+    const int32_t *before; /* [texels] the former `end` */
     int32_t y0;
 };
 
-/* First and last of `count` whole numbers from `start` on that lie in low..high; first > last:
+/* First and last of the `count` whole numbers from `start` on within low..high; first > last:
  * none. */
 static void whole_range(double low, double high, int32_t start, int32_t count, int32_t *first,
                         int32_t *last)
@@ -330,7 +331,7 @@ static void whole_range(double low, double high, int32_t start, int32_t count, i
     *last = to < count - 1 ? (to >= 0 ? (int32_t)to : -1) : count - 1;
 }
 
-/* Lowers `end` to what a triangle asks for. */
+/* Lowers `end` to the voxels that a triangle's windows may read. */
 static void ask(const struct umbb_static *rule, const struct band *band, uint32_t triangle)
 {
     struct umbb_tile *tile = band->tile;
@@ -358,7 +359,7 @@ static void ask(const struct umbb_static *rule, const struct band *band, uint32_
     }
 }
 
-/* Sets the texels of blocks that the pyramid says are background. */
+/* Writes the texels of blocks that the pyramid marks as background. */
 static void fill_background(struct umbb_tile *tile, size_t from, size_t to)
 {
     for (size_t block = from / 64; block < to / 64; block++) {

@@ -3,7 +3,8 @@
  * The loop over tiles and the levels above them.
  *
  * The grid of tiles keeps, for each tile, its greatest lit, its least end and the runs of its
- * column: all that the levels above need, so that their nodes come out as if there were no tiles.
+ * column. That is all that the levels above need, so their nodes do not depend on the division into
+ * tiles.
  */
 #include "bake/build/tile_loop.h"
 
@@ -18,7 +19,7 @@
 #include "bake/build/tile_squares.h"
 #include "tool/clock.h"
 
-/* What part of the memory that is nobody's yet the squares of a tile may take together. */
+/* Share of the unallocated budget that a tile's squares may use: one part in this. */
 #define SQUARES_SHARE 8U
 
 struct loop {
@@ -31,15 +32,15 @@ struct loop {
     struct umbb_runs runs;       /* working stack */
     struct umbb_runs kept;       /* runs of the tiles' columns */
     struct umbb_column *columns; /* [tiles] */
-    /* The grid above the tiles: levels tile_log2 .. log2_size. */
+    /* Pyramids of the grid above the tiles: levels tile_log2 .. log2_size. */
     int32_t *max_lit[UMB_LEVEL_MAX + 1], *min_end[UMB_LEVEL_MAX + 1];
     atomic_uint_fast64_t texels_done;
-    size_t spare_bytes;   /* of what is shared, nobody's yet */
-    atomic_int failed;    /* blocks not yet begun are left out */
-    int only;             /* only some tiles, for the tile cache */
-    int drawn_slot;       /* of the tile whose depth is under way */
-    int ruled_slot;       /* of the tile that the static rule is applied to */
-    uint32_t square_jobs; /* of the tile that is built meanwhile */
+    size_t spare_bytes;   /* unallocated part of the shared budget */
+    atomic_int failed;    /* 1: blocks not yet begun are skipped */
+    int only;             /* 1: only some tiles, for the tile cache */
+    int drawn_slot;       /* slot of the tile whose depth is being drawn */
+    int ruled_slot;       /* slot of the tile under the static rule */
+    uint32_t square_jobs; /* slices of the tile that is built meanwhile */
     struct umbb_bake_figures figures;
 };
 
@@ -53,7 +54,7 @@ size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_r
     return (log2_size == tile_log2 ? 1 : 2) * umbb_tile_bytes(tile_log2, closed_rule);
 }
 
-/* Tiles a side. */
+/* Number of tiles along a side. */
 static uint32_t grid_width(const struct umbb_bake_options *options)
 {
     return 1U << (options->log2_size - options->tile_log2);
@@ -103,7 +104,7 @@ static void loop_finish(struct loop *loop)
     }
 }
 
-/* One block of depth. */
+/* Draws one block of depth. */
 static void depth_job(struct loop *loop, uint32_t job, unsigned thread)
 {
     struct umbb_tile *tile = &loop->tiles[loop->drawn_slot];
@@ -117,7 +118,7 @@ static void depth_job(struct loop *loop, uint32_t job, unsigned thread)
     }
 }
 
-/* Squares of the tile that is built, then blocks of the one that is drawn. */
+/* Runs a slice: first squares of the tile being built, then blocks of the tile being drawn. */
 static void run_job(void *user, uint32_t job, unsigned thread)
 {
     struct loop *loop = user;
@@ -143,7 +144,7 @@ static size_t at_most(size_t value, size_t limit)
     return value < limit ? value : limit;
 }
 
-/* Divides what is shared: each taker may have what the others have not taken. */
+/* Divides the shared budget: each user may have all that the others have not taken. */
 static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
@@ -178,7 +179,7 @@ static struct umbb_tile_place place_of(const struct loop *loop, uint32_t number)
     };
 }
 
-/* Makes ready to draw a tile. Out: blocks: how many jobs that is. */
+/* Prepares the drawing of a tile. Out: blocks: number of slices. */
 static enum umb_status depth_begin(struct loop *loop, uint32_t number, int slot, uint32_t *blocks,
                                    struct umb_error *error)
 {
@@ -191,7 +192,7 @@ static enum umb_status depth_begin(struct loop *loop, uint32_t number, int slot,
         status = loop->depth->begin(loop->depth->state, slot, tile, error);
     }
     if (status == UMB_OK) {
-        status = share_memory(loop, error); /* of what begin has left */
+        status = share_memory(loop, error); /* shares the rest after begin */
     }
     const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
     loop->drawn_slot = slot;
@@ -199,7 +200,7 @@ static enum umb_status depth_begin(struct loop *loop, uint32_t number, int slot,
     return status;
 }
 
-/* Keeps what the levels above need of a tile. */
+/* Keeps the part of a tile's result that the levels above need. */
 static enum umb_status result_keep(struct loop *loop, uint32_t number,
                                    const struct umbb_tile_result *result, struct umb_error *error)
 {
@@ -216,7 +217,7 @@ static enum umb_status result_keep(struct loop *loop, uint32_t number,
     return umbb_runs_keep(&loop->kept, &loop->runs, &loop->columns[number], error);
 }
 
-/* Takes over a tile's nodes, whose squares are under way. */
+/* Takes over a tile's nodes, whose squares are being built. */
 static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
                                   struct umb_error *error)
 {
@@ -244,7 +245,7 @@ static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
     return status == UMB_OK ? result_keep(loop, number, &result, error) : status;
 }
 
-/* Asks the tile cache for a tile. */
+/* Looks a tile up in the tile cache. */
 static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
                                  struct umb_error *error)
 {
@@ -255,8 +256,8 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     if (status != UMB_OK) {
         return status;
     }
-    /* A quarter of what is left for the tile cache's work, the rest for what it adds to the
-     * pool. */
+    /* A quarter of the rest is for the tile cache's work; three quarters are for the nodes that it
+     * adds to the pool. */
     loop->pool->max_bytes -= loop->spare_bytes / 4;
     loop->runs.count = 0;
     status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4, loop->pool,
@@ -270,7 +271,7 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     return status;
 }
 
-/* The first tile from `number` on that the tile cache does not have; `end` if it has all. */
+/* The first tile from `number` on that the tile cache lacks; `end` if it has all. */
 static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
                                     struct umb_error *error)
 {
@@ -286,7 +287,7 @@ static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_
     return status;
 }
 
-/* A band of the tile that is about to be built. */
+/* Applies the static rule to a band of the next tile to be built. */
 static void static_job(void *user, uint32_t job, unsigned thread)
 {
     struct loop *loop = user;
@@ -296,7 +297,7 @@ static void static_job(void *user, uint32_t job, unsigned thread)
     }
 }
 
-/* Brings a drawn tile under the static rule. Returns 0 if memory was refused. */
+/* Applies the static rule to a drawn tile. Returns 0 if out of memory. */
 static int static_bands(struct loop *loop, int slot)
 {
     struct umbb_tile *tile = &loop->tiles[slot];
@@ -310,7 +311,8 @@ static int static_bands(struct loop *loop, int slot)
 /*
  * Builds a drawn tile while the next is drawn.
  *
- * In: number: of the tile in `slot`. next, end: the first one after it that is to be drawn, or end.
+ * In: number: of the tile in `slot`. next, end: the first tile after it that is to be drawn, or
+ * end.
  */
 static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t next, uint32_t end,
                                  int slot, struct umb_error *error)
@@ -373,7 +375,7 @@ static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
     return status;
 }
 
-/* Draws every tile for the static rule, which asks what lies in the light. */
+/* Draws every tile for the static rule's survey of triangles. */
 static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
 {
     const uint32_t n = grid_width(loop->options);
@@ -391,11 +393,11 @@ static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
                                loop->options->cancelled);
         }
     }
-    atomic_store(&loop->texels_done, 0); /* they were not built */
+    atomic_store(&loop->texels_done, 0); /* the tiles were not built */
     return status;
 }
 
-/* Fills the grid above the tiles. */
+/* Fills the pyramids of the grid above the tiles. */
 static void grid_reduce(struct loop *loop)
 {
     const struct umbb_bake_options *o = loop->options;
@@ -415,7 +417,7 @@ static enum umb_status tile_column(void *user, size_t x, size_t y, struct umbb_c
     return umbb_runs_keep(&loop->runs, &loop->kept, column, error);
 }
 
-/* The levels above the tiles, and the root. */
+/* Builds the levels above the tiles, and the root. */
 static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_error *error)
 {
     const uint32_t level = loop->options->log2_size;
@@ -437,7 +439,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     if (status != UMB_OK) {
         return status;
     }
-    /* One node along z: mixed, or lit if nothing is ever shadowed, or shadowed. */
+    /* A single node along z: mixed, lit if nothing is shadowed, or shadowed. */
     *root = column.mixed_end == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
     if (column.mixed_first < column.mixed_end) {
         *root = loop->runs.items[column.run_first].ref;

@@ -2,62 +2,62 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_TILE_LOOP_H
 #define UMBRAGE_SERVER_BAKE_BUILD_TILE_LOOP_H
 /*
- * The bake proper: tiles of depth in, the merged octree out.
+ * The core of a bake: from tiles of depth to the merged octree.
  *
- * The threads build the nodes of a tile and get the depth of the next one, and the owner gathers
+ * The threads build the nodes of a tile and draw the depth of the next one, and the owner gathers
  * the nodes (tile_squares.h): two tiles are in memory at a time. The levels above the tiles are
- * built at the end from each tile's column. Equal casters give equal octrees up to numbering,
- * whatever the tile size and threads.
+ * built at the end from each tile's column. Equal casters give equal octrees up to numbering, for
+ * every tile size and number of threads.
  */
 #include "bake/build/static_rule.h"
 #include "bake/build/cached_tiles.h"
 #include "format/occluder_depth_build.h"
 
-/* What a bake went through, for the summary. */
+/* Figures of a bake, for the summary. */
 struct umbb_bake_figures {
-    uint64_t texels; /* that were looked at: not those of tiles that the tile cache had */
+    uint64_t texels; /* texels that were processed: without tiles that the tile cache had */
     uint64_t tiles;
-    uint64_t tiles_found; /* of these, by the tile cache */
-    double seconds_depth; /* waiting for depth, building not counted */
+    uint64_t tiles_found; /* part of these that the tile cache had */
+    double seconds_depth; /* time of waiting for depth, without building */
     double seconds_build;
-    size_t octree_bytes; /* at the end, tables included */
+    size_t octree_bytes; /* size at the end, tables included */
 };
 
 struct umbb_bake_options {
-    uint32_t log2_size; /* of the frustum */
+    uint32_t log2_size; /* size of the frustum */
     uint32_t tile_log2; /* 6 .. log2_size */
     unsigned threads;   /* 1.. */
     int closed_rule;
     size_t octree_max_bytes;
-    /* For the octree, the columns kept for the levels above the tiles, and the depth path's lists
-     * of triangles together; 0 = no limit. */
+    /* Limit of the octree, the columns kept for the levels above the tiles, and the depth path's
+     * lists of triangles together; 0 = no limit. */
     size_t shared_max_bytes;
-    /* With end above first: only tiles first .. end - 1 are baked, for the tile cache; the pool
-     * holds nothing afterwards, and there is no root. */
+    /* If end is above first: only tiles first .. end - 1 are baked, for the tile cache; the pool is
+     * empty afterwards, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_cached_tiles *cached_tiles; /* may be NULL; borrowed */
-    struct umb__occluder_depth
-        *occluder_depth; /* gets the first occluders; NULL: not kept. With it no square is
-                              * proven from bounds, and the tile cache, if any, keeps them too */
-    /* The static rule, begun; NULL: receivers may be anywhere. With it no tile cache, no occluder
-     * depth map, no square proven from bounds, and all tiles; the depth path draws each tile
-     * twice. */
+    /* Receives the first occluders; NULL: not kept. With it no square is proven from bounds, and
+     * the tile cache, if any, keeps them too. */
+    struct umb__occluder_depth *occluder_depth;
+    /* The static rule, begun; NULL: receivers may be anywhere. With it there is no tile cache, no
+     * occluder depth map, no square proven from bounds, and no choice of tiles; the depth path
+     * draws each tile twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
-    /* May be NULL; from the owner. tiles: finished, _found: of these, those that the tile cache
-     * had, which were no work; texels_done does not count them. */
+    /* Progress callback of the owner; may be NULL. tiles: finished; _found: part of these that the
+     * tile cache had, without work; texels_done does not count them. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
 };
 
 /*
- * Bakes one frustum into a pool that others may share: what is equal exists once.
+ * Bakes one frustum into a pool that others may share: equal nodes exist once.
  *
- * In:    depth: created for the same casters, tile size and threads. pool: holds what frusta baked
- *        before have left; its limit is replaced by the options'.
+ * In:    depth: created for the same casters, tile size and threads. pool: holds the nodes of
+ *        frusta baked before; its limit is replaced by the options'.
  * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either of the two), E_CANCELLED, what the tile cache says. The pool
- * then holds more than its roots reach: give it up.
+ * Fails: E_NO_MEMORY, E_LIMIT (either limit), E_CANCELLED, as the tile cache. The pool then holds
+ *        more nodes than its roots reach: discard it.
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            const struct umbb_bake_options *options,
@@ -77,7 +77,7 @@ UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
                                               struct umbb_bake_figures *figures,
                                               struct umb_error *error);
 
-/* Bytes that the tiles of a bake take together. */
+/* Bytes of all tiles that a bake has in memory. */
 size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule);
 
 #endif

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cutting a tile into squares of 64x64 texels and gathering those where something is undefined. */
+/* Cuts a tile into squares of 64x64 texels and gathers those with undefined voxels. */
 #include "bake/build/tile_occluder_depth.h"
 
 #include <string.h>
 
-#define BLOCKS 8 /* of 8x8 texels along a square's side */
+#define BLOCKS 8 /* blocks of 8x8 texels along a square's side */
 
-/* What a square's texels are gathered into. */
+/* Gathered texels of a square. */
 struct square {
     int32_t lit[BLOCKS * BLOCKS][64], end[BLOCKS * BLOCKS][64];
-    int undefined; /* somewhere end > lit */
+    int undefined; /* 1: end > lit at some texel */
 };
 
-/* Takes block (x, y) of the tile. Texels of a block of background may never have been written. */
+/* Takes block (x, y) of the tile. Texels of a background block may never have been written. */
 static void take_block(const struct umbb_tile *tile, size_t x, size_t y, int32_t lit[64],
                        int32_t end[64], int *undefined)
 {

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares are jobs in the order in which the owner wants them (quarter by quarter, as columns are
- * joined), so that it seldom waits. Their pools live as long as the bake: cleared, not freed. The
- * one given back last is taken next, as it may still be in a cache: one thread uses only one.
+ * Squares are slices in the order in which the owner wants them (quarter by quarter, as columns are
+ * joined), so it seldom waits. Their pools live as long as the bake: they are cleared, not freed.
+ * The pool given back last is reused first, as it may still be in a cache; a single thread uses
+ * only one.
  */
 #include "bake/build/tile_squares.h"
 
@@ -10,31 +11,31 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 
-/* What a square is built into. */
+/* Pool and runs in which a square is built. */
 struct work {
     struct umb_pool pool;
     struct umbb_runs runs;
 };
 
-/* One square. Its job writes all of it and then says so; until then the owner leaves it alone. */
+/* One square. Its slice writes all of it and then sets its flag; until then the owner waits. */
 struct square {
-    struct work *work; /* NULL when the owner has taken what it holds */
+    struct work *work; /* NULL once the owner has taken its content */
     struct umbb_column column;
     enum umb_status status;
     atomic_int is_done;
 };
 
 struct umbb_squares {
-    uint32_t level;   /* of a square */
-    size_t max_bytes; /* of a square's pool and runs */
+    uint32_t level;   /* level of a square */
+    size_t max_bytes; /* limit of a square's pool and runs */
     const struct umbb_tile *tile;
     struct square squares[UMBB_SQUARE_COUNT];
     struct work works[UMBB_SQUARE_COUNT];
-    pthread_mutex_t lock; /* of the next two */
+    pthread_mutex_t lock; /* guards the next two */
     struct work *idle[UMBB_SQUARE_COUNT];
     unsigned idle_count;
     struct umb_pool_numbers numbers;
-    /* While a column is made: */
+    /* While a column is built: */
     struct umbu_threads *jobs;
     struct umb_pool *pool;
     struct umbb_runs *runs;
@@ -59,7 +60,7 @@ enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **ou
     return UMB_OK;
 }
 
-/* Of as many as there are squares: there is always one. */
+/* Takes a work. There are as many as squares, so there is always one. */
 static struct work *work_take(struct umbb_squares *squares)
 {
     pthread_mutex_lock(&squares->lock);
@@ -96,7 +97,7 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     free(squares);
 }
 
-/* Runs, and the numbers that a merge gives, grow with the pool, to a fraction of it. */
+/* Bytes of a work. Runs and merge numbers grow with the pool, to a fraction of it. */
 static size_t work_bytes(const struct work *work)
 {
     return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;
@@ -120,7 +121,7 @@ void umbb_squares_begin(struct umbb_squares *squares, const struct umbb_tile *ti
     }
 }
 
-/* The even bits of a job's number, moved together. */
+/* The even bits of a slice's number, packed together. */
 static size_t even_bits(uint32_t job)
 {
     size_t bits = 0;
@@ -130,7 +131,7 @@ static size_t even_bits(uint32_t job)
     return bits;
 }
 
-/* The inverse: which job builds square (x, y). */
+/* The inverse: number of the slice that builds square (x, y). */
 static uint32_t job_of(size_t x, size_t y)
 {
     uint32_t job = 0;
@@ -141,8 +142,8 @@ static uint32_t job_of(size_t x, size_t y)
 }
 
 /*
- * Whether the tile's tree comes down to a square: nothing above it is uniform. Below what is, the
- * texels and the pyramid need not have been written (tile.h).
+ * True if the tile's tree descends to a square: nothing above it is uniform. Below a uniform square
+ * texels and pyramid may be unwritten (tile.h).
  */
 static int is_wanted(const struct umbb_tile *tile, const struct umbb_square *square)
 {
@@ -163,7 +164,7 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job)
 {
     struct square *square = &squares->squares[job];
     const struct umbb_square place = {squares->level, {even_bits(job), even_bits(job >> 1)}};
-    if (is_wanted(squares->tile, &place)) { /* if not, nobody takes it */
+    if (is_wanted(squares->tile, &place)) { /* otherwise the square is never taken */
         struct work *work = work_take(squares);
         umb_pool_clear(&work->pool);
         work->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
@@ -212,7 +213,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
         square_give_back(squares, square);
         return status;
     }
-    work_release(square->work); /* it has more than its share */
+    work_release(square->work); /* it exceeds its share */
     square_give_back(squares, square);
     const struct umbb_square place = {squares->level, {x, y}};
     return umbb_column_of_square(squares->pool, squares->tile, &place, squares->runs, column,
@@ -240,7 +241,7 @@ enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbu_th
     const size_t whole[2] = {0, 0};
     const enum umb_status status =
         umbb_column_of_tree(&tree, tile->log2_size, whole, column, error);
-    for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) { /* those that nobody waited for */
+    for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) { /* squares that were not waited for */
         struct square *square = &squares->squares[i];
         umbu_threads_wait_until(jobs, square_is_done, square);
         if (square->work != NULL) { /* an error came first */

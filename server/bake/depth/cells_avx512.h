@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_CELLS_AVX512_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_CELLS_AVX512_H
-/* The steps of depth_cells.h with AVX-512: what their files share. */
+/* Shared declarations of the AVX-512 files that implement the steps of depth_cells.h. */
 #include "bake/depth/depth_cells.h"
 
-/* Where a layer hides what is behind. */
+/* Depths from which a layer hides everything behind. */
 struct umbb__hiding {
-    const int32_t *far; /* of its cells */
-    /* The most of `far` in each band of cells; 0 beyond the last, for kernels that go by eight. */
+    const int32_t *far; /* `far` of the layer's cells */
+    /* Greatest `far` in each band of cells; 0 beyond the last, for kernels that handle eight at a
+     * time. */
     int32_t band_far[UMBB_CANVAS_MAX / 8 + UMBB_CELLS_SLACK];
-    int32_t all_far; /* the most of these */
+    int32_t all_far; /* greatest of these */
 };
 
-/* Finds them from what is noted. */
+/* Computes them from the notes. */
 void umbb__cells_hiding_avx512(const struct umbb_cells *cells, enum umbb_layer layer,
                                struct umbb__hiding *hiding);
 

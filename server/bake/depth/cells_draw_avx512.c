@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Drawing of noted cells with AVX-512: a cell's texels are four registers, which all its parts
- * lower one after the other; two rows of eight at a time. The operations of the predicate in the
- * same order, never fused, hence the same bits.
+ * Drawing of noted cells with AVX-512. A cell's texels are four registers, which all its parts
+ * lower one after the other; two rows of eight texels at a time. The operations are those of the
+ * predicate in the same order, never fused, so the bits are the same.
  *
- * A texel is held as twice its depth rounded up, of which lit is the half, rounded down:
- * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order, so that least and clamp may
+ * A texel is kept as twice its depth rounded up; lit is the half of that, rounded down: ceil(z -
+ * 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and clamp may
  * come before the halving, which is then done once a cell.
  */
 #include "bake/depth/cells_avx512.h"
@@ -17,16 +17,17 @@
 
 #define UP (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
 
-/* Added to a number below 2^30 in magnitude, rounding up, it leaves the next multiple of one half
- * above in the lower half of the sum's bits, counted in halves. */
+/* Rounding constant. Adding it with rounding up to a number below 2^30 in magnitude leaves the
+ * number, rounded up to a multiple of one half, in the lower half of the sum's bits, counted in
+ * halves. */
 #define HALF_MAGIC 3377699720527872.0 /* 1.5 * 2^51 */
 
-/* Texels of a cell, two rows each, as twice their depth. */
+/* Texels of a cell as twice their depth; two rows in each register. */
 struct texels {
     __m512i rows[4];
 };
 
-/* A cell under way. */
+/* A cell being drawn. */
 struct place {
     __m512d x, y; /* centres of its columns and of its rows */
 };
@@ -41,7 +42,7 @@ static inline struct place place_of(const struct umbb_cells *cells, size_t cell)
                           _mm512_add_pd(_mm512_set1_pd(y), centres)};
 }
 
-/* The bits that hold twice the depth of a row. */
+/* A register whose bits hold twice the depth of a row's texels. */
 static inline __m512i row_sum(__m512d slopes, double z)
 {
     const __m512d depth = _mm512_add_pd(_mm512_set1_pd(z), slopes);
@@ -63,6 +64,7 @@ static inline void part_draw(const struct umbb_plane *k, uint64_t bits, const st
     const __m512i lit_max = _mm512_set1_epi32(2 * k->lit_max + 1);
     double z[8];
     _mm512_storeu_pd(z, row_z);
+    /* Two rows a register: join their sums' lower halves, clamp, and lower the covered texels. */
     for (size_t i = 0; i < 4; i++, bits >>= 16) {
         __m512i lit = _mm512_permutex2var_epi32(row_sum(slopes, z[2 * i]), lower_halves,
                                                 row_sum(slopes, z[2 * i + 1]));
@@ -72,7 +74,7 @@ static inline void part_draw(const struct umbb_plane *k, uint64_t bits, const st
     }
 }
 
-/* Draws a cell's parts; the texels end as lit. */
+/* Draws a cell's parts; converts its texels to lit. */
 static inline void cell_draw(const struct umbb_cells *cells, const struct umbb_cell_layer *layer,
                              size_t cell, const struct place *place, struct texels *texels)
 {
@@ -80,12 +82,13 @@ static inline void cell_draw(const struct umbb_cells *cells, const struct umbb_c
     const int32_t far = layer->far[cell];
     for (size_t at = layer->first[cell]; at != 0;) {
         const uint32_t link = parts->link[at];
-        if (parts->nearest[at] <= far) { /* equal: perhaps what the bound comes from */
+        if (parts->nearest[at] <= far) { /* equal: the bound may come from this part */
             part_draw(&cells->planes[link >> 16], parts->bits[at], place, texels);
         }
         at = link & 0xffffU;
     }
     for (size_t i = 0; i < 4; i++) {
+        /* From twice the depth to lit. */
         texels->rows[i] = _mm512_srai_epi32(texels->rows[i], 1);
     }
 }
@@ -109,6 +112,7 @@ static void draw(struct umbb_cells *cells, int32_t *layers)
             struct texels texels = all_of(2 * cells->background);
             cell_draw(cells, layer, cell, &place, &texels);
             for (size_t k = 0; k < 4; k++) {
+                /* The layer keeps the least of its old texels and the new ones. */
                 int32_t *at = layers + 64 * cell + 16 * k;
                 _mm512_storeu_si512(at, _mm512_min_epi32(_mm512_loadu_si512(at), texels.rows[k]));
             }
@@ -131,7 +135,7 @@ static inline __m512i least_of(const struct texels *t)
                             _mm512_min_epi32(t->rows[2], t->rows[3]));
 }
 
-/* Cells whose places in the tile are asked for ahead: a tile is larger than the caches. */
+/* Number of cells whose places in the tile are prefetched: a tile is larger than the caches. */
 #define AHEAD 4
 
 static inline void texels_ask(const int32_t *to)
@@ -167,7 +171,7 @@ static inline void open_store(const struct umbb_cells *cells, size_t cell, struc
     tile->min_end[UMB_LEVEL_BRICK][to] = least;
 }
 
-/* The same with it. */
+/* Writes cell `cell` of the notes to cell `to` of the tile, with the closed rule. */
 static inline void closed_store(const struct umbb_cells *cells, size_t cell, struct umbb_tile *tile,
                                 size_t to)
 {
@@ -182,7 +186,7 @@ static inline void closed_store(const struct umbb_cells *cells, size_t cell, str
             nearest[i] = all_of(2 * cells->background);
             cell_draw(cells, &layers[i], cell, &place, &nearest[i]);
         }
-        for (size_t i = 0; i < 4; i++) { /* umbb_texel_decide */
+        for (size_t i = 0; i < 4; i++) { /* as umbb_texel_decide */
             const __m512i front = nearest[UMBB_LAYER_FRONT].rows[i];
             const __m512i back = nearest[UMBB_LAYER_BACK].rows[i];
             lit.rows[i] =

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What hides whole bands of noted cells. Plain C, in a file of the vector kernels for its flags:
- * the compiler makes four registers of a band of it. */
+/* Depths that hide whole bands of noted cells. It is plain C, in a file of the vector kernels for
+ * its compiler flags: the compiler handles a band in four registers. */
 #include "bake/depth/cells_avx512.h"
 
 #include <string.h>

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Notes with AVX-512: which cells a triangle covers, eight rows or eight cells at a time. The
- * operations of the predicate in the same order, never fused, hence the same bits; rounding up and
- * down is part of the conversion to integers.
+ * operations are those of the predicate in the same order, never fused, so the bits are the same.
+ * Rounding up and down is part of the conversion to integers.
  *
- * Two steps over several triangles at once: their bands of eight rows, the cells of 8x8 texels of
- * those bands. What a small triangle covers nobody can predict; one triangle after the other would
- * wait at each of its bands for what was guessed wrongly.
+ * There are two steps, each over several triangles: first their bands of eight rows, then the cells
+ * of 8x8 texels of those bands. The branches on a small triangle's coverage are unpredictable.
+ * Handled alone, each triangle would wait at each of its bands for a wrong guess.
  */
 #include "bake/depth/cells_avx512.h"
 
@@ -15,34 +15,36 @@
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
 #include "bake/depth/lane_extremes.h"
 
-/* Bands under way: their records fit the first-level cache. */
+/* Bands found at a time: their records fit the first-level cache. */
 #define BANDS_MAX ((size_t)64)
 
 #define UP   (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
 #define DOWN (_MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC)
 
-/* What all rows and cells of a triangle share. */
+/* Values that all rows and cells of a triangle share. */
 struct plane {
     const struct umbb_coverage *coverage;
-    double x_min[3], x_max[3]; /* of the edges 0-1, 1-2 and 0-2 */
-    double left, right;        /* of all corners */
-    double corner_off;         /* x of corner 1, seen from the long edge in its row */
-    uint16_t number;           /* among the notes' planes */
-    double near_x, far_x; /* from a cell's first texel to the centre of its nearest column, .. */
-    size_t near_y, far_y; /* the nearest and the farthest row of a band */
+    double x_min[3], x_max[3]; /* range of x of the edges 0-1, 1-2 and 0-2 */
+    double left, right;        /* range of x of all corners */
+    double corner_off;         /* x of corner 1, less that of the long edge in its row */
+    uint16_t number;           /* index among the notes' planes */
+    /* X from a cell's first texel to the centre of its nearest, and of its farthest column. */
+    double near_x, far_x;
+    size_t near_y, far_y; /* nearest and farthest row of a band */
 };
 
-/* Eight rows of a cells, from a multiple of eight on; x counts from the canvas's first texel. */
+/* A band: eight rows of cells, from a multiple of eight on. x counts from the canvas's first
+ * texel. */
 struct band {
     const struct plane *plane;
-    size_t cell;         /* its first among the canvas's */
-    __m256i first, last; /* texels covered; INT32_MAX .. -1 if there are none */
-    double z[8];         /* of each row at the anchor's x */
-    int32_t least, most; /* of first and last */
-    uint64_t front;      /* a byte a row: all ones if it goes to the canvas's front */
+    size_t cell;         /* index of its first cell in the canvas */
+    __m256i first, last; /* texels covered in each row; INT32_MAX .. -1 if there are none */
+    double z[8];         /* depth of each row at the anchor's x */
+    int32_t least, most; /* least of first, greatest of last */
+    uint64_t front;      /* a byte a row: all ones if the row goes to the canvas's front */
 };
 
-/* x where rows at `py` cross the short edge, which is the lower one from corner 1 on. */
+/* x where rows at `py` cross the short edge; from corner 1 on that is the lower one. */
 static inline __m512d cross_short(const struct plane *k, __m512d py)
 {
     const struct umbb_coverage *c = k->coverage;
@@ -62,14 +64,14 @@ static inline __m512d cross_short(const struct plane *k, __m512d py)
     return _mm512_min_pd(_mm512_max_pd(x, low), high);
 }
 
-/* Bits of the rows row .. row + 7 that the triangle meets. */
+/* Bit mask of the rows row .. row + 7 that the triangle meets. */
 static inline unsigned rows_met(const struct umbb_coverage *c, int32_t row)
 {
     const int32_t above = c->row_first - row, below = row + 7 - c->row_last;
     return 0xffU << (above > 0 ? above : 0) & 0xffU >> (below > 0 ? below : 0);
 }
 
-/* The band of rows from `row` on; at least one of them meets the triangle. */
+/* Makes the band of rows from `row` on; at least one of them meets the triangle. */
 static inline void band_find(const struct plane *k, const struct umbb_cells *cells, int32_t row,
                              struct band *band)
 {
@@ -80,14 +82,18 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
     const __m256i number =
         _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
     const __m512d py = _mm512_add_pd(_mm512_cvtepi32_pd(number), half);
+    /* The two crossings of each row: with a short edge (one) and with the long edge (two). */
     const __m512d one = cross_short(k, py);
     const __m512d below = _mm512_sub_pd(py, _mm512_set1_pd(c->y[0]));
     __m512d two =
         _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, _mm512_set1_pd(c->slope[2])));
     two = _mm512_max_pd(two, _mm512_set1_pd(k->x_min[2]));
     two = _mm512_min_pd(two, _mm512_set1_pd(k->x_max[2]));
+    /* Depth at the anchor's x, which all texels of a row share. */
     _mm512_storeu_pd(band->z, _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
                                             _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), below)));
+    /* The covered centres lie between the crossings: round up to the first, down to the last
+     * texel, then clip to the canvas. */
     const __m512d low = _mm512_sub_pd(_mm512_min_pd(one, two), half);
     const __m512d high = _mm512_sub_pd(_mm512_max_pd(one, two), half);
     const __m256i origin = _mm256_set1_epi32(cells->x0);
@@ -96,7 +102,7 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
     const __m256i last =
         _mm256_min_epi32(_mm256_sub_epi32(_mm512_cvt_roundpd_epi32(high, DOWN), origin),
                          _mm256_set1_epi32(cells->n - 1));
-    /* Nothing: rows of no width, rows beside the triangle, spans beside the canvas. */
+    /* Uncovered: rows of no width, rows outside the triangle, spans outside the canvas. */
     const unsigned wide = _mm512_cmp_pd_mask(low, high, _CMP_LT_OQ);
     const unsigned inside = _mm256_cmple_epi32_mask(first, last);
     const __mmask8 covered = (__mmask8)(wide & inside & rows_met(c, row));
@@ -104,13 +110,14 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
     band->last = _mm256_mask_mov_epi32(_mm256_set1_epi32(-1), covered, last);
     band->least = umbb_least_of_8(band->first);
     band->most = umbb_most_of_8(band->last);
+    /* Facing by the order of the crossings, as in umbb_coverage_row: a byte of ones a row. */
     const unsigned before = _mm512_cmp_pd_mask(one, two, _CMP_LT_OQ);
     const unsigned facing = c->odd ? ~before : before;
     band->front = (uint64_t)_mm_cvtsi128_si64(_mm_movm_epi8((__mmask16)(facing & 0xffU)));
 }
 
-/* The texels of the eight cells from texel x of the canvas on that the triangle covers: a byte a
- * row, the first texel its lowest bit. */
+/* Coverage masks of the eight cells that start at texel x of the canvas: a byte a row, the first
+ * texel its lowest bit. */
 static inline __m512i cell_bits(const struct band *band, int32_t x)
 {
     const __m256i zero = _mm256_setzero_si256();
@@ -118,11 +125,12 @@ static inline __m512i cell_bits(const struct band *band, int32_t x)
         _mm256_max_epi32(_mm256_sub_epi32(band->first, _mm256_set1_epi32(x)), zero);
     const __m256i right =
         _mm256_max_epi32(_mm256_sub_epi32(_mm256_set1_epi32(x + 63), band->last), zero);
-    /* 64 texels a row; counts of 64 and more shift everything out. */
+    /* Shifts in a row's 64 texels; shift counts of 64 and more leave 0. */
     const __m512i all = _mm512_set1_epi64(-1);
     const __m512i rows = _mm512_and_si512(_mm512_sllv_epi64(all, _mm512_cvtepu32_epi64(left)),
                                           _mm512_srlv_epi64(all, _mm512_cvtepu32_epi64(right)));
-    /* Eight rows of eight bytes, turned: first those of two rows side by side, then these pairs. */
+    /* Transposes eight rows of eight bytes: first the bytes of two rows side by side, then these
+     * pairs. */
     const __m512i pairs =
         _mm512_broadcast_i32x4(_mm_setr_epi8(0, 8, 1, 9, 2, 10, 3, 11, 4, 12, 5, 13, 6, 14, 7, 15));
     const __m512i turn =
@@ -131,8 +139,8 @@ static inline __m512i cell_bits(const struct band *band, int32_t x)
     return _mm512_permutexvar_epi16(turn, _mm512_shuffle_epi8(rows, pairs));
 }
 
-/* lit of a triangle at a place of each of eight cells that no other of the cell's lies before (or
- * behind): in the row at depth `z` at the anchor, `off` texels from the cells' first. */
+/* A bound of lit in each of eight cells, by the predicate at the cell's nearest (or farthest)
+ * texel: in the row at depth `z` at the anchor, `off` texels from the cells' first. */
 static inline __m256i bounds(const struct umbb_coverage *c, double z, __m512d first_x, double off)
 {
     const __m512d centre = _mm512_add_pd(first_x, _mm512_set1_pd(off));
@@ -144,10 +152,10 @@ static inline __m256i bounds(const struct umbb_coverage *c, double z, __m512d fi
     return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(depth, _mm512_set1_pd(0.5)), UP);
 }
 
-/* Parts of eight cells that follow each other, of one triangle. */
+/* Parts of one triangle in eight neighbouring cells. */
 struct found {
     __m512i bits;
-    __m256i nearest, farthest; /* bounds of their lits */
+    __m256i nearest, farthest; /* bounds of their lit */
     uint16_t plane;
 };
 
@@ -161,18 +169,20 @@ static inline void save(void *to, __m256i value)
     _mm256_storeu_si256((__m256i *)to, value);
 }
 
-/* Notes those parts of the cells from `cell` on that are there and not hidden. */
+/* Notes the parts, in the cells from `cell` on, that are not empty and not hidden. */
 static inline void parts_add(struct umbb_cells *cells, struct umbb_cell_layer *layer, size_t cell,
                              const struct found *found)
 {
     struct umbb_parts *parts = &cells->parts;
     const uint32_t number = cells->part_count;
     const __m512i all = _mm512_set1_epi64(-1);
+    /* Keep the parts that cover texels and do not lie behind the cell's bound. */
     const __m256i far = load(layer->far + cell), first = load(layer->first + cell);
     const __mmask8 keep = _mm512_test_epi64_mask(found->bits, found->bits) &
                           _mm256_cmplt_epi32_mask(found->nearest, far);
     const __m256i link =
         _mm256_or_si256(first, _mm256_set1_epi32((int32_t)((uint32_t)found->plane << 16)));
+    /* Write the kept parts without gaps, and link each to the former first part of its cell. */
     _mm512_storeu_si512(parts->bits + number, _mm512_maskz_compress_epi64(keep, found->bits));
     save(parts->nearest + number, _mm256_maskz_compress_epi32(keep, found->nearest));
     save(parts->link + number, _mm256_maskz_compress_epi32(keep, link));
@@ -180,11 +190,13 @@ static inline void parts_add(struct umbb_cells *cells, struct umbb_cell_layer *l
                                              _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
     save(layer->first + cell, _mm256_mask_expand_epi32(first, keep, numbers));
     cells->part_count = number + (uint32_t)__builtin_popcount(keep);
-    /* New bounds of the cells: of what covers them alone or, if that is more, together. */
+    /* Lowers the cells' bounds: to that of one covering part, or of all parts that cover it
+     * together. */
     const __m512i before = _mm512_loadu_si512(layer->covered + cell);
     const __m512i covered = _mm512_mask_or_epi64(before, keep, before, found->bits);
     const __m256i most_before = load(layer->most + cell);
     const __m256i most = _mm256_mask_max_epi32(most_before, keep, most_before, found->farthest);
+    /* Cells that this part covers alone, and cells that all parts cover together. */
     const __mmask8 alone = keep & _mm512_cmpeq_epi64_mask(found->bits, all);
     const __mmask8 together = keep & _mm512_cmpeq_epi64_mask(covered, all);
     __m256i bound = _mm256_mask_min_epi32(far, together, far, most);
@@ -194,13 +206,14 @@ static inline void parts_add(struct umbb_cells *cells, struct umbb_cell_layer *l
     save(layer->far + cell, bound);
 }
 
-/* Notes the cells of a band. */
+/* Notes the cells of a band, 64 texels at a time. */
 static inline void band_note(struct umbb_cells *cells, const struct band *band,
                              struct umbb_cell_layer *front, struct umbb_cell_layer *back)
 {
     const struct plane *k = band->plane;
     const struct umbb_coverage *c = k->coverage;
     const __m512d eight = _mm512_setr_pd(0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 48.0, 56.0);
+    /* Eight cells at a time, from the first covered one on. */
     for (int32_t x = band->least & ~7; x <= band->most; x += 64) {
         const __m512d first_x = _mm512_add_pd(_mm512_set1_pd((double)(cells->x0 + x)), eight);
         const __m512i bits = cell_bits(band, x);
@@ -212,6 +225,8 @@ static inline void band_note(struct umbb_cells *cells, const struct band *band,
             .plane = k->number,
         };
         if (front != back) {
+            /* The rows of a cell that face the light go to one layer, its other rows to the
+             * other. */
             const __m512i to_front = _mm512_set1_epi64((int64_t)band->front);
             found.bits = _mm512_andnot_si512(to_front, bits);
             parts_add(cells, back, cell, &found);
@@ -242,33 +257,36 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
     k->left = least(k->x_min[2], c->x[1]);
     k->right = most(k->x_max[2], c->x[1]);
     k->corner_off = c->x[1] - (c->x[0] + (c->y[1] - c->y[0]) * c->slope[2]);
+    /* Depth falls with x if the gradient is negative: the nearest column is then the last one. */
     k->near_x = c->gradient_x < 0.0 ? 7.5 : 0.5;
     k->far_x = 8.0 - k->near_x;
     k->near_y = c->gradient_y < 0.0 ? 7 : 0;
     k->far_y = 7 - k->near_y;
 }
 
-/* Far above what rounding may do to a crossing (texels). */
+/* Tolerance in texels, far above the rounding error of a crossing. */
 #define SLACK 0.01
 
-/* Cells of a band that are looked at to find it hidden. */
+/* Cells of a band that are tested before the band counts as visible. */
 #define CELLS_SEEN 8
 
-/* Bits of lanes where some of `far` from `first` to `last` is more than lit. */
+/* Bit mask of the lanes in which some `far` of cells `first` to `last` exceeds lit. */
 static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t band, __m256i first,
                                     __m256i last, __m256i lit)
 {
     const int32_t *far = hiding->far;
+    /* Bands whose greatest `far` does not exceed lit are hidden as a whole. */
     const unsigned some = _mm256_cmplt_epi32_mask(lit, load(hiding->band_far + band));
     if (some == 0) {
         return 0;
     }
-    /* Two cells without a branch, for the many that have no more. */
+    /* Tests two cells without a branch, for the many bands that have no more. */
     const __m256i next = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
     const __m256i two = _mm256_max_epi32(_mm256_i32gather_epi32(far, first, 4),
                                          _mm256_i32gather_epi32(far, next, 4));
     unsigned before = _mm256_cmpgt_epi32_mask(two, lit);
     unsigned left = _mm256_cmplt_epi32_mask(next, last) & ~before & some;
+    /* Test the further cells of bands that are not decided yet; too long ones count as visible. */
     for (int i = 2; i < CELLS_SEEN && left != 0; i++) {
         first = _mm256_add_epi32(first, _mm256_set1_epi32(1));
         const __m256i at = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
@@ -279,14 +297,15 @@ static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t ba
 }
 
 /*
- * Bits of the bands from `row` on, eight of them or those down to `last`, that the triangle may
- * change. The bounds are quicker to get than a band: at every row the triangle lies between its
- * long edge and that edge moved over corner 1.
+ * Bit mask of the bands that the triangle may change: eight bands from `row` on, or those down to
+ * `last`. It computes bounds, which is quicker than making a band: at every row the triangle lies
+ * between its long edge and that edge moved to corner 1.
  */
 static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
                                   const struct umbb__hiding hiding[2], int32_t row, int32_t last)
 {
     const struct umbb_coverage *c = k->coverage;
+    /* A lane is a band: x of the long edge at its first row (top) and at its last row (bottom). */
     const __m256i bands = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
     const __m256i rows = _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_slli_epi32(bands, 3));
     const __m512d below = _mm512_sub_pd(
@@ -294,7 +313,7 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
     const __m512d slope = _mm512_set1_pd(c->slope[2]);
     const __m512d top = _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, slope));
     const __m512d bottom = _mm512_add_pd(top, _mm512_mul_pd(_mm512_set1_pd(7.0), slope));
-    /* The second operand is also what a NaN becomes. */
+    /* min and max return the second operand for a NaN too. */
     const __m512d left =
         _mm512_max_pd(_mm512_add_pd(_mm512_min_pd(top, bottom),
                                     _mm512_set1_pd(least(k->corner_off, 0.0) - SLACK)),
@@ -302,7 +321,8 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
     const __m512d right = _mm512_min_pd(
         _mm512_add_pd(_mm512_max_pd(top, bottom), _mm512_set1_pd(most(k->corner_off, 0.0) + SLACK)),
         _mm512_set1_pd(k->right));
-    /* Of the nearest row, as the predicate has it: seven more than `below` would round twice. */
+    /* The nearest row's y exactly as in the predicate: adding seven to `below` would round
+     * twice. */
     const __m256i near_row = _mm256_add_epi32(rows, _mm256_set1_epi32((int32_t)k->near_y));
     const __m512d near_below = _mm512_sub_pd(
         _mm512_add_pd(_mm512_cvtepi32_pd(near_row), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
@@ -311,12 +331,14 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
                               _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), near_below));
     z = _mm512_add_pd(z, _mm512_mul_pd(_mm512_set1_pd(c->gradient_x), near_x));
     z = _mm512_min_pd(_mm512_max_pd(z, _mm512_set1_pd(c->z_min)), _mm512_set1_pd(c->z_max));
+    /* A bound of lit: no texel of the triangle in this band lies before it. */
     const __m256i lit = _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+    /* The range of x clipped to the canvas, then as cells of each band: first .. end_cell. */
     const __m512d origin = _mm512_set1_pd((double)cells->x0), zero = _mm512_setzero_pd();
     const __m512d end = _mm512_set1_pd((double)(cells->n - 1));
     const __m512d first_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(left, origin), zero), end);
     const __m512d last_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(right, origin), zero), end);
-    /* Bands beyond the last look at a cell that is there. */
+    /* Lanes after the last band read an existing cell; the mask at the end drops them. */
     const __m256i band = _mm256_min_epi32(bands, _mm256_set1_epi32((last - row) >> 3));
     const __m256i at =
         _mm256_add_epi32(_mm256_mullo_epi32(band, _mm256_set1_epi32(cells->n >> 3)),
@@ -324,16 +346,18 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
     const __m256i first = _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(first_x), 3));
     const __m256i end_cell =
         _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(last_x), 3));
+    /* The triangle may change a band if it may lie before a cell of either layer. */
     const size_t at_band = (size_t)(row - cells->y0) >> 3;
     unsigned seen = lanes_before(&hiding[0], at_band, first, end_cell, lit);
     if (hiding[1].far != hiding[0].far) {
         seen |= lanes_before(&hiding[1], at_band, first, end_cell, lit);
     }
+    /* Drop the lanes after the last band. */
     const int32_t count = ((last - row) >> 3) + 1;
     return count < 8 ? seen & ((1U << count) - 1U) : seen;
 }
 
-/* The first row of a triangle's first band, and the last row, in a canvas. Bands start at multiples
+/* First row of the triangle's first band in a canvas; *last: its last row. Bands start at multiples
  * of eight rows of the canvas. */
 static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_cells *cells,
                               int32_t *last)
@@ -344,8 +368,8 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
     return row - ((row - cells->y0) & 7);
 }
 
-/* Bits of the bands of a triangle that it may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
- * layers of both sides, or NULL where too little is there to ask. */
+/* Bit mask of the bands that a triangle may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
+ * layers of both sides, or NULL while too little is drawn to hide anything. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
                                      const struct umbb__hiding *hiding)
 {
@@ -361,22 +385,22 @@ static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_ce
     return seen;
 }
 
-/* Whether all of a triangle lies behind everything in both layers. */
+/* True if all of a triangle lies behind everything in both layers. */
 static inline int triangle_hidden(const struct umbb_coverage *c, const struct umbb__hiding *hiding)
 {
     return hiding != NULL && umbb_coverage_round(c->z_min) >= hiding[0].all_far &&
            umbb_coverage_round(c->z_min) >= hiding[1].all_far;
 }
 
-/* Triangles under way. */
+/* Triangles being noted. */
 struct work {
     size_t band_count, noted;
-    uint32_t seen[UMBB_DRAW_MAX]; /* bits of bands */
+    uint32_t seen[UMBB_DRAW_MAX]; /* bit masks of bands */
     struct plane planes[UMBB_DRAW_MAX];
     struct band bands[BANDS_MAX];
 };
 
-/* Takes triangles over as far as there is room for planes; finds the bands that each may change. */
+/* Takes over triangles while there is room for planes; finds the bands that each may change. */
 static size_t planes_take(struct work *work, struct umbb_cells *cells,
                           const struct umbb_coverage *coverages, size_t count,
                           const struct umbb__hiding *hiding)
@@ -402,14 +426,16 @@ static size_t planes_take(struct work *work, struct umbb_cells *cells,
             .lit_min = umbb_coverage_round(c->z_min),
             .lit_max = umbb_coverage_round(c->z_max),
         };
+        /* A triangle without visible bands needs no plane: the next one overwrites it. */
         cells->plane_count += work->seen[taken] != 0;
     }
     return taken;
 }
 
-/* Notes the bands that were found, as far as there is room; returns 0 if that is not all. */
+/* Notes the found bands while there is room; returns 0 if some are left. */
 static int bands_note(struct work *work, struct umbb_cells *cells, const struct umbb_sides *sides)
 {
+    /* A band adds at most one part to each cell of a row of cells in both layers. */
     const uint32_t room = UMBB_PARTS_MAX - 2 * (uint32_t)(cells->n >> 3);
     size_t i = 0;
     for (; i < work->band_count && cells->part_count <= room; i++) {
@@ -420,7 +446,7 @@ static int bands_note(struct work *work, struct umbb_cells *cells, const struct 
     return i == work->band_count;
 }
 
-/* Notes the bands of triangles; returns 0 if there was no room for all. */
+/* Finds and notes the bands of triangles; returns 0 if there was no room for all. */
 static int triangles_note(struct work *work, struct umbb_cells *cells,
                           const struct umbb_sides *sides, size_t count)
 {
@@ -456,8 +482,8 @@ size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_cover
     if (triangles_note(&work, cells, sides, taken)) {
         return taken;
     }
-    /* What is noted of the triangle that has a band left will be noted once more: the least of
-     * equals is the same. */
+    /* The triangle of the next band will be noted again from its start. Parts noted twice do no
+     * harm: the least of equal numbers is the same. */
     return (size_t)(work.bands[work.noted].plane - work.planes);
 }
 

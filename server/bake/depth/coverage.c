@@ -2,10 +2,10 @@
 /*
  * Preparing a triangle for the predicate: canonical order, edge slopes, depth gradients.
  *
- * Invariant: everything but `odd` is a function of the set of corners, not of their order.
- * Sources: scan conversion by rows of sample centres; the reasons for the anchored depth and for
- * clamping it are measured in the project's notes (incremental depth differed between tilings;
- * slopes of grazing triangles reach 1e6).
+ * Invariant: everything but `odd` is a function of the set of corners, not of their order. Scan
+ * conversion goes by rows of sample centres. Depth is computed from an anchor, because incremental
+ * depth differed between tilings, and clamped, because slopes of grazing triangles reach 1e6 (both
+ * measured).
  */
 #include "bake/depth/coverage.h"
 
@@ -43,7 +43,7 @@ static int32_t first_centre(double value)
 int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_coverage *coverage)
 {
     const double *v[3] = {corners[0], corners[1], corners[2]};
-    int odd = 0; /* whether sorting turned the winding around */
+    int odd = 0; /* 1 if sorting reversed the winding */
     for (int pass = 0; pass < 3; pass++) {
         const int i = pass == 1 ? 1 : 0;
         if (comes_after(v[i], v[i + 1])) {
@@ -62,7 +62,7 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
     const double wx = v[2][0] - v[0][0], wy = v[2][1] - v[0][1], wz = v[2][2] - v[0][2];
     const double area = ux * wy - uy * wx; /* twice the signed projected area */
     if (v[0][0] == v[1][0] && v[1][0] == v[2][0]) {
-        return 0; /* a wall along the light and across the rows: every crossing is the same */
+        return 0; /* a wall along the light and across the rows: all its crossings are equal */
     }
     coverage->odd = odd;
     coverage->facing = (area < 0.0) != odd;
@@ -71,7 +71,7 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
         gx = (uz * wy - uy * wz) / area;
         gy = (ux * wz - uz * wx) / area;
     }
-    if (!isfinite(gx) || !isfinite(gy)) { /* a sliver beyond doubles: take its anchor's depth */
+    if (!isfinite(gx) || !isfinite(gy)) { /* a sliver beyond doubles: uses its anchor's depth */
         gx = 0.0;
         gy = 0.0;
     }

@@ -2,54 +2,55 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_H
 /*
- * The one predicate: which texel centres a triangle covers, and at which depth. Every depth path
- * asks here, so that no two of them can disagree.
+ * The predicate: which texel centres a triangle covers, and at which depth. All depth paths use
+ * this one definition, so no two of them can disagree.
  *
- * Voxel space, doubles. Texel (x, y) has its centre at (x + 0.5, y + 0.5). The corners are put
- * into canonical order (by y, then x, then z), so that the answer does not depend on the winding
- * or on the corner the file starts with.
+ * Voxel space, doubles. Texel (x, y) has its centre at (x + 0.5, y + 0.5). The corners are put into
+ * canonical order (by y, then x, then z), so that the answer does not depend on the winding or on
+ * the corner that the file starts with.
  *
  * Coverage: the row of centres py meets edge (a, b), a.y < b.y, iff a.y <= py < b.y; it crosses
- * there at a.x + (py - a.y) * ((b.x - a.x) / (b.y - a.y)), kept between a.x and b.x. A row meets
- * exactly two edges of a triangle or none. The covered centres are those between the two
- * crossings, both included; where the two are the same number nothing is covered (a corner that
- * only touches the row, or a sliver with no width left). Watertight: two triangles that share an
- * edge compute the same crossing from the same two corners, and what lies on it belongs to both.
+ * there at a.x + (py - a.y) * ((b.x - a.x) / (b.y - a.y)), clamped to a.x .. b.x. A row meets
+ * exactly two edges of a triangle or none. The covered centres are those between the two crossings,
+ * both included. If the two crossings are the same number nothing is covered: a corner only touches
+ * the row, or a sliver has no width left. Watertight: two triangles that share an edge compute the
+ * same crossing from the same two corners, and a centre on it belongs to both.
  *
- * Facing is decided row by row, by which of the two crossings comes first. With "one included,
- * the other not", in either way round, a closed and consistently oriented surface then has as many
- * front as back spans over each centre, exactly, because each edge's crossing ends what it begins:
- * no rounding of a sliver's area can take part. Hence no column enters a solid without leaving it,
- * and `end` never runs on to the background through a missing back face.
+ * Facing is decided row by row, by the order of the two crossings. Consider spans that include one
+ * crossing and not the other. A closed and consistently oriented surface then has exactly as many
+ * front as back spans over each centre, because each edge's crossing ends what it begins. The
+ * rounding of a sliver's area plays no part. So no column enters a solid without leaving it, and
+ * `end` never runs on to the background through a missing back face.
  *
  * Depth: z = (a.z + gy * (py - a.y)) + gx * (px - a.x) from the canonical first corner a, with
- * gradients computed once a triangle, kept between the triangle's least and greatest z. Never
+ * gradients computed once a triangle, clamped to the triangle's least and greatest z. It is never
  * incremental: no tile, clip rectangle or thread changes a bit. `lit` of a fragment is the number
  * of voxels of the column whose centre z + 0.5 lies before it: ceil(z - 0.5), in 0..size.
  *
- * A triangle of zero projected area covers nothing, except where rounding holds its crossings
- * apart: there its neighbours' spans end at them.
+ * A triangle of zero projected area covers nothing, unless rounding keeps its crossings apart:
+ * there its neighbours' spans end at them.
  */
 #include <stddef.h>
 #include <stdint.h>
 
-/* A coordinate of a corner must be finite and of at most this magnitude (voxels). */
+/* Limit of a corner's coordinate in magnitude (voxels); it must also be finite. */
 #define UMBB_COORDINATE_MAX 1073741824.0
 
-/* A triangle made ready; filled by umbb_coverage_prepare. */
+/* A triangle prepared by umbb_coverage_prepare. */
 struct umbb_coverage {
     double x[3], y[3]; /* corners in canonical order */
     double slope[3];   /* dx/dy of the edges 0-1, 1-2 and 0-2; 0 where the edge has no height */
     double anchor_z;   /* depth of corner 0 */
     double gradient_x, gradient_y;
-    double z_min, z_max;         /* of the triangle, kept within 0..size */
+    double z_min, z_max;         /* range of depth, clamped to 0..size */
     int32_t row_first, row_last; /* rows of centres that it meets: none if row_first > row_last */
-    int32_t odd;                 /* 1 if canonical order turned the original winding around */
-    int32_t facing; /* 1 if it seems to face the light: by the sign of its area, which rounding can
-                     * turn around. umbb_coverage_row decides row by row */
+    int32_t odd;                 /* 1 if canonical order reversed the original winding */
+    /* 1 if it seems to face the light, by the sign of its area, which rounding can reverse.
+     * umbb_coverage_row decides row by row. */
+    int32_t facing;
 };
 
-/* The forms in vectors write sixteen numbers, the last two of which are pairs of integers. */
+/* The vector forms write sixteen numbers, the last two of which are pairs of integers. */
 _Static_assert(sizeof(struct umbb_coverage) == 16 * sizeof(double) &&
                    offsetof(struct umbb_coverage, slope) == 6 * sizeof(double) &&
                    offsetof(struct umbb_coverage, anchor_z) == 9 * sizeof(double) &&
@@ -71,40 +72,40 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
 /*
  * Prepares several triangles; one that covers no texel centre gets row_first > row_last.
  *
- * In: corners: [..] as above. triangles: uint32[count], which of them.
+ * In: corners: [..] as for umbb_coverage_prepare. triangles: uint32[count], indices into corners.
  * Out: coverages: [count].
  */
 typedef void (*umbb_prepare_fn)(const double (*corners)[3][3], const uint32_t *triangles,
                                 size_t count, int32_t size, struct umbb_coverage *coverages);
 
-/* One after the other, by umbb_coverage_prepare: the definition. */
+/* Plain C, one at a time by umbb_coverage_prepare: the definition. */
 void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
                         int32_t size, struct umbb_coverage *coverages);
 
-/* Four at a time, the same bits wherever there are rows; NULL if this build or this processor
- * lacks AVX2. */
+/* AVX2: four at a time, with the same bits for triangles that meet rows; NULL if this build or this
+ * processor lacks it. */
 umbb_prepare_fn umbb_prepare_avx2(void);
 
-/* Eight at a time; NULL if this build or this processor lacks AVX-512 (F, VL, BW, DQ). */
+/* AVX-512: eight at a time; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
 umbb_prepare_fn umbb_prepare_avx512(void);
 
-/* The quickest of them here. */
+/* The fastest form on this machine. */
 umbb_prepare_fn umbb_prepare_quickest(void);
 
-/* Where a row of centres enters and leaves a triangle, counted from the centre of texel 0: low may
- * equal high. Returns as umbb_coverage_row. */
+/* x where a row of centres enters and leaves a triangle, counted from the centre of texel 0; low
+ * may equal high. Returns as umbb_coverage_row. */
 static inline int umbb_coverage_crossings(const struct umbb_coverage *coverage, int32_t row,
                                           double *low, double *high)
 {
     const double py = (double)row + 0.5;
-    /* The long edge 0-2 and, by the height of corner 1, one of the short ones. */
+    /* The crossed edges: the long edge 0-2, and a short one that the height of corner 1 selects. */
     const int upper = py >= coverage->y[1];
     const int from = upper ? 1 : 0;
     const int to = upper ? 2 : 1;
     const double xa = coverage->x[from], xb = coverage->x[to];
     double one = xa + (py - coverage->y[from]) * coverage->slope[upper];
     const double one_min = xa < xb ? xa : xb, one_max = xa < xb ? xb : xa;
-    one = one > one_min ? one : one_min; /* also what a NaN becomes */
+    one = one > one_min ? one : one_min; /* NaN becomes one_min too */
     one = one < one_max ? one : one_max;
     const double xc = coverage->x[0], xd = coverage->x[2];
     double two = xc + (py - coverage->y[0]) * coverage->slope[2];
@@ -113,7 +114,7 @@ static inline int umbb_coverage_crossings(const struct umbb_coverage *coverage, 
     two = two < two_max ? two : two_max;
     *low = (one < two ? one : two) - 0.5;
     *high = (one > two ? one : two) - 0.5;
-    /* Light travels along +z and voxel space is right handed: corners in canonical order make a
+    /* Light travels along +z and voxel space is right handed. So corners in canonical order make a
      * front face if corner 1 lies on the side of small x. */
     return (one < two) != coverage->odd;
 }
@@ -148,7 +149,7 @@ static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverag
     *last = coverage->row_last < bottom ? coverage->row_last : bottom;
 }
 
-/* umbb_coverage_row of the texels x0 .. x0 + n - 1: covers span[0] .. span[1] of them. */
+/* umbb_coverage_row clipped to texels x0 .. x0 + n - 1: covers span[0] .. span[1] of them. */
 static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage, int32_t row,
                                            int32_t x0, int32_t n, int32_t span[2])
 {
@@ -159,8 +160,8 @@ static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage,
     return front;
 }
 
-/* umbb_coverage_row without what lies on the second crossing: a centre on an edge that two
- * triangles side by side share belongs to one of them. For those who count what they meet. */
+/* umbb_coverage_row without centres on the second crossing: a centre on the edge of two adjacent
+ * triangles belongs to one of them. For uses that count fragments. */
 static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, int32_t row,
                                           int32_t *x_first, int32_t *x_last)
 {
@@ -182,7 +183,7 @@ static inline int32_t umbb_coverage_round(double z)
     return lit + ((double)lit < t);
 }
 
-/* Depth of the row at the anchor's x; the part of the depth that a whole row shares. */
+/* Depth of the row at the anchor's x: the part of the depth that a whole row shares. */
 static inline double umbb_coverage_row_z(const struct umbb_coverage *coverage, int32_t row)
 {
     return coverage->anchor_z + coverage->gradient_y * (((double)row + 0.5) - coverage->y[0]);
@@ -193,7 +194,7 @@ static inline int32_t umbb_coverage_lit(const struct umbb_coverage *coverage, do
                                         int32_t x)
 {
     double z = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
-    z = z > coverage->z_min ? z : coverage->z_min; /* also what a NaN becomes */
+    z = z > coverage->z_min ? z : coverage->z_min; /* NaN becomes z_min too */
     z = z < coverage->z_max ? z : coverage->z_max;
     return umbb_coverage_round(z);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbb_coverage_prepare for four triangles at a time: its operations in the same order, without
- * fused multiply-add, hence the same bits. See coverage_avx512.c, which does eight.
+ * fused multiply-add, so the bits are the same. coverage_avx512.c does eight.
  */
 #include "bake/depth/coverage.h"
 
@@ -18,7 +18,7 @@ struct corner {
     __m256d x, y, z;
 };
 
-/* Turns rows into columns. */
+/* Transposes four rows of four numbers. */
 static inline void transpose(__m256d v[4])
 {
     const __m256d a = _mm256_unpacklo_pd(v[0], v[1]), b = _mm256_unpackhi_pd(v[0], v[1]);
@@ -36,7 +36,7 @@ static inline void exchange(__m256d *a, __m256d *b, __m256d later)
     *b = _mm256_blendv_pd(*b, first, later);
 }
 
-/* Puts the later of two corners second; returns the lanes where they changed places. */
+/* Orders two corners canonically; returns the lanes in which they were swapped. */
 static inline __m256d order(struct corner *a, struct corner *b)
 {
     const __m256d z = _mm256_cmp_pd(a->z, b->z, _CMP_GT_OQ);
@@ -57,7 +57,7 @@ static inline __m256d edge_slope(const struct corner *a, const struct corner *b)
     return _mm256_and_pd(slope, _mm256_cmp_pd(a->y, b->y, _CMP_LT_OQ));
 }
 
-/* Lanes that are finite: anything else less itself is not 0. */
+/* Lanes that are finite: for other values v - v is not 0. */
 static inline __m256d are_finite(__m256d v)
 {
     return _mm256_cmp_pd(_mm256_sub_pd(v, v), _mm256_setzero_pd(), _CMP_EQ_OQ);
@@ -79,7 +79,7 @@ static inline __m128i first_centre(__m256d value)
     return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(value, _mm256_set1_pd(0.5))));
 }
 
-/* Pairs of integers in each lane. */
+/* Interleaves two integers in each 64-bit lane. */
 static inline __m256d pairs(__m128i low, __m128i high)
 {
     const __m256i upper = _mm256_slli_epi64(_mm256_cvtepu32_epi64(high), 32);
@@ -94,7 +94,7 @@ static inline __m128i ones(__m256d lanes)
         _mm256_permutevar8x32_epi32(one, _mm256_setr_epi32(0, 2, 4, 6, 0, 2, 4, 6)));
 }
 
-/* The numbers of four coverages, four rows of each. */
+/* Computes four coverages, each as four rows of numbers. */
 static inline void prepare_lanes(struct corner v[3], __m256d size, __m256d rows[4][4])
 {
     __m256d odd = order(&v[0], &v[1]);
@@ -109,7 +109,7 @@ static inline void prepare_lanes(struct corner v[3], __m256d size, __m256d rows[
     const __m256d gx = _mm256_div_pd(product_difference(uz, wy, uy, wz), area);
     const __m256d gy = _mm256_div_pd(product_difference(ux, wz, uz, wx), area);
     const __m256d finite = _mm256_and_pd(are_finite(gx), are_finite(gy));
-    /* All corners on one column: no rows. */
+    /* No rows: all corners have the same x. */
     const __m256d thin = _mm256_and_pd(_mm256_cmp_pd(v[0].x, v[1].x, _CMP_EQ_OQ),
                                        _mm256_cmp_pd(v[1].x, v[2].x, _CMP_EQ_OQ));
     const __m128i none = _mm_sub_epi32(first, _mm_set1_epi32(1));

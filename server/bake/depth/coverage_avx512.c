@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbb_coverage_prepare for eight triangles at a time: its operations in the same order, never
- * fused, hence the same bits. Corners come and coverages go as rows of eight doubles, which are
- * turned into a register a number and back.
+ * fused, so the bits are the same. Corners are loaded and coverages stored as rows of eight
+ * doubles. In between they are transposed, so that a register holds one number of eight triangles.
  */
 #include "bake/depth/coverage.h"
 
@@ -12,7 +12,7 @@
 #define LANES ((size_t)8)
 #define UP    (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
 
-/* A coverage is two rows of eight numbers: x, y and two slopes; what follows them. */
+/* A coverage is two rows of eight numbers: first x, y and two slopes, then the rest. */
 _Static_assert(sizeof(struct umbb_coverage) == 2 * LANES * sizeof(double), "whole rows");
 
 /* One corner of eight triangles. */
@@ -20,7 +20,7 @@ struct corner {
     __m512d x, y, z;
 };
 
-/* Turns rows into columns. */
+/* Transposes eight rows of eight numbers. */
 static inline void transpose(__m512d v[8])
 {
     __m512d a[8], b[8];
@@ -40,7 +40,7 @@ static inline void transpose(__m512d v[8])
     }
 }
 
-/* Puts the later of two corners second; returns the lanes where they changed places. */
+/* Orders two corners canonically; returns the lanes in which they were swapped. */
 static inline __mmask8 order(struct corner *a, struct corner *b)
 {
     const __mmask8 z = _mm512_cmp_pd_mask(a->z, b->z, _CMP_GT_OQ);
@@ -81,7 +81,7 @@ static inline __m512d product_difference(__m512d a, __m512d b, __m512d c, __m512
     return _mm512_sub_pd(_mm512_mul_pd(a, b), _mm512_mul_pd(c, d));
 }
 
-/* The numbers of eight coverages. */
+/* Computes eight coverages. */
 static inline void prepare_lanes(struct corner v[3], __m512d size, __m512d rows[2][8])
 {
     __mmask8 odd = order(&v[0], &v[1]);
@@ -98,7 +98,7 @@ static inline void prepare_lanes(struct corner v[3], __m512d size, __m512d rows[
     const __m512d gx = _mm512_div_pd(product_difference(uz, wy, uy, wz), area);
     const __m512d gy = _mm512_div_pd(product_difference(ux, wz, uz, wx), area);
     const __mmask8 finite = are_finite(gx) & are_finite(gy);
-    /* All corners on one column: no rows. */
+    /* No rows: all corners have the same x. */
     const __mmask8 thin = _mm512_cmp_pd_mask(v[0].x, v[1].x, _CMP_EQ_OQ) &
                           _mm512_cmp_pd_mask(v[1].x, v[2].x, _CMP_EQ_OQ);
     last = _mm256_mask_sub_epi32(last, thin, first, _mm256_set1_epi32(1));

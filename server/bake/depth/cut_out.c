@@ -15,7 +15,7 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
 {
     double moved[3][3];
     for (int axis = 0; axis < 2; axis++) {
-        /* A corner as anchor keeps the functions free of cancellation far from texel 0. */
+        /* With a corner as anchor the functions do not suffer cancellation far from texel 0. */
         const double anchor = corners[0][2] > 0.0 ? corners[0][axis] / corners[0][2] : 0.0;
         plane->anchor[axis] = fabs(anchor) <= UMBB_COORDINATE_MAX ? anchor : 0.0;
     }
@@ -50,7 +50,7 @@ static void place(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t
         weight[k] = sum != 0.0 ? unit(weight[k] / sum) : (weight[k] > 0.0 ? 1.0 : 0.0);
     }
     sum = weight[0] + weight[1] + weight[2];
-    if (!(sum > 0.0)) { /* seen edge on, beyond doubles: its first corner stands for it */
+    if (!(sum > 0.0)) { /* seen edge on, beyond doubles: uses its first corner */
         weight[0] = sum = 1.0;
     }
     for (int k = 0; k < 2; k++) {

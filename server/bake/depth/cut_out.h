@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_CUT_OUT_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_CUT_OUT_H
 /*
- * Cut-out casters: which of the texels that the predicate (coverage.h) covers their texture keeps.
+ * Cut-out casters: which of the covered texels (coverage.h) a caster's texture keeps.
  *
  * A texel's centre lies on a triangle's plane at barycentric weights that are the triangle's edge
- * functions there (Olano, Greer 1997, homogeneous: the corners stay X, Y, W, so that a triangle cut
- * by the eye's plane needs no other formula). Each weight is kept within 0..1, hence texture
- * coordinates within the triangle's own: at an edge the predicate may cover a centre that lies
- * outside by rounding. Every path asks here: a function of triangle, texel and texture alone.
+ * functions there. They are homogeneous (Olano, Greer 1997): the corners stay X, Y, W, so a
+ * triangle cut by the eye's plane needs no other formula. Each weight is clamped to 0..1, so
+ * texture coordinates stay within the triangle's own: at an edge the predicate may cover a centre
+ * that lies outside by rounding. All paths use this one function of triangle, texel and texture.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_draw.h"
@@ -17,34 +17,33 @@
 
 /* The edge functions of a triangle in light space. */
 struct umbb_cut_plane {
-    double anchor[2];  /* texel coordinates that the functions count from */
-    double edge[3][3]; /* of the edge opposite each corner: x, y, 1 */
+    double anchor[2];  /* texel coordinates of the functions' origin */
+    double edge[3][3]; /* function of the edge opposite each corner: coefficients of x, y, 1 */
 };
 
 /* Cut-out casters of a frustum. */
 struct umbb_cuts {
-    const uint32_t *of; /* [casters] number of a plane or UMBS_CUT_NONE; NULL: none is cut out */
+    const uint32_t *of; /* [casters] index of a plane or UMBS_CUT_NONE; NULL: none is cut out */
     const struct umbb_cut_plane *planes; /* [table->count] */
     const struct umbs_cuts *table;
 };
 
-/* Finds the edge functions. In: corners: X, Y, W of each corner; W is 1 for directional lights. */
+/* Makes the edge functions. In: corners: X, Y, W of each corner; W is 1 for directional lights. */
 void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plane);
 
 /* 1 if cut number `cut` casts at the centre of texel (x, y). */
 int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
-/* Share of the light that translucent cut number `cut` takes at the centre of texel (x, y). */
+/* Share of the light that translucent cut number `cut` absorbs at the centre of texel (x, y). */
 double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
-/* The number of a caster's cut, UMBS_CUT_NONE if it casts all over. */
+/* Index of a caster's cut, UMBS_CUT_NONE if it casts all over. */
 static inline uint32_t umbb_cut_of(const struct umbb_cuts *cuts, size_t caster)
 {
     return cuts == NULL || cuts->of == NULL ? UMBS_CUT_NONE : cuts->of[caster];
 }
 
-/* Draws a prepared caster as umbb_draw_plain does, but for the texels that its texture leaves out.
- */
+/* Draws a prepared caster as umbb_draw_plain does, without the texels that its texture cuts out. */
 void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
                    const struct umbb_canvas *canvas);
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Empty notes, and what can be noted. */
+/* Empty notes, and the test whether a triangle can be noted. */
 #include "bake/depth/depth_cells.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Below this twice a depth converts to int32_t without a clamp. */
+/* A depth whose double is below this converts to int32_t without a clamp. */
 #define DEPTH_MAX 5e8
 
 void umbb_cells_begin(struct umbb_cells *cells, int32_t n, int32_t x0, int32_t y0)

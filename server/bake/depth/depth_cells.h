@@ -2,17 +2,18 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 /*
- * Drawing in two steps: which triangles each cell of 8x8 texels shows is noted for all triangles of
- * a block first; then each cell is drawn in registers and written once, where it belongs. A part
- * takes 16 bytes, a cell's texels 256 and every triangle would read and write them again.
+ * Drawing in two steps. First all triangles of a block are noted: which of them each cell of 8x8
+ * texels shows. Then each cell is drawn in registers and written once, at its place in the tile. A
+ * note's part takes 16 bytes; a cell's texels are 256, which every triangle would otherwise read
+ * and write again.
  *
- * Life, once a block: begin; note (as often as needed); then store. Where notes are full: draw them
- * into layers (depth_draw.h), which forgets them, and go on; then the layers hold the rest.
+ * Life, once a block: begin; note (as often as needed); then store. When the notes are full, draw
+ * them into layers (depth_draw.h), which clears them, and go on; then the layers hold the result.
  *
- * What a cell hides is known from bounds: no texel of it lies behind `far`, so a part whose nearest
- * lit is not less need not be noted or drawn. Bounds are the predicate's own values at a cell's
- * corners: every operation of it, rounded or not, is monotone in x and in y. Cells that no single
- * triangle covers get theirs from all that cover them together.
+ * Bounds tell what a cell hides: no texel of it lies behind `far`, so a part whose nearest lit is
+ * not less need not be noted or drawn. Bounds are the predicate's own values at a cell's corners:
+ * every operation of it, rounded or not, is monotone in x and in y. A cell that no single triangle
+ * covers gets its bound from all parts that cover it together.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_draw.h"
@@ -23,28 +24,29 @@
 #define UMBB_PLANES_MAX 4096
 #define UMBB_PARTS_MAX  16384 /* numbers fit 16 bits, as planes do */
 
-/* What all texels of a triangle share, from its coverage. */
+/* Values of a coverage that all texels of a triangle share. */
 struct umbb_plane {
     double anchor_x, anchor_y, anchor_z, gradient_x, gradient_y;
     int32_t lit_min, lit_max;
 };
 
-/* Kernels go by eight cells, parts and planes and may touch as many beyond the last. */
+/* Kernels handle eight cells, parts and planes at a time and may touch that many beyond the
+ * last. */
 #define UMBB_CELLS_SLACK 8
 
-/* What triangles cover of cells, one number each. Part 0 is none. */
+/* Parts: what one triangle covers of one cell, one array a field. Part 0 means none. */
 struct umbb_parts {
     uint64_t bits[UMBB_PARTS_MAX + UMBB_CELLS_SLACK];   /* a byte a row, the first texel lowest */
-    int32_t nearest[UMBB_PARTS_MAX + UMBB_CELLS_SLACK]; /* none of its lits is less */
+    int32_t nearest[UMBB_PARTS_MAX + UMBB_CELLS_SLACK]; /* least lit of the part, or less */
     uint32_t link[UMBB_PARTS_MAX + UMBB_CELLS_SLACK];   /* next part of the cell, plane << 16 */
 };
 
 /* The cells of a layer, row by row. */
 struct umbb_cell_layer {
-    uint64_t covered[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* bits of all parts */
-    int32_t most[UMBB_CELLS_MAX + UMBB_CELLS_SLACK];     /* no lit of any part is more */
-    int32_t far[UMBB_CELLS_MAX + UMBB_CELLS_SLACK];      /* no texel will be more */
-    uint32_t first[UMBB_CELLS_MAX + UMBB_CELLS_SLACK];   /* part */
+    uint64_t covered[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* texels covered by any part */
+    int32_t most[UMBB_CELLS_MAX + UMBB_CELLS_SLACK];     /* greatest lit of any part, or more */
+    int32_t far[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* greatest final lit of any texel, or more */
+    uint32_t first[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* index of the first part */
 };
 
 /* Notes of a block; about half a megabyte, of which few triangles touch little. */
@@ -52,7 +54,7 @@ struct umbb_cells {
     _Alignas(64) struct umbb_plane planes[UMBB_PLANES_MAX];
     struct umbb_parts parts;
     struct umbb_cell_layer layers[UMBB_LAYER_COUNT];
-    int32_t x0, y0, n;  /* as a canvas's */
+    int32_t x0, y0, n;  /* square of the map, as in a canvas */
     int32_t background; /* voxels a side of the map */
     int layer_count;    /* 1: only UMBB_LAYER_OPEN; or UMBB_LAYER_COUNT */
     uint32_t plane_count, part_count;
@@ -61,31 +63,32 @@ struct umbb_cells {
 /* Makes empty notes for n x n texels from (x0, y0) of the map on. */
 void umbb_cells_begin(struct umbb_cells *cells, int32_t n, int32_t x0, int32_t y0);
 
-/* Where rows of triangles belong that face the light, and the others; and whether so much is there
- * that whole bands of rows are likely to be hidden (only the time depends on it). */
+/* Layers of a triangle's rows that face the light, and of its other rows. often_hidden: 1 if so
+ * much is drawn that whole bands of rows are likely to be hidden; it affects time only. */
 struct umbb_sides {
     enum umbb_layer front, back;
     int often_hidden;
 };
 
-/* Whether every depth computed for the cells of a triangle fits half an integer without a clamp:
- * grazing triangles have slopes beyond all bounds. Others must be drawn by umbb_draw_plain. */
+/* 1 if every depth computed for the cells of a triangle, doubled, fits an int32_t without a clamp:
+ * slopes of grazing triangles have no limit. Other triangles must be drawn by umbb_draw_plain. */
 int umbb_cells_can_note(const struct umbb_coverage *coverage);
 
 /* The steps, with the same bits as umbb_draw_plain and umbb_store_plain. */
 struct umbb_cells_steps {
-    /* Notes triangles. In: coverages: [count], count at most UMBB_DRAW_MAX, each one that can be
-     * noted. Returns how many there was room for; with empty notes at least one. */
+    /* Notes triangles. In: coverages: [count], count at most UMBB_DRAW_MAX; each can be noted.
+     * Returns the number of noted ones, limited by room; with empty notes at least one. */
     size_t (*note)(struct umbb_cells *cells, const struct umbb_coverage *coverages, size_t count,
                    const struct umbb_sides *sides);
-    /* Lowers the texels of layers, int32[layer_count][n * n] by 8x8 blocks, and forgets. */
+    /* Lowers the texels of layers, int32[layer_count][n * n] by 8x8 blocks, and clears the
+     * notes. */
     void (*draw)(struct umbb_cells *cells, int32_t *layers);
-    /* Decides lit and end of the texels from (x, y) of the tile on, and reduces them. Cells that
-     * nothing covers are marked as background, their texels not written. */
+    /* Decides lit and end of the texels from (x, y) of the tile on, and reduces them. Uncovered
+     * cells are marked as background, and their texels are not written. */
     void (*store)(const struct umbb_cells *cells, struct umbb_tile *tile, int32_t x, int32_t y);
 };
 
-/* With AVX-512; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
+/* AVX-512 forms; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
 const struct umbb_cells_steps *umbb_cells_avx512(void);
 
 #endif

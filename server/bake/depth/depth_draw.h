@@ -5,8 +5,8 @@
  * The inner loops of the rasteriser: triangles into the layers of a block of texels.
  *
  * A layer is stored as a tile is: by 8x8 blocks, row by row in a block, blocks row by row. Eight
- * texels of one row are 32 bytes, and those of the next row follow them: a small triangle touches
- * few cache lines, none of them a power of two apart.
+ * texels of one row are 32 bytes, and those of the next row follow them. So a small triangle
+ * touches few cache lines, none of them a power of two apart.
  */
 #include <stddef.h>
 #include "bake/depth/coverage.h"
@@ -14,40 +14,42 @@
 /* Texels a side of the largest canvas. */
 #define UMBB_CANVAS_MAX 256
 
-/* A square of texels being drawn. */
+/* A square of texels being drawn into. */
 struct umbb_canvas {
     int32_t x0, y0; /* first texel */
     int32_t n;      /* texels a side: a multiple of 8, at most UMBB_CANVAS_MAX */
-    int32_t *front; /* int32[n * n], by 8x8 blocks: takes rows that face the light */
-    int32_t *back;  /* takes the others; may be the same as front */
-    /* For each 8x8 block of front and back a number that none of its texels exceeds, [n/8 * n/8];
-     * the same if the layers are. A kernel may leave out what lies behind, and lower them. */
+    int32_t *front; /* int32[n * n], by 8x8 blocks: layer of the rows that face the light */
+    int32_t *back;  /* layer of the other rows; may be the same as front */
+    /* For each 8x8 block of front and of back a bound of its greatest texel, [n/8 * n/8]; the same
+     * array if the layers are. A kernel may skip what lies behind it, and lower it. */
     int32_t *front_far, *back_far;
-    int fresh; /* 1: so little is there that whole bands of rows are hardly ever hidden, and a
-                * kernel need not ask; only the time depends on it */
+    /* 1: so little is drawn that whole bands of rows are hardly ever hidden, and a kernel need not
+     * test for that; it affects time only. */
+    int fresh;
 };
 
 /* Sets each block's number to its greatest texel. */
 typedef void (*umbb_far_fn)(const int32_t *layer, int32_t n, int32_t *far);
 void umbb_canvas_far(const int32_t *layer, int32_t n, int32_t *far);
 
-/* The same with AVX2; NULL if this build or this processor lacks it. */
+/* AVX2 form; NULL if this build or this processor lacks it. */
 umbb_far_fn umbb_far_avx2(void);
 
-/* Where row y of a layer n texels wide starts, its texel x being 64 * (x >> 3) + (x & 7) on. */
+/* Index of the start of row y in a layer n texels wide; its texel x is at 64 * (x >> 3) + (x &
+ * 7). */
 static inline size_t umbb_canvas_row(size_t n, size_t y)
 {
     return (y >> 3) * 8 * n + (y & 7) * 8;
 }
 
-/* A texel of a row that starts at `line`, by its number in the frustum. */
+/* A texel of the row that starts at `line`; x counts in the frustum. */
 static inline int32_t *umbb_canvas_at(const struct umbb_canvas *canvas, int32_t *line, int32_t x)
 {
     const size_t column = (size_t)(x - canvas->x0);
     return line + 64 * (column >> 3) + (column & 7);
 }
 
-/* Triangles that are drawn at once. */
+/* Number of triangles in one call. */
 #define UMBB_DRAW_MAX 32
 
 /*
@@ -63,11 +65,11 @@ typedef void (*umbb_draw_fn)(const struct umbb_coverage *coverages, size_t count
 void umbb_draw_plain(const struct umbb_coverage *coverages, size_t count,
                      const struct umbb_canvas *canvas);
 
-/* Four rows and eight texels at a time, the same bits; NULL if this build or this processor lacks
- * AVX2. */
+/* AVX2: four rows and eight texels at a time, the same bits; NULL if this build or this processor
+ * lacks it. */
 umbb_draw_fn umbb_draw_avx2(void);
 
-/* The quicker of them here. */
+/* The faster one on this machine. */
 umbb_draw_fn umbb_draw_quickest(void);
 
 #endif

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Drawing with AVX2: the operations of umbb_coverage_row and umbb_coverage_lit in the same order on
- * four rows or four texels at a time, without fused multiply-add, hence the same bits. max and min
- * give their second operand if the first is a NaN, as the comparisons of the plain form do.
+ * four rows or four texels at a time, without fused multiply-add, so the bits are the same. max and
+ * min return their second operand if the first is a NaN, as the comparisons of the plain form do.
  *
- * A triangle is drawn in bands of eight rows and those in cells of 8x8 texels, which lie together
- * in memory. Going along each row instead would end every row of a small triangle in a branch that
- * nobody can predict. Lanes outside a row's span are set to INT32_MAX, so that the minimum writes
- * back what was there.
+ * A triangle is drawn in bands of eight rows, and those in cells of 8x8 texels, which lie together
+ * in memory. A loop along each row would end every row of a small triangle in an unpredictable
+ * branch. Lanes outside a row's span are set to INT32_MAX, so the minimum writes back the old
+ * number.
  *
- * A cell is left out where nothing of the triangle can lie before what is already there. That is
- * exact: every operation of the predicate, rounded or not, is monotone in x and in y, so the
- * predicate's own value at the nearest corner of the cell bounds all others.
+ * A cell is skipped if no part of the triangle can lie before its present content. That is exact:
+ * every operation of the predicate, rounded or not, is monotone in x and in y, so the predicate's
+ * own value at the nearest corner of the cell bounds all others.
  */
 #include "bake/depth/depth_draw.h"
 
@@ -24,34 +24,36 @@
 /* Below this a depth converts to int32_t without a clamp. */
 #define DEPTH_MAX 1e9
 
-/* What all rows of a triangle share. */
+/* Values that all rows of a triangle share. */
 struct edges {
-    __m256d x[2], y[2], slope[2]; /* of the short edges: below and above corner 1 */
+    __m256d x[2], y[2], slope[2]; /* lines of the short edges: below and above corner 1 */
     __m256d x_min[2], x_max[2];
     __m256d long_slope, long_min,
-        long_max; /* the long edge starts where the lower short one does */
+        long_max; /* range of x of the long edge, which starts where the lower short one does */
     __m256d gradient_y, anchor_z;
     __m128i row_first, row_last;
-    __m128i origin, right; /* the canvas's first texel; its last, counted from that */
+    __m128i origin, right; /* the canvas's first texel; its last, counted from the first */
 };
 
-/* Eight rows of a canvas, from a multiple of eight on; x counts from the canvas's first texel. */
+/* A band: eight rows of a canvas, from a multiple of eight on. x counts from the canvas's first
+ * texel. */
 struct band {
-    int32_t first[8], last[8]; /* texels covered; last is less than first if there are none */
+    /* Texels covered in each row; last is less than first if there are none. */
+    int32_t first[8], last[8];
     double z[8];
-    int32_t least, most;      /* of first and last of rows that cover something */
-    int32_t most_first;       /* most of first, and */
+    int32_t least, most;      /* least of first, greatest of last, over rows that cover texels */
+    int32_t most_first;       /* greatest of first over all eight rows */
     int32_t least_last;       /* least of last over all eight rows */
-    unsigned covered, before; /* bit a row: covers something; meets its short edge first */
+    unsigned covered, before; /* a bit a row: covers texels; meets its short edge first */
 };
 
-/* What all texels of a triangle share. */
+/* Values that all texels of a triangle share. */
 struct plane {
     const struct umbb_coverage *coverage;
     __m256d gradient, anchor_x;
     __m256i lit_min, lit_max;
-    double near_x; /* from a cell's first texel to the centre of its nearest column */
-    size_t near_y; /* the nearest row of a band */
+    double near_x; /* x from a cell's first texel to the centre of its nearest column */
+    size_t near_y; /* nearest row of a band */
 };
 
 static inline void edges_init(struct edges *e, const struct umbb_coverage *c,
@@ -83,12 +85,13 @@ struct spans {
     int before;
 };
 
-/* Four rows from `row` on; their depths at the anchor's x go to z. */
+/* Spans of four rows from `row` on; their depths at the anchor's x go to z. */
 static inline struct spans four_rows(const struct edges *e, int32_t row, double z[4])
 {
     const __m256d half = _mm256_set1_pd(0.5);
     const __m128i number = _mm_add_epi32(_mm_set1_epi32(row), _mm_setr_epi32(0, 1, 2, 3));
     const __m256d py = _mm256_add_pd(_mm256_cvtepi32_pd(number), half);
+    /* The crossing with the short edge, the lower one from corner 1 on, clamped to its corners. */
     const __m256d upper = _mm256_cmp_pd(py, e->y[1], _CMP_GE_OQ);
     const __m256d xa = _mm256_blendv_pd(e->x[0], e->x[1], upper);
     const __m256d ya = _mm256_blendv_pd(e->y[0], e->y[1], upper);
@@ -96,6 +99,7 @@ static inline struct spans four_rows(const struct edges *e, int32_t row, double 
     __m256d one = _mm256_add_pd(xa, _mm256_mul_pd(_mm256_sub_pd(py, ya), slope));
     one = _mm256_max_pd(one, _mm256_blendv_pd(e->x_min[0], e->x_min[1], upper));
     one = _mm256_min_pd(one, _mm256_blendv_pd(e->x_max[0], e->x_max[1], upper));
+    /* The crossing with the long edge, and the depth of each row at the anchor's x. */
     const __m256d below = _mm256_sub_pd(py, e->y[0]);
     __m256d two = _mm256_add_pd(e->x[0], _mm256_mul_pd(below, e->long_slope));
     two = _mm256_max_pd(two, e->long_min);
@@ -103,11 +107,12 @@ static inline struct spans four_rows(const struct edges *e, int32_t row, double 
     _mm256_storeu_pd(z, _mm256_add_pd(e->anchor_z, _mm256_mul_pd(e->gradient_y, below)));
     const __m256d low = _mm256_sub_pd(_mm256_min_pd(one, two), half);
     const __m256d high = _mm256_sub_pd(_mm256_max_pd(one, two), half);
+    /* Covered texels, counted from the canvas's first one and clipped to the canvas. */
     __m128i first = _mm256_cvttpd_epi32(_mm256_ceil_pd(low));
     __m128i last = _mm256_cvttpd_epi32(_mm256_floor_pd(high));
     first = _mm_max_epi32(_mm_sub_epi32(first, e->origin), _mm_setzero_si128());
     last = _mm_min_epi32(_mm_sub_epi32(last, e->origin), e->right);
-    /* Nothing: rows of no width, rows beside the triangle, spans beside the canvas. */
+    /* Uncovered: rows of no width, rows outside the triangle, spans outside the canvas. */
     const __m256 narrow = _mm256_castpd_ps(_mm256_cmp_pd(low, high, _CMP_GE_OQ));
     __m128i none = _mm_castps_si128(
         _mm_shuffle_ps(_mm256_castps256_ps128(narrow), _mm256_extractf128_ps(narrow, 1), 0x88));
@@ -121,7 +126,7 @@ static inline struct spans four_rows(const struct edges *e, int32_t row, double 
     };
 }
 
-/* The band of rows from `row` on. */
+/* Makes the band of rows from `row` on. */
 static inline void band_find(const struct edges *edges, int32_t row, struct band *band)
 {
     const struct spans a = four_rows(edges, row, band->z);
@@ -134,13 +139,13 @@ static inline void band_find(const struct edges *edges, int32_t row, struct band
     band->most_first = umbb_most_of_4(_mm_max_epi32(a.first, b.first));
     band->most = umbb_most_of_4(_mm_max_epi32(a.last, b.last));
     band->least_last = umbb_least_of_4(_mm_min_epi32(a.last, b.last));
-    /* The last texel is negative where there is none. */
+    /* `last` is negative in uncovered rows. */
     band->covered = 0xffU & ~((unsigned)_mm_movemask_ps(_mm_castsi128_ps(a.last)) |
                               (unsigned)_mm_movemask_ps(_mm_castsi128_ps(b.last)) << 4);
     band->before = (unsigned)a.before | (unsigned)b.before << 4;
 }
 
-/* lit of four depths that need no clamp to fit an integer. */
+/* lit of four depths, which fit an integer without a clamp. */
 static inline __m128i four_lit(__m256d z)
 {
     return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(z, _mm256_set1_pd(0.5))));
@@ -163,8 +168,8 @@ static inline struct slopes slopes_at(const struct plane *k, int32_t x)
     };
 }
 
-/* lit of a row of a cell. Clamping after rounding is the same as before: rounding keeps the
- * order. */
+/* lit of a row of a cell. The clamp may come after the rounding, because rounding keeps the order
+ * of numbers. */
 static inline __m256i row_lit(const struct plane *k, const struct slopes *s, double z)
 {
     const __m256d row_z = _mm256_set1_pd(z);
@@ -184,7 +189,7 @@ static inline void save(int32_t *to, __m256i value)
     _mm256_storeu_si256((__m256i *)(void *)to, value);
 }
 
-/* A cell that the triangle covers altogether; returns its greatest number. */
+/* Draws a cell that the triangle covers completely; returns its greatest number. */
 static inline int32_t draw_whole_cell(const struct plane *k, const struct slopes *s,
                                       const double z[8], int32_t *cell)
 {
@@ -197,7 +202,7 @@ static inline int32_t draw_whole_cell(const struct plane *k, const struct slopes
     return umbb_most_of_8(most);
 }
 
-/* Rows of a cell that starts at texel x of the canvas: those of the bits of `rows`. */
+/* Draws the rows of `rows` (a bit mask) in the cell that starts at texel x of the canvas. */
 static inline void draw_part_cell(const struct plane *k, const struct slopes *s,
                                   const struct band *band, unsigned rows, int32_t x, int32_t *cell)
 {
@@ -208,14 +213,14 @@ static inline void draw_part_cell(const struct plane *k, const struct slopes *s,
         const __m256i outside =
             _mm256_or_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(band->first[i]), lanes),
                             _mm256_cmpgt_epi32(lanes, _mm256_set1_epi32(band->last[i])));
-        /* All ones, shifted to INT32_MAX. */
+        /* A shift turns all ones into INT32_MAX. */
         const __m256i value =
             _mm256_or_si256(row_lit(k, s, band->z[i]), _mm256_srli_epi32(outside, 1));
         save(cell + 8 * i, _mm256_min_epi32(value, load(cell + 8 * i)));
     }
 }
 
-/* Whether no texel of the cell can come to lie before `far`. */
+/* True if the triangle cannot bring any texel of the cell before `far`. */
 static inline int is_hidden(const struct plane *k, const struct band *band, int32_t x, int32_t far)
 {
     const struct umbb_coverage *c = k->coverage;
@@ -225,11 +230,12 @@ static inline int is_hidden(const struct plane *k, const struct band *band, int3
     return z > (double)far - 0.5; /* ceil(z - 0.5) >= far */
 }
 
-/* Cells of a band whose rows are all of one layer. */
+/* Draws the cells of a band whose rows all go to one layer. */
 static inline void draw_band(const struct plane *k, const struct band *band,
                              const struct umbb_canvas *canvas, int32_t *layer, int32_t *far)
 {
     for (int32_t x = band->least & ~7; x <= band->most; x += 8) {
+        /* A cell that is covered completely also gets a new bound. */
         int32_t *const cell_far = far + (x >> 3);
         if (is_hidden(k, band, canvas->x0 + x, *cell_far)) {
             continue;
@@ -244,7 +250,7 @@ static inline void draw_band(const struct plane *k, const struct band *band,
     }
 }
 
-/* The same where some rows face the light and others do not. */
+/* Draws the cells of a band of which some rows face the light and others do not. */
 static void draw_mixed_band(const struct plane *k, const struct band *band,
                             const struct umbb_canvas *canvas, size_t line, unsigned front)
 {
@@ -256,8 +262,8 @@ static void draw_mixed_band(const struct plane *k, const struct band *band,
     }
 }
 
-/* Whether every depth computed for the cells of a triangle fits an integer without a clamp:
- * grazing triangles have slopes beyond all bounds. */
+/* True if every depth computed for the cells of a triangle fits an integer without a clamp: slopes
+ * of grazing triangles have no limit. */
 static inline int is_tame(const struct umbb_coverage *c)
 {
     const double left = c->x[0] < c->x[1] ? c->x[0] : c->x[1];

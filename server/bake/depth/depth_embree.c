@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One ray a texel along z, all candidates, nothing committed: the ray's end never moves, because
- * the nearest front face, back face and other face are wanted at once.
+ * One ray a texel along z. It collects all candidates and commits none: the ray's end never moves,
+ * because the nearest front face, back face and other face are wanted at once.
  */
 #include "bake/depth/depth_embree.h"
 
@@ -16,26 +16,26 @@
 #include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
 
-/* Boxes grow by this many voxels: far above what rounding to float and Embree's box test lose for
+/* Padding of boxes in voxels: far above the error of rounding to float and of Embree's box test for
  * coordinates up to 2^18 (half a unit in the last place is 2^-7 there). */
 #define BOX_PADDING 0.0625
 
 struct caster {
-    const struct umbb_casters *casters; /* `marked` */
+    const struct umbb_casters *casters; /* casters with their marks (`marked`) */
     struct umbb_casters marked;
     uint8_t *marks;
     RTCDevice device;
     RTCScene scene;
 };
 
-/* Embree's context with what one texel collects. */
+/* Embree's context, extended by the results of one texel. */
 struct texel {
-    struct RTCIntersectContext context; /* first: Embree sees only this */
+    struct RTCIntersectContext context; /* first field: Embree sees only this */
     int32_t x, y;
     int32_t front, back, open;
 };
 
-/* float just above (or below) a double after padding. */
+/* The next float above (or below) a padded double. */
 static float padded(double value, int up)
 {
     return nextafterf((float)(up ? value + BOX_PADDING : value - BOX_PADDING),
@@ -110,7 +110,7 @@ static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *til
     return UMB_OK;
 }
 
-/* No lists: its hierarchy is built once and planned for. */
+/* Does nothing: its hierarchy is built once, and its memory is planned for. */
 static size_t embree_allow(void *state, size_t max_bytes)
 {
     (void)state;
@@ -152,7 +152,7 @@ static void embree_block(void *state, int slot, unsigned thread, struct umbb_til
             const int32_t nearest[3] = {texel.open, texel.front, texel.back};
             int32_t end;
             umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
-            tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
+            tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
         }
     }
     umbb_tile_reduce(tile, bx * (n >> 3), by * (n >> 3), n >> 3);
@@ -169,7 +169,7 @@ static void embree_destroy(void *state)
     }
 }
 
-/* Builds the scene; 0 if Embree reports an error. */
+/* Builds Embree's scene; 0 if Embree reports an error. */
 static int build_scene(struct caster *caster)
 {
     caster->scene = rtcNewScene(caster->device);

@@ -4,9 +4,9 @@
 /*
  * Depth by casting one ray a texel with Embree.
  *
- * Embree only proposes candidates: every triangle is a user primitive whose box is padded outward,
- * every decision is the predicate's (coverage.h). The same integers as the rasteriser, by another
- * road; slower by an order of magnitude.
+ * Embree only proposes candidates: every triangle is a user primitive with a padded box, and every
+ * decision is the predicate's (coverage.h). So it gives the same integers as the rasteriser in
+ * another way, slower by an order of magnitude.
  */
 #include "bake/depth/depth_raster.h"
 

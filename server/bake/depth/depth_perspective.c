@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The rasteriser for perspective. As in depth_raster.c a texel's integers are the least over all
- * casters of what the predicate says; bins only leave out casters that cover no centre of a block.
+ * The rasteriser for perspective. As in depth_raster.c a texel's integers are the minimum of the
+ * predicate over all casters; bins only leave out casters that cover no centre of a block.
  */
 #include "bake/depth/depth_perspective.h"
 
@@ -101,7 +101,7 @@ static enum umb_status perspective_begin(void *state, int slot, struct umbb_tile
     return umbb_bins_fill(&p->blocks[slot], &input, error);
 }
 
-/* Which of a fragment's numbers a face of a triangle belongs to. */
+/* The number of a fragment that a face of a triangle lowers. */
 static int32_t *layer_of(struct fragment *fragment, uint8_t kind, int front)
 {
     if (kind == UMBB_CASTER_OPEN) {
@@ -151,7 +151,7 @@ static void store(const struct square *square, struct umbb_tile *tile)
             int32_t end;
             const int32_t nearest[3] = {f->open, f->front, f->back};
             umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
-            tile->end[at] = end; /* the same place as lit without the closed rule; equal then */
+            tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
         }
     }
     umbb_tile_reduce(tile, x0 >> 3, y0 >> 3, n >> 3);

@@ -4,26 +4,26 @@
 /*
  * Depth of spot and point lights by scan conversion.
  *
- * The predicate of coverage.h, with one turn: what is linear over a projected triangle is not the
- * distance W but 1 / W. The casters' third coordinate is therefore q = c / W; the predicate
- * interpolates q as it does any depth (from the canonical first corner, kept between the corners'
- * values), and z = depth_scale / q + depth_offset follows. Between near and far q spans at most
- * 2^26, so q is good to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth,
- * far below a voxel.
+ * The predicate of coverage.h with one change: over a projected triangle not the distance W is
+ * linear, but 1 / W. So the casters' third coordinate is q = c / W. The predicate interpolates q as
+ * it does any depth (from the canonical first corner, clamped to the corners' values), and z =
+ * depth_scale / q + depth_offset follows. Between near and far q spans at most 2^26, so q is
+ * accurate to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth, far below a
+ * voxel.
  *
  * Slivers: cutting a triangle to the frustum can leave corners that differ by rounding alone. The
  * area and the gradients of such a triangle are rounding errors. One as long as the frustum may run
  * through thousands of texel centres (the diagonal of a floor below a lamp).
  * umbb_perspective_prepare gives those narrower than 2^-49 size^2 texels the gradient along their
- * longest edge. Wider triangles have their gradients to an eighth of a voxel; across a sliver depth
- * is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
+ * longest edge. Wider triangles have gradients accurate to an eighth of a voxel; across a sliver
+ * depth is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
  *
  * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/depth_raster.h"
 
-/* umbb_coverage_prepare for one of the casters, of any kind of light, with the depth of slivers. */
+/* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
                              struct umbb_coverage *coverage);
 
@@ -34,7 +34,7 @@ static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
                                            int32_t x)
 {
     double q = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
-    q = q > coverage->z_min ? q : coverage->z_min; /* also what a NaN becomes */
+    q = q > coverage->z_min ? q : coverage->z_min; /* NaN becomes z_min too */
     q = q < coverage->z_max ? q : coverage->z_max;
     const double size = (double)casters->size;
     double z = casters->depth_scale / q + casters->depth_offset;

@@ -2,10 +2,10 @@
 /*
  * The rasteriser.
  *
- * Invariant: a texel's three integers are the least over all casters of what the predicate says;
- * bins only leave out casters whose bounding box holds no centre of the block.
- * Blocks of 256x256 texels: three layers of integers fit the second-level cache; blocks four times
- * as wide were measured more than twice as slow at high resolution.
+ * Invariant: a texel's three integers are the minimum of the predicate over all casters; bins only
+ * leave out casters whose bounding box holds no centre of the block. Blocks have 256x256 texels:
+ * three layers of integers fit the second-level cache. Blocks four times as wide were measured more
+ * than twice as slow at high resolution.
  */
 #include "bake/depth/depth_raster.h"
 
@@ -22,22 +22,22 @@
 #include "bake/depth/proven_squares.h"
 #include "bake/depth/triangle_bins.h"
 
-/* Numbers of a layer and of its 8x8 blocks, and of a thread's layers. */
+/* Sizes of a layer, of its array of 8x8 blocks, and of a thread's layers. */
 #define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
 #define LAYER_FAR     (LAYER_TEXELS / 64)
 #define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
-#define AHEAD         ((size_t)32)   /* triangles that are fetched before they are drawn */
+#define AHEAD         ((size_t)32)   /* triangles that are prefetched before they are drawn */
 #define FAR_MAX       ((size_t)2048) /* far sides of a block that wait for near ones */
 #define CACHE_LINE    ((size_t)64)
 
 _Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
 
-/* Squares of a block that may be proven, and how many of the others are drawn one by one. */
+/* Squares of a block that may be proven, and the most unproven ones that are drawn one by one. */
 #define BLOCK_SQUARES ((size_t)1 << (2 * (UMBB_BLOCK_LOG2 - UMBB_SQUARE_LOG2)))
 #define FEW_SQUARES   ((size_t)8)
 
 struct raster {
-    const struct umbb_casters *casters; /* `marked` */
+    const struct umbb_casters *casters; /* casters with their marks (`marked`) */
     struct umbb_casters marked;
     uint8_t *marks;
     struct umbb_depth_options options;
@@ -50,7 +50,7 @@ struct raster {
     struct umbb_bins tiles;               /* the whole map by tile */
     struct umbb_bins blocks[2];           /* a tile by block, one a slot */
     int32_t *layers;                      /* [threads][LAYERS_STRIDE] */
-    struct umbu_threads *jobs;            /* help to make ready; idle while blocks are drawn */
+    struct umbu_threads *jobs;            /* threads for preparation; idle while blocks are drawn */
     struct umb_workers workers;
 };
 
@@ -101,7 +101,7 @@ static enum umb_status raster_begin(void *state, int slot, struct umbb_tile *til
     return umbb_bins_fill(&raster->blocks[slot], &input, error);
 }
 
-/* A block under way. */
+/* A block being drawn. */
 struct drawing {
     const struct raster *raster;
     int32_t *texels;          /* [UMBB_LAYER_COUNT][count] */
@@ -119,12 +119,12 @@ static void fill(int32_t *layer, size_t count, int32_t value)
     for (size_t i = 0; i < chunk; i++) {
         layer[i] = value;
     }
-    for (size_t i = chunk; i < count; i += chunk) { /* copying is quicker than setting */
+    for (size_t i = chunk; i < count; i += chunk) { /* copying is faster than setting */
         memcpy(layer + i, layer, (count - i < chunk ? count - i : chunk) * sizeof *layer);
     }
 }
 
-/* Takes the layers in use, if they are not. */
+/* Clears the layers and puts them in use, unless they are. */
 static void need_layers(struct drawing *drawing)
 {
     const struct umbb_casters *casters = drawing->raster->casters;
@@ -136,7 +136,7 @@ static void need_layers(struct drawing *drawing)
     }
 }
 
-/* Says which layers triangles of a kind belong to. */
+/* Chooses the layers of a kind of triangles. */
 static struct umbb_sides choose_sides(const struct drawing *drawing, uint8_t kind)
 {
     struct umbb_sides sides = {UMBB_LAYER_OPEN, UMBB_LAYER_OPEN, drawing->often_hidden};
@@ -148,7 +148,7 @@ static struct umbb_sides choose_sides(const struct drawing *drawing, uint8_t kin
     return sides;
 }
 
-/* The canvas of a kind's layers, which are in use from now on. */
+/* The canvas of a kind's layers; puts the layers in use. */
 static const struct umbb_canvas *choose_canvas(struct drawing *drawing, uint8_t kind)
 {
     const struct umbb_sides sides = choose_sides(drawing, kind);
@@ -171,22 +171,21 @@ struct batch {
 };
 
 /*
- * Triangles that look away from the light, to be drawn when those that face it are there: far sides
- * lie behind near sides, and most of them then need not be drawn.
+ * Triangles that face away from the light. They are drawn after those that face it: far sides lie
+ * behind near sides, and most of them then need not be drawn.
  */
 struct far_sides {
     uint32_t triangles[FAR_MAX];
     size_t count;
 };
 
-/* Whether a prepared triangle seems to be the near side of something; only the time depends on
- * it. */
+/* True if a prepared triangle seems to be the near side of a solid; this affects time only. */
 static int is_near_side(const struct umbb_coverage *coverage, uint8_t kind)
 {
     return coverage->facing != (kind == UMBB_CASTER_CLOSED_FLIPPED);
 }
 
-/* Draws prepared triangles of a kind, or notes them. */
+/* Draws or notes prepared triangles of a kind. */
 static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *coverages,
                           size_t count, uint8_t kind)
 {
@@ -198,14 +197,14 @@ static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *c
     const struct umbb_sides sides = choose_sides(drawing, kind);
     for (size_t done = 0; done < count;) {
         done += raster->steps->note(drawing->cells, coverages + done, count - done, &sides);
-        if (done < count) { /* full */
+        if (done < count) { /* the notes are full */
             need_layers(drawing);
             raster->steps->draw(drawing->cells, drawing->texels);
         }
     }
 }
 
-/* Draws a batch, but for the far sides that `later` has room for (NULL: none). */
+/* Draws a batch, except far sides that `later` has room for (NULL: none). */
 static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_sides *later)
 {
     const struct raster *raster = drawing->raster;
@@ -244,7 +243,7 @@ static void draw_cut(struct drawing *drawing, uint32_t triangle)
     }
 }
 
-/* Draws the triangles of a list, but for the far sides that `later` has room for (NULL: none). */
+/* Draws the triangles of a list, except far sides that `later` has room for (NULL: none). */
 static void draw_list(struct drawing *drawing, const uint32_t *list, size_t count,
                       struct far_sides *later)
 {
@@ -269,7 +268,7 @@ static void draw_list(struct drawing *drawing, const uint32_t *list, size_t coun
     batch_draw(drawing, &batch, later);
 }
 
-/* Writes what was drawn and noted to the square from (x, y) of the tile on. */
+/* Writes layers and notes to the square from (x, y) of the tile on. */
 static void drawing_store(struct drawing *drawing, struct umbb_tile *tile, int32_t x, int32_t y)
 {
     const struct raster *raster = drawing->raster;
@@ -313,7 +312,7 @@ static void draw_square(const struct raster *raster, unsigned thread, struct umb
     drawing_store(&drawing, tile, x, y);
 }
 
-/* Squares of a block that are not proven; their places go to x and y. */
+/* Finds the unproven squares of a block; their places go to x and y. */
 static size_t open_squares(const struct umbb_tile *tile, int32_t n, int32_t bx, int32_t by,
                            int32_t x[BLOCK_SQUARES], int32_t y[BLOCK_SQUARES])
 {
@@ -373,7 +372,7 @@ static void raster_destroy(void *state)
 
 _Static_assert(sizeof(struct umbb_cells) % CACHE_LINE == 0, "every thread's are aligned");
 
-/* Rows that do not lie across cache lines. */
+/* Allocates layers aligned so that no row lies across cache lines. */
 static int32_t *layers_alloc(unsigned threads)
 {
     int32_t *layers = NULL;

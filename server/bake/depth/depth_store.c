@@ -9,7 +9,7 @@ void umbb_store_plain(const int32_t *layers, int32_t n, struct umbb_tile *tile, 
 {
     const size_t width = (size_t)n, texels = width * width;
     for (int32_t y = 0; y < n; y += 8) {
-        /* Eight rows lie together in both. */
+        /* Eight rows of a block lie together in both layouts. */
         const int32_t *from = layers + (size_t)y * width;
         const size_t to = umbb_tile_index(tile, x0, y0 + y);
         if (tile->end == tile->lit) {

@@ -5,7 +5,7 @@
 #include "bake/depth/tile.h"
 
 enum umbb_layer {
-    UMBB_LAYER_OPEN = 0,  /* nearest face of what is not closed */
+    UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
     UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
     UMBB_LAYER_BACK = 2,  /* nearest back face of closed parts */
     UMBB_LAYER_COUNT = 3,

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Half edges of front faces wait in a hash table until their counterpart comes. What waits at the
- * end has none: a border.
+ * Pairing the half edges of front faces. Each waits in a hash table until its counterpart comes. A
+ * half edge that still waits at the end has none: it is a border.
  *
- * Several threads share the table. A slot goes from free to taken to gone and never back, so that
- * an edge and its counterpart, which start at the same slot, cannot miss each other: both want the
- * first free one, and who comes second finds the other there. Nothing but slots is shared, and what
- * they name was written before: no order of memory is needed.
+ * Several threads share the table. A slot goes from free to taken to gone and never back. So an
+ * edge and its counterpart, which start at the same slot, cannot miss each other: both want the
+ * first free slot, and the second to come finds the other there. Threads share only the slots; the
+ * triangles that slots name were written before, so no memory ordering is needed.
  */
 #include "bake/depth/front_marks.h"
 
@@ -17,15 +17,15 @@
 
 #include "tool/threads.h"
 
-/* A projected area below this share of the products it comes from may be rounding alone. */
+/* A projected area below this share of its products may be rounding error alone. */
 #define AREA_DOUBT 1e-9
 
-/* Squares of 64 x 64 texels for every so many casters make marks worth having (measured: eight
- * texels along a triangle's edge). */
+/* Number of casters for each square of 64 x 64 texels up to which marks are worth their cost
+ * (measured: eight texels along a triangle's edge). */
 #define CASTERS_PER_SQUARE 8
 
 #define SLOT_FREE UINT32_MAX
-#define SLOT_GONE (UINT32_MAX - 1U) /* was taken; a search goes on */
+#define SLOT_GONE (UINT32_MAX - 1U) /* its edge was paired; a search goes on past it */
 
 struct finder {
     const struct umbb_casters *casters;
@@ -35,7 +35,7 @@ struct finder {
     atomic_size_t fronts;
 };
 
-/* Triangles of a job, and those whose slots are fetched together. */
+/* Triangles of a slice, and triangles whose slots are prefetched together. */
 #define JOB_TRIANGLES   ((size_t)1 << 14)
 #define FETCH_TRIANGLES ((size_t)16)
 
@@ -62,7 +62,8 @@ static size_t slot_count(size_t fronts)
 static int are_wanted(const struct umbb_casters *casters, enum umbb_prove prove)
 {
     const uint64_t across = (uint64_t)casters->size >> UMBB_SQUARE_LOG2;
-    /* Bounds over a square are the predicate's own values: those of parallel light only. */
+    /* Bounds over a square are values of coverage.h's predicate, which is that of parallel
+     * light. */
     return casters->closed_rule && !casters->open_on_word && !(casters->depth_scale > 0.0) &&
            casters->count > 0 && casters->count < UINT32_MAX / 4 && prove != UMBB_PROVE_NEVER &&
            (prove == UMBB_PROVE_ALWAYS || across * across * CASTERS_PER_SQUARE >= casters->count);
@@ -90,7 +91,7 @@ static uint64_t corner_hash(const double corner[3])
 {
     uint64_t hash = 0;
     for (size_t axis = 0; axis < 3; axis++) {
-        const double value = corner[axis] + 0.0; /* one zero, as they compare equal */
+        const double value = corner[axis] + 0.0; /* -0 becomes 0, as the two compare equal */
         uint64_t bits;
         memcpy(&bits, &value, sizeof bits);
         hash = mix(hash ^ bits);
@@ -103,7 +104,7 @@ static int same_corner(const double a[3], const double b[3])
     return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
 }
 
-/* An edge's two corners, going around every front face the same way. */
+/* An edge's two corners, in the same sense around every front face. */
 static void edge_corners(const struct umbb_casters *casters, uint32_t half_edge,
                          const double **from, const double **to)
 {
@@ -128,7 +129,7 @@ static int slot_change(_Atomic uint32_t *slot, uint32_t *from, uint32_t to)
                                                    memory_order_relaxed);
 }
 
-/* Pairs a half edge with its waiting counterpart, or lets it wait; `at`: where to begin. */
+/* Pairs a half edge with its waiting counterpart, or makes it wait; `at`: first slot. */
 static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
 {
     for (;; at = (at + 1) & f->last) {
@@ -136,7 +137,7 @@ static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
         if (other == SLOT_FREE && slot_change(&f->slots[at], &other, half_edge)) {
             return;
         }
-        /* Somebody else's then, perhaps since just now. */
+        /* Another thread took the slot, perhaps a moment ago. */
         if (other != SLOT_GONE && are_counterparts(f->casters, half_edge, other) &&
             slot_change(&f->slots[at], &other, SLOT_GONE)) {
             return;
@@ -144,7 +145,7 @@ static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
     }
 }
 
-/* Where the search for each edge of a triangle begins: the same from both sides of it. */
+/* First slots of the searches for a triangle's edges: the same from both sides of an edge. */
 static void edge_slots(const struct finder *f, size_t triangle, size_t at[3])
 {
     uint64_t hash[3];
@@ -156,8 +157,8 @@ static void edge_slots(const struct finder *f, size_t triangle, size_t at[3])
     }
 }
 
-/* Where the searches for the edges of front faces from `first` on begin, and fetches what is there;
- * returns for how many triangles. */
+/* Finds and prefetches the first slots for the edges of front faces from `first` on; returns the
+ * number of triangles done. */
 static size_t fetch_slots(const struct finder *f, size_t first, size_t end,
                           size_t at[FETCH_TRIANGLES][3])
 {
@@ -173,10 +174,10 @@ static size_t fetch_slots(const struct finder *f, size_t first, size_t end,
     return count;
 }
 
-/* What is done with an edge of a front face whose search begins at a slot. */
+/* Function for an edge of a front face, with the first slot of its search. */
 typedef void (*edge_fn)(struct finder *f, size_t triangle, size_t edge, size_t at);
 
-/* Visits the edges of the front faces of a job. */
+/* Visits the edges of the front faces of a slice. */
 static void visit_edges(struct finder *f, uint32_t job, edge_fn visit)
 {
     const size_t end = job_end(f->casters, job);
@@ -196,14 +197,14 @@ static void pair_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
     add_half_edge(f, (uint32_t)(4 * triangle + edge), at);
 }
 
-/* Pairs the edges of the front faces of a job. */
+/* Pairs the edges of the front faces of a slice. */
 static void pair_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;
     visit_edges(user, job, pair_edge);
 }
 
-/* Marks the front faces of a job. */
+/* Marks the front faces of a slice. */
 static void front_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;
@@ -217,7 +218,7 @@ static void front_job(void *user, uint32_t job, unsigned thread)
     atomic_fetch_add_explicit(&f->fronts, fronts, memory_order_relaxed);
 }
 
-/* Whether the same edge, the same way around, waits; `at`: where to begin. */
+/* True if the same edge, in the same sense, waits; `at`: first slot. */
 static int is_waiting(const struct finder *f, uint32_t half_edge, size_t at)
 {
     const double *from, *to, *other_from, *other_to;
@@ -243,8 +244,8 @@ static void mark_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
     }
 }
 
-/* Marks the borders of the front faces of a job. Of edges that are the same, which one waits is
- * chance; all of them are borders then, so that the marks are not. */
+/* Marks the borders of the front faces of a slice. Of equal edges chance decides which one waits.
+ * So all of them become borders, and the marks do not depend on chance. */
 static void border_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;

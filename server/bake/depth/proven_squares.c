@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One pass over the casters; what is known of a square is kept in the tile itself until the end:
- * its pyramid's two numbers hold the bounds, its flag what touches it. Threads take strips of whole
- * rows of squares, each from all casters.
+ * Proving squares in one pass over the casters. Until the end the tile itself holds the state of a
+ * square: its pyramid's two numbers hold the bounds, its flag tells what touches it. Each thread
+ * takes a strip of whole rows of squares, and reads all casters.
  */
 #include "bake/depth/proven_squares.h"
 
@@ -14,11 +14,11 @@
 
 #define SQUARE (1 << UMBB_SQUARE_LOG2)
 
-/* Flags of a square on the way. */
+/* Flags of a square during the pass. */
 enum {
     TOUCHED = 1, /* some texel is covered */
     MIDDLE = 2,  /* a front face covers the middle texel */
-    BORDER = 4,  /* a border is near */
+    BORDER = 4,  /* a border is within a texel */
 };
 
 /* A strip of a tile's squares; coordinates in texels of the frustum, squares counted in the tile.
@@ -27,11 +27,11 @@ struct squares {
     const struct umbb_casters *casters;
     struct umbb_tile *tile;
     int32_t across;
-    int32_t first_row, end_row; /* of squares */
+    int32_t first_row, end_row; /* range of rows of squares */
     int32_t top, bottom;        /* first and last row of texels */
     int32_t *front_most;        /* greatest lit of front faces */
     int32_t *far_least;         /* least lit of all other faces */
-    int32_t *cover;             /* least of what one front face alone gives every texel at most */
+    int32_t *cover; /* least of the bounds that single front faces covering the whole square give */
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -44,7 +44,7 @@ static int32_t most(int32_t a, int32_t b)
     return a > b ? a : b;
 }
 
-/* Texels of rows first .. last that the triangle covers, all rows together. */
+/* Texels that the triangle covers in any of the rows first .. last. */
 static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t last, int32_t *x_first,
                        int32_t *x_last)
 {
@@ -54,7 +54,7 @@ static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t las
     *x_first = least(*x_first, a);
     *x_last = most(*x_last, b);
     if (c->y[1] >= (double)first && c->y[1] <= (double)last + 1.0) {
-        /* The middle corner lies between; crossings are kept between corners, so that no centre
+        /* The middle corner lies between; crossings are clamped between corners, so no centre
          * beyond it is covered. */
         const double x = c->x[1] - 0.5;
         *x_first = least(*x_first, (int32_t)ceil(x));
@@ -62,7 +62,7 @@ static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t las
     }
 }
 
-/* A square that the triangle touches in rows y0 .. y1, texels x0 .. x1. */
+/* Updates a square that the triangle touches in rows y0 .. y1, texels x0 .. x1. */
 static void square_touch(struct squares *s, const struct umbb_coverage *c, int front, size_t square,
                          const int32_t x[2], const int32_t y[2])
 {
@@ -91,8 +91,8 @@ static void middle_touch(struct squares *s, const struct umbb_coverage *c, size_
     }
 }
 
-/* Texels that rows first and last both cover, with one to spare on either side for rounding: a
- * triangle is convex, so all rows between cover them too. */
+/* Texels that rows first and last both cover, less one on either side for rounding. A triangle is
+ * convex, so all rows between cover them too. */
 static void rows_common(const struct umbb_coverage *c, int32_t first, int32_t last,
                         int32_t *x_first, int32_t *x_last)
 {
@@ -103,7 +103,7 @@ static void rows_common(const struct umbb_coverage *c, int32_t first, int32_t la
     *x_last = least(*x_last, b) - 1;
 }
 
-/* Squares of one row of squares that a front face covers altogether. */
+/* Updates the squares of one row of squares that a front face covers completely. */
 static void cover_squares(struct squares *s, const struct umbb_coverage *c, int32_t first)
 {
     const struct umbb_tile *tile = s->tile;
@@ -115,6 +115,7 @@ static void cover_squares(struct squares *s, const struct umbb_coverage *c, int3
     right = least(right, tile->x0 + tile->size - 1);
     for (int32_t x = (left + SQUARE - 1) & -SQUARE; x + SQUARE - 1 <= right; x += SQUARE) {
         const size_t square = (size_t)(row * s->across + ((x - tile->x0) >> UMBB_SQUARE_LOG2));
+        /* The face's farthest texel in the square bounds its lit there from above. */
         const int32_t at_x = c->gradient_x > 0.0 ? x + SQUARE - 1 : x;
         const int32_t at_y = ys[c->gradient_y > 0.0];
         const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
@@ -131,6 +132,7 @@ static void add_triangle(struct squares *s, const struct umbb_coverage *c, int f
         const int32_t last = least(first | (SQUARE - 1), bottom);
         const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
         int32_t left, right;
+        /* Only a face that meets all rows of the row of squares can cover one of them. */
         if (front && last - first == SQUARE - 1) {
             cover_squares(s, c, first);
         }
@@ -163,10 +165,12 @@ static void add_border(struct squares *s, const double *a, const double *b)
         if (lower[1] < top || upper[1] > bottom) {
             continue;
         }
+        /* The part of the edge within a texel of the row of squares, as shares of its length. */
         const double from = upper[1] < top ? (top - upper[1]) / height : 0.0;
         const double to = lower[1] > bottom ? (bottom - upper[1]) / height : 1.0;
         const double x_from = upper[0] + from * (lower[0] - upper[0]);
         const double x_to = upper[0] + to * (lower[0] - upper[0]);
+        /* Its range of x, with one texel to spare on either side. */
         const double left = (x_from < x_to ? x_from : x_to) - 1.0 - tile_left;
         const double right = (x_from < x_to ? x_to : x_from) + 1.0 - tile_left;
         if (right < 0.0 || left >= (double)tile->size) {
@@ -181,7 +185,7 @@ static void add_border(struct squares *s, const double *a, const double *b)
     }
 }
 
-/* Whether a triangle lies beside the strip, with what its borders reach beyond it. */
+/* True if a triangle lies outside the strip, including the reach of its borders. */
 static int is_beside(const struct squares *s, const double v[3][3])
 {
     double low = v[0][1] < v[1][1] ? v[0][1] : v[1][1];
@@ -219,17 +223,18 @@ static void decide(struct squares *s, size_t square)
         s->front_most[square] = background;
         proven = 1;
     } else {
-        /* What bounds every lit: a face over the whole square, or all that may lie over it. */
+        /* Bound of every lit: a face over the whole square, or all faces that may lie over it. */
         const int whole = flags == (TOUCHED | MIDDLE);
         s->front_most[square] =
             whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];
+        /* Proven if a multiple of 64 lies between the bound and the nearest other face. */
         const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
         proven = s->far_least[square] < background && cut <= s->far_least[square];
     }
     s->tile->proven[square] = (uint8_t)proven;
 }
 
-/* What all strips share. */
+/* State that all strips share. */
 struct proof {
     const struct umbb_casters *casters;
     const uint32_t *list;
@@ -285,7 +290,7 @@ void umbb_prove_squares(const struct umbb_casters *casters, const uint32_t *list
         .tile = tile,
         .across = tile->size >> UMBB_SQUARE_LOG2,
     };
-    /* Two for each thread, as some have more to do than others. */
+    /* Two strips for each thread, because their work differs. */
     const unsigned threads = workers == NULL ? 1 : workers->count;
     proof.strips = threads == 1 ? 1 : least(proof.across, (int32_t)(2 * threads));
     umbu_workers_run(workers, strip_job, &proof, (uint32_t)proof.strips);

@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_TILE_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_TILE_H
 /*
- * A square of the light's texels with their two integers, `lit` and `end`, and the casters that
- * both come from.
+ * A tile: a square of the light's texels with their two integers, `lit` and `end`, and the casters
+ * that determine both.
  *
  * lit: number of voxels of the column whose centre lies before the first caster. end: number of
  * voxels whose centre lies before the end of the first undefined region, never less than lit.
  * Without the closed rule end = lit, and the two share one array. Background: both are `size`.
  *
- * Texels are stored by 8x8 blocks, row by row in a block, blocks row by row in the tile: what the
- * build reads together lies together. Above them a pyramid holds the greatest lit and the least
- * end of each square of 8, 16, .. texels up to the tile. A square whose pyramid says "background
- * only" may have texels that were never written; the build does not read them.
+ * Texels are stored by 8x8 blocks, row by row in a block, blocks row by row in the tile, so that
+ * texels which the build reads together lie together. Above them a pyramid holds the greatest lit
+ * and the least end of each square of 8, 16, .. texels up to the tile. A square whose pyramid says
+ * "background only" may have texels that were never written; the build does not read them.
  *
  * Threads: disjoint blocks of UMBB_BLOCK texels may be filled at once.
  */
@@ -21,17 +21,17 @@
 #include "umbrage/asset.h"
 
 #define UMBB_BLOCK_LOG2 8
-#define UMBB_BLOCK                                                                                 \
-    (1 << UMBB_BLOCK_LOG2) /* texels a side of the unit of depth work: fits the second-level cache \
-                            */
+/* Texels a side of the unit of depth work: fits the second-level cache. */
+#define UMBB_BLOCK (1 << UMBB_BLOCK_LOG2)
 
-#define UMBB_SQUARE_LOG2 6 /* of the texels a side of a square that may be proven from bounds */
+/* Log2 of the texels a side of a square that may be proven from bounds. */
+#define UMBB_SQUARE_LOG2 6
 
-/* How a triangle takes part. */
+/* Class of a triangle. */
 enum umbb_caster {
     UMBB_CASTER_OPEN = 0,           /* casts; bounds no solid */
-    UMBB_CASTER_CLOSED = 1,         /* of a closed part, winding outward */
-    UMBB_CASTER_CLOSED_FLIPPED = 2, /* of a closed part, winding inward */
+    UMBB_CASTER_CLOSED = 1,         /* casts; in a closed part, winding outward */
+    UMBB_CASTER_CLOSED_FLIPPED = 2, /* casts; in a closed part, winding inward */
 };
 
 struct umbb_cuts;
@@ -42,16 +42,17 @@ struct umbb_casters {
     size_t count;                  /* at most UINT32_MAX - 1 */
     int32_t size;                  /* voxels a side of the frustum, a power of two */
     int closed_rule;               /* 0: every caster counts as open */
-    int open_on_word; /* 1: some closed kinds are the caller's word for open parts, so that nothing
-                       * may be behind their front faces; no square is proven then */
-    /* Above 0: rays start in one point; a corner's third coordinate is then the reciprocal of its
-     * distance, and z = depth_scale / it + depth_offset (depth_perspective.h). 0: it is z. */
+    /* 1: some kinds are closed on the caller's word only, so there may be no back faces behind
+     * their front faces; no square is proven then. */
+    int open_on_word;
+    /* Above 0: rays start in one point. A corner's third coordinate is then the reciprocal q of its
+     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: it is z. */
     double depth_scale, depth_offset;
     const uint8_t *marks;         /* [count] front_marks.h; NULL: no square is proven */
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
 };
 
-/* When to prove squares of texels from bounds (closed rule only); tests force it. */
+/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
 enum umbb_prove {
     UMBB_PROVE_AUTO = 0,
     UMBB_PROVE_ALWAYS = 1,
@@ -61,15 +62,15 @@ enum umbb_prove {
 struct umbb_tile {
     int32_t x0, y0; /* first texel */
     uint32_t log2_size;
-    int32_t size;                        /* texels a side */
-    int32_t *lit;                        /* [size * size] by 8x8 blocks */
-    int32_t *end;                        /* the same; equals `lit` without the closed rule */
+    int32_t size; /* texels a side */
+    int32_t *lit; /* [size * size] by 8x8 blocks */
+    int32_t *end; /* [size * size] by 8x8 blocks; is `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];
-    /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds, its texels and levels below
+    /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds; its texels and levels below
      * UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
     uint8_t *proven;
-    int32_t *cover;     /* [the same] working memory of umbb_prove_squares */
+    int32_t *cover;     /* [(size >> UMBB_SQUARE_LOG2)^2] working memory of umbb_prove_squares */
     int32_t background; /* voxels a side of the frustum; set by begin */
     int32_t *memory;
 };
@@ -99,32 +100,32 @@ void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n)
 void umbb_tile_pyramid(struct umbb_tile *tile);
 
 /*
- * One step of such a pyramid: n x n squares of greatest lit and least end from 2n x 2n.
+ * One step of such a pyramid: reduces 2n x 2n squares of greatest lit and least end to n x n.
  */
 void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
                        int32_t *min_end);
 
 /*
- * A way to get depth. One object serves one bake; begin is called once a tile, block for every
+ * A depth path. One object serves one bake. begin is called once a tile; block is called for every
  * UMBB_BLOCK square (or the whole tile if that is smaller), from any thread.
  */
 struct umbb_depth {
     void *state;
-    /* Makes ready for a tile of this place and size, and proves what squares it can; slot 0 or 1:
-     * two tiles may be under way. */
+    /* Prepares for a tile of this place and size, and proves the squares it can. slot: 0 or 1, as
+     * two tiles may be in progress. */
     enum umb_status (*begin)(void *state, int slot, struct umbb_tile *tile,
                              struct umb_error *error);
     /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
     void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
                   int32_t by);
-    /* Says how many bytes the path's lists of triangles may take from now on: begin fails with
-     * E_LIMIT instead of taking more. Returns what they take now. Called by begin's caller. */
+    /* Sets the limit in bytes of the path's lists of triangles from now on: begin fails with
+     * E_LIMIT instead of exceeding it. Returns their present size. Called by begin's caller. */
     size_t (*allow)(void *state, size_t max_bytes);
     /*
-     * Names the casters that the tile at (x0, y0) can depend on, and no more than touch it or have
-     * a border within two texels of it, give or take a texel. Returns all casters as the path sees
-     * them; list: numbers among them, ascending, NULL only if count is 0. NULL: the path cannot
-     * tell (Embree). Threads: as begin.
+     * Names the casters that the tile at (x0, y0) can depend on, and no more than those that touch
+     * it or have a border within two texels of it, give or take a texel. Returns all casters as the
+     * path sees them; list: numbers among them, ascending, NULL only if count is 0. NULL: the path
+     * cannot tell (Embree). Threads: as begin.
      */
     const struct umbb_casters *(*reach)(void *state, int32_t x0, int32_t y0, const uint32_t **list,
                                         size_t *count);
@@ -143,9 +144,9 @@ static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
  * In: nearest: of open casters, of front and of back faces of closed parts (enum umbb_layer), each
  *     as `lit` of the fragment, or the background.
  * From the nearest front face of a closed part to the nearest back face the column is inside that
- * part: it was entered there, and nothing closed was left before. If anything lies in front of
- * the nearest front face, nothing is known to be inside, and end = lit; so also where nothing is
- * behind it, as only the caller's word makes such a part a solid.
+ * part: it was entered there, and no closed part was left before. If a face lies in front of the
+ * nearest front face, no inside is known, and end = lit. The same holds if nothing lies behind it:
+ * only the caller's word makes such a part a solid.
  * Source: Sintorn et al. 2014, section 6.1, with the nearest back face instead of their counter
  * (always valid; the end may come earlier where solids overlap).
  */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See transmittance_make.h. A job is a row of squares, drawn square by square from lists of which
- * triangle touches which; results stand in the order of rows.
+ * See transmittance_make.h. A slice of work is a row of squares, drawn square by square from lists
+ * of the triangles that touch each; results are put in the order of rows.
  */
 #include "bake/depth/transmittance_make.h"
 
@@ -19,17 +19,17 @@
 #define SIDE ((int32_t)UMB__TRANSMITTANCE_SIDE)
 
 struct fragment {
-    uint32_t texel; /* of the square, row by row */
+    uint32_t texel; /* texel of the square, row by row */
     int32_t lit;
     double opacity;
 };
 
-/* What a thread works with. */
+/* Working memory of a thread. */
 struct bench {
     struct fragment *fragments, *sorted;   /* [capacity] */
     struct umb__transmittance_drop *steps; /* [capacity] */
     size_t count, capacity;
-    int too_many; /* 1: fragments_max was not enough */
+    int too_many; /* 1: fragments_max was exceeded */
     struct umb__transmittance_list lists[UMB__TRANSMITTANCE_SIDE * UMB__TRANSMITTANCE_SIDE];
     uint32_t first[UMB__TRANSMITTANCE_SIDE * UMB__TRANSMITTANCE_SIDE + 1];
 };
@@ -38,7 +38,7 @@ struct maker {
     const struct umbb_transmittance_input *job;
     struct umbb_bins bins;
     unsigned threads;
-    size_t fragments_max;                  /* a thread */
+    size_t fragments_max;                  /* limit of fragments for each thread */
     atomic_size_t total;                   /* bytes of all rows so far */
     struct bench *benches;                 /* [job->threads] */
     struct umb__transmittance_bytes *rows; /* [squares a side] */
@@ -46,7 +46,7 @@ struct maker {
     struct umb_error *errors;              /* [squares a side] */
 };
 
-/* Room for one more fragment. */
+/* Makes room for one more fragment. */
 static enum umb_status reserve(const struct maker *m, struct bench *bench, struct umb_error *error)
 {
     if (bench->count < bench->capacity) {
@@ -129,7 +129,7 @@ static int compare(const void *a, const void *b)
     return (x->opacity > y->opacity) - (x->opacity < y->opacity);
 }
 
-/* Puts the fragments in the order of texels: places of texel i are first[i] .. first[i + 1] - 1. */
+/* Sorts the fragments by texel: those of texel i are first[i] .. first[i + 1] - 1. */
 static void sort_by_texel(struct bench *bench)
 {
     const size_t texels = UMB__TRANSMITTANCE_SIDE * UMB__TRANSMITTANCE_SIDE;
@@ -140,14 +140,14 @@ static void sort_by_texel(struct bench *bench)
     for (size_t i = 0; i < texels; i++) {
         bench->first[i + 1] += bench->first[i];
     }
-    for (size_t i = 0; i < bench->count; i++) { /* leaves each first at its end */
+    for (size_t i = 0; i < bench->count; i++) { /* moves each entry of first to its end */
         bench->sorted[bench->first[bench->fragments[i].texel]++] = bench->fragments[i];
     }
     memmove(bench->first + 1, bench->first, texels * sizeof bench->first[0]);
     bench->first[0] = 0;
 }
 
-/* The list of sorted fragments. Products are doubles: n of them are off by n 2^-53. */
+/* Makes the list of sorted fragments. Products are doubles: n of them are off by n 2^-53. */
 static uint32_t make_list(const struct fragment *fragments, size_t count,
                           struct umb__transmittance_drop *steps)
 {
@@ -199,7 +199,7 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
     return umb__transmittance_square(bytes, bench->lists, m->job->max_bytes, error);
 }
 
-/* Bytes of the masks of a map's squares, all that an empty one takes. */
+/* Bytes of the masks of a map's squares: the whole size of an empty map. */
 static size_t empty_bytes(const struct maker *m)
 {
     return (size_t)8 << (2 * (m->job->level - 6));
@@ -247,8 +247,8 @@ static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_erro
     return UMB_OK;
 }
 
-/* Makes the rows by fewer threads if their shares of the memory are too small: whether there is a
- * map does not depend on how many there are. */
+/* Makes the rows with fewer threads if their shares of the memory are too small: the number of
+ * threads must not decide whether there is a map. */
 static enum umb_status make_rows_in_memory(struct maker *m, uint32_t rows, int *too_large,
                                            struct umb_error *error)
 {
@@ -273,7 +273,7 @@ static enum umb_status make_rows_in_memory(struct maker *m, uint32_t rows, int *
     }
 }
 
-/* Puts the rows together; nothing if all squares are empty. */
+/* Joins the rows; writes nothing if all squares are empty. */
 static enum umb_status join(const struct maker *m, uint32_t rows,
                             struct umb__transmittance_bytes *bytes, int *too_large,
                             struct umb_error *error)

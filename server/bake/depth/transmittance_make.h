@@ -2,15 +2,16 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_TRANSMITTANCE_MAKE_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_TRANSMITTANCE_MAKE_H
 /*
- * Deep maps: what translucent casters leave of the light, texel by texel.
+ * Deep maps: the share of the light that passes the translucent casters, texel by texel.
  *
- * All fragments of a texel's centre count, by the predicate that opaque casters are drawn with
- * (coverage.h) but for one thing: a centre on an edge that two triangles share is met once. Each
- * takes its opacity there. Sorted by depth, then by opacity, their products are a list
- * (format/transmittance.h), whatever the order of triangles and the number of threads; it ends
- * where less than UMBB_TRANSMITTANCE_LEAST is left.
+ * All fragments of a texel's centre count, by the predicate of opaque casters (coverage.h) with one
+ * change: a centre on an edge that two triangles share is met once. Each fragment has its opacity
+ * there. Sorted by depth, then by opacity, their products are a list (format/transmittance.h),
+ * whatever the order of triangles and the number of threads. The list ends where less than
+ * UMBB_TRANSMITTANCE_LEAST is left.
  *
- * Source: Lokovic, Veach 2000; truncation as in Yuksel, Keyser 2008 and seed 003.
+ * Source: T. Lokovic, E. Veach, Deep Shadow Maps, 2000; truncation as in C. Yuksel, J. Keyser, Deep
+ * Opacity Maps, 2008.
  */
 #include "bake/depth/tile.h"
 #include "format/transmittance_write.h"
@@ -18,13 +19,13 @@
 #define UMBB_TRANSMITTANCE_LEAST 0.001
 
 struct umbb_transmittance_input {
-    /* In the texels of the map; depth in voxels. Every caster has a cut, and that is translucent.
-     */
+    /* Casters in texels of the map, depth in voxels. Every caster has a cut, which is
+     * translucent. */
     const struct umbb_casters *casters;
     uint32_t level;       /* 2^level texels a side, at least 6 */
     unsigned threads;     /* 1.. */
-    size_t max_bytes;     /* of the result */
-    size_t working_bytes; /* that lists of triangles and fragments may take */
+    size_t max_bytes;     /* limit of the result */
+    size_t working_bytes; /* limit of the lists of triangles and fragments */
     int (*cancelled)(void);
 };
 

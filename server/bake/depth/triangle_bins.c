@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Binning by counting: one pass counts the entries of each cell, a second writes them. Both are cut
- * into chunks of triangles for as many threads; the lists do not depend on that. Most triangles lie
- * in one cell: the first pass keeps its number, so that the second need not read their corners.
+ * into chunks of triangles for several threads; the lists do not depend on that. Most triangles lie
+ * in one cell: the first pass keeps its number, so the second need not read their corners.
  *
- * A triangle that spans several rows and columns of cells is cut into the rows' strips, so that a
- * sliver across the map is listed along its length and not all over its bounding box.
+ * A triangle that spans several rows and columns of cells is cut into the rows' strips. So a sliver
+ * across the map is listed along its length and not all over its bounding box.
  */
 #include "bake/depth/triangle_bins.h"
 
@@ -40,11 +40,11 @@ static inline int axis_range(const struct umbb_bins_input *input, int32_t origin
     return (a <= b) & (b >= 0) & (a <= end);
 }
 
-/* How far beyond its own corners a triangle with a border is to be listed: a border counts for a
+/* Texels beyond its own corners for which a triangle with a border is listed: a border counts for a
  * square within a texel, whose first centre is half a texel further. */
 #define BORDER_SLACK 2.0
 
-/* Texels beyond its own that a triangle is to be listed for. */
+/* Texels beyond its own for which a triangle is listed. */
 static inline double slack(const struct umbb_bins_input *input, uint32_t triangle)
 {
     return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0
@@ -52,7 +52,7 @@ static inline double slack(const struct umbb_bins_input *input, uint32_t triangl
                : 0.0;
 }
 
-/* Branches on which corner is the outermost could not be predicted: min and max have none. */
+/* Branches on the outermost corner would be unpredictable: min and max have none. */
 static inline int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
                                  struct cell_range *range)
 {
@@ -80,7 +80,7 @@ static void reach_add(struct reach *reach, double x)
     reach->high = x > reach->high ? x : reach->high;
 }
 
-/* Adds where the edge from a up to b lies within top .. bottom. */
+/* Adds the part of the edge from a up to b that lies within top .. bottom. */
 static void reach_add_edge(struct reach *reach, const double a[3], const double b[3], double top,
                            double bottom)
 {
@@ -112,7 +112,8 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
         const double *a = v[i], *b = v[(i + 1) % 3];
         reach_add_edge(&reach, a[1] < b[1] ? a : b, a[1] < b[1] ? b : a, top, bottom);
     }
-    /* One texel of slack: far more than these crossings and the predicate's may differ by. */
+    /* One texel of slack: far more than the difference between these crossings and the
+     * predicate's. */
     const double width = (double)((int64_t)1 << input->cell_log2);
     const double first = (reach.low - 1.0 - further - (double)input->x0) / width;
     const double last = (reach.high + 1.0 + further - (double)input->x0) / width;
@@ -124,7 +125,7 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
     }
 }
 
-/* Makes room for as many entries, beside as many bytes in use; what was in them is lost. */
+/* Makes room for `wanted` entries, next to `used` bytes in use; the old content is lost. */
 static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_input *input,
                                uint64_t wanted, size_t used, struct umb_error *error)
 {
@@ -151,17 +152,17 @@ static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_in
     return UMB_OK;
 }
 
-/* Fewer triangles than this are not worth another chunk, nor are more numbers than this. */
+/* Least number of triangles for a chunk; also, a chunk's numbers must be worth their memory. */
 #define CHUNK_TRIANGLES ((size_t)4096)
 #define CHUNK_NUMBERS   ((size_t)1 << 20)
 
-/* The input cut into chunks of following triangles, each with its own places in every cell: first
- * those of the first chunk, then those of the second, as if one thread had come by. */
+/* The input in chunks of consecutive triangles, each with its own places in every cell: first those
+ * of the first chunk, then those of the second, in the order of a single thread. */
 struct fill {
     const struct umbb_bins_input *input;
     size_t count, chunks, cells;
     uint64_t *numbers; /* [chunks][cells]: counts, then places */
-    uint32_t *only;    /* [count] the one cell of a triangle, CELL_NONE or CELL_MANY */
+    uint32_t *only;    /* [count] number of the one cell of a triangle, CELL_NONE or CELL_MANY */
     uint32_t *entries; /* written in the second pass */
 };
 
@@ -173,13 +174,13 @@ static inline uint32_t triangle_at(const struct umbb_bins_input *input, size_t i
     return input->all ? (uint32_t)i : input->list[i];
 }
 
-/* Where a chunk begins; chunk `chunks`: the end. */
+/* First triangle of a chunk; for chunk `chunks` the end. */
 static size_t chunk_first(const struct fill *fill, uint32_t chunk)
 {
     return fill->count * chunk / fill->chunks;
 }
 
-/* Counts a triangle in each of its cells, or, with entries, writes it at each one's next place. */
+/* Counts a triangle in each of its cells or, with entries, writes it at the next place of each. */
 static void add_to_cells(const struct umbb_bins_input *input, uint32_t triangle,
                          const struct cell_range *r, uint64_t *cells, uint32_t *entries)
 {
@@ -237,7 +238,7 @@ static void write_job(void *user, uint32_t chunk, unsigned thread)
     }
 }
 
-/* Turns counts into places, and says where each cell's list starts. */
+/* Turns counts into places, and sets where each cell's list starts. */
 static void places_find(const struct fill *fill, uint64_t *first)
 {
     uint64_t total = 0;

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_TRIANGLE_BINS_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_TRIANGLE_BINS_H
 /*
- * Which triangles may touch which cell of a square grid of texels.
+ * Lists of the triangles that may touch each cell of a square grid of texels.
  *
  * A triangle is listed in every cell where it covers a texel centre, and in few others; cells list
  * triangles in ascending order. Used twice: the whole map into tiles, a tile into blocks.
@@ -14,24 +14,24 @@ struct umbb_bins {
     uint32_t cells_x;  /* a side of the grid */
     uint64_t *first;   /* [cells + 1], where a cell's list starts */
     uint32_t *entries; /* [first[cells]] triangle numbers */
-    uint64_t capacity; /* of entries, kept between fills */
+    uint64_t capacity; /* room of entries, kept between fills */
 };
 
-/* What to bin: all casters or those in `list`, in the square that starts at x0, y0. */
+/* Input of the binning: all casters or those in `list`, in the square that starts at x0, y0. */
 struct umbb_bins_input {
     const struct umbb_casters *casters;
     const uint32_t *list; /* caster numbers, ascending; not read if count is 0 or all is 1 */
-    size_t count;         /* of list */
+    size_t count;         /* length of list */
     int all;              /* 1: every caster */
     int borders;          /* 1: list casters with a border (their marks) two texels further */
     int32_t x0, y0;
     uint32_t cell_log2; /* texels a side of a cell */
     uint32_t cells_x;   /* cells a side; at most 4096 */
-    size_t max_bytes;   /* that the entries may take, and what filling needs beside them */
-    const struct umb_workers *workers; /* who helps; NULL: nobody */
+    size_t max_bytes;   /* limit of the entries, and of the working memory next to them */
+    const struct umb_workers *workers; /* threads to use; NULL: only the caller's */
 };
 
-/* Fills bins, reusing its memory. Start from a zeroed struct. Fails: E_NO_MEMORY, E_LIMIT. */
+/* Fills bins, reusing its memory. Start with a zeroed struct. Fails: E_NO_MEMORY, E_LIMIT. */
 UMB_CHECKED enum umb_status umbb_bins_fill(struct umbb_bins *bins,
                                            const struct umbb_bins_input *input,
                                            struct umb_error *error);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assimp's view of files (assimp_files.h). Assimp 5.2.5 hands URIs over as they are.
+ * Assimp's view of files (assimp_files.h). Assimp 5.2.5 passes URIs on unchanged.
  */
 #include "bake/import/assimp_files.h"
 
@@ -51,7 +51,7 @@ static enum aiReturn seek_proc(struct aiFile *handle, size_t offset, enum aiOrig
 {
     struct open_file *open = (struct open_file *)(void *)handle->UserData;
     size_t base = origin == aiOrigin_CUR ? open->at : origin == aiOrigin_END ? open->file.size : 0;
-    /* Assimp passes negative offsets as huge ones; unsigned addition wraps as it means them to. */
+    /* Assimp passes negative offsets as huge ones; unsigned addition wraps as intended. */
     size_t target = base + offset;
     if (target > open->file.size) {
         return aiReturn_FAILURE;

@@ -29,7 +29,7 @@ static const struct aiMetadata *find_child(const struct aiMetadata *metadata, co
     return entry != NULL && entry->mType == AI_AIMETADATA ? entry->mData : NULL;
 }
 
-/* The file's number of the light that a node carries, or NO_NUMBER. */
+/* The file's number of a node's light, or NO_NUMBER. */
 static uint64_t light_number(const struct aiNode *node)
 {
     const struct aiMetadata *extensions = find_child(node->mMetaData, "extensions");
@@ -51,7 +51,7 @@ static int same_name(const struct aiString *a, const struct aiString *b)
     return a->length == b->length && memcmp(a->data, b->data, a->length) == 0;
 }
 
-/* Where a number stands in the table, or the table's size. */
+/* Index of a number in the table, or the table's size. */
 static size_t find_number(const struct umbb_light_table *table, uint64_t number)
 {
     const uint64_t *numbers = table->numbers.data;
@@ -62,7 +62,7 @@ static size_t find_number(const struct umbb_light_table *table, uint64_t number)
     return at;
 }
 
-/* Lists the numbers in the order of first use, children first. Returns 0 without memory. */
+/* Lists the numbers in the order of first use, children first. Returns 0 if out of memory. */
 static int collect(struct umbb_light_table *table, const struct aiNode *node, unsigned depth)
 {
     for (unsigned i = 0; depth > 0 && i < node->mNumChildren; i++) {
@@ -73,7 +73,7 @@ static int collect(struct umbb_light_table *table, const struct aiNode *node, un
     uint64_t number = light_number(node);
     if (number == NO_NUMBER || table->numbers.count > table->scene->mNumLights ||
         find_number(table, number) < table->numbers.count) {
-        return 1; /* none, or already too many to be proven, or known */
+        return 1; /* no number, too many to be proven, or known */
     }
     uint64_t *room = umbs_array_reserve(&table->numbers, 1, sizeof(*room));
     if (room != NULL) {
@@ -83,7 +83,7 @@ static int collect(struct umbb_light_table *table, const struct aiNode *node, un
     return room != NULL;
 }
 
-/* Marks each light that bears the name of a node with its number. */
+/* Marks each light that has a node's name with that node's number. */
 static void mark(const struct umbb_light_table *table, const struct aiNode *node, unsigned depth,
                  uint8_t *marks)
 {

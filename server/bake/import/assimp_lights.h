@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_ASSIMP_LIGHTS_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_ASSIMP_LIGHTS_H
 /*
- * Which light a node of an Assimp scene carries, and what it is in the world.
+ * The light of a node of an Assimp scene, in world space.
  *
- * aiLight names its node, which is ambiguous (names of glTF nodes need not be unique) and loses all
- * but one of the nodes that share a light. Assimp 5.2.5 also keeps a node's extensions as metadata,
- * with the light's number in the file. Its own list holds only lights that nodes use, in the order
- * in which it met them: a node's children before the node. The table rebuilds that order, proves
- * it by the names, and falls back on names alone where the proof fails.
+ * aiLight names its node, which is ambiguous: names of glTF nodes need not be unique. It also loses
+ * all but one of the nodes that share a light. Assimp 5.2.5 keeps a node's extensions as metadata
+ * too, with the light's number in the file. Its own list holds only lights that nodes use, in the
+ * order of its walk: a node's children before the node. The table rebuilds that order and proves it
+ * by the names. If the proof fails, it uses names alone.
  */
 #include <assimp/scene.h>
 #include "scene/scene_builder.h"
@@ -16,10 +16,10 @@
 struct umbb_light_table {
     const struct aiScene *scene;
     struct umbs_array numbers; /* uint64_t: the file's number of scene->mLights[i] */
-    int proven;                /* else go by names */
+    int proven;                /* 1: numbers are proven; 0: names are used */
 };
 
-/* Looks at the tree. depth_max: deeper nodes are not looked at. Fails: E_NO_MEMORY. */
+/* Builds the table from the tree. depth_max: deeper nodes are ignored. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_light_table_init(struct umbb_light_table *table,
                                                   const struct aiScene *scene, unsigned depth_max,
                                                   struct umb_error *error);

@@ -28,7 +28,7 @@ static enum umb_status bad_transform(const struct walk *walk, const struct aiNod
                     UMBS_COORDINATE_MAX);
 }
 
-/* parent * m. Returns 0 if the result is no usable affine transform. */
+/* parent * m. Returns 0 if the result is not a usable affine transform. */
 static int multiply(const double parent[3][4], const double m[3][4], double out[3][4])
 {
     int good = 1;
@@ -45,7 +45,7 @@ static int multiply(const double parent[3][4], const double m[3][4], double out[
     return good;
 }
 
-/* The same with a node's transform. */
+/* Multiplies by a node's transform. */
 static int multiply_node(const double parent[3][4], const struct aiMatrix4x4 *node,
                          double out[3][4])
 {
@@ -58,12 +58,12 @@ static int multiply_node(const double parent[3][4], const struct aiMatrix4x4 *no
                             (double)node->d4 - 1.0};
     int good = 1;
     for (int k = 0; k < 4; k++) {
-        good &= fabs(last[k]) <= 1e-6; /* the files' rounding */
+        good &= fabs(last[k]) <= 1e-6; /* tolerates the files' rounding */
     }
     return good && multiply(parent, m, out);
 }
 
-/* The meshes of a node that show triangles, by their numbers in the scene. */
+/* The meshes of a node that have triangles, by their numbers in the scene. */
 struct shown {
     uint32_t *meshes; /* the caller frees it; NULL if there are none */
     size_t count;
@@ -100,7 +100,7 @@ static enum umb_status add_meshes(const struct walk *walk, const struct shown *s
     return status;
 }
 
-/* Meshes at all places of a node. */
+/* Adds instances of the meshes at all places of a node. */
 static enum umb_status add_places(const struct walk *walk, const struct aiNode *node,
                                   const struct umbb_gltf_places *places, const struct shown *shown,
                                   const double world[3][4])
@@ -116,8 +116,9 @@ static enum umb_status add_places(const struct walk *walk, const struct aiNode *
     return status;
 }
 
-/* The node's meshes, once or at all its places. The limit of triangles ends the places where each
- * shows some; so what shows none is not walked place by place. In: number: in the file. */
+/* Adds the node's meshes, once or at all its places. The limit of triangles ends the walk over
+ * places; meshes without triangles would not reach it, so they are left out. In: number: in the
+ * file. */
 static enum umb_status add_instances(const struct walk *walk, const struct aiNode *node,
                                      uint32_t number, const double world[3][4])
 {
@@ -135,7 +136,7 @@ static enum umb_status add_instances(const struct walk *walk, const struct aiNod
     return status;
 }
 
-/* The tree must be that of the file, or instances would go astray. */
+/* The tree must be that of the file, or instances would get wrong places. */
 static enum umb_status check_children(const struct walk *walk, const struct aiNode *node,
                                       uint32_t number)
 {
@@ -147,7 +148,7 @@ static enum umb_status check_children(const struct walk *walk, const struct aiNo
                : UMB_OK;
 }
 
-/* Depth is limited, so this recursion ends even if the tree were no tree. */
+/* Depth is limited, so this recursion ends even if the tree has cycles. */
 static enum umb_status walk_node(const struct walk *walk, const struct aiNode *node,
                                  uint32_t number, const double parent[3][4], unsigned depth)
 {

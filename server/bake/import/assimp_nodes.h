@@ -8,8 +8,8 @@
 #define UMBB_NODE_DEPTH_MAX 1024U
 
 /*
- * Walks the tree and appends an instance for each mesh and a light for each light of a node to
- * job->scene; as many instances as EXT_mesh_gpu_instancing says.
+ * Walks the tree and appends to job->scene an instance for each mesh and a light for each light of
+ * a node; with EXT_mesh_gpu_instancing as many instances as the node has places.
  *
  * In:    mesh_of: uint32[scene->mNumMeshes], the builder's mesh or UMBS_NO_INDEX for none.
  * Fails: E_BAD_SCENE (too deep, a transform that is not finite or not affine, instances that cannot

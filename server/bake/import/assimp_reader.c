@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * glTF, GLB and STL through Assimp 5.2.5. Only format and content that umbb_import_detect let pass
- * come here, under a name of our own, so that Assimp has no choice of importer but ours.
+ * glTF, GLB and STL through Assimp 5.2.5. Only formats and content that passed umbb_import_detect
+ * come here, under a name of our own, so Assimp can choose no other importer.
  *
- * Flags: ValidateDataStructure and Triangulate and no other: without the first, broken files crash
- * later steps; the rest (merging, flattening, normals) is not needed, or done by our own code.
- * The validator refuses lights, cameras and animations whose node's name is not unique, which
- * valid glTF may have. They are none of the meshes' business, so they step aside while it runs.
+ * Flags: ValidateDataStructure and Triangulate only. Without the first, broken files crash later
+ * steps; the other steps (merging, flattening, normals) are not needed, or done by our own code.
+ * The validator refuses lights, cameras and animations whose node's name is not unique, which valid
+ * glTF may have. They do not affect the meshes, so they are set aside while it runs.
  */
 #include <assimp/GltfMaterial.h>
 #include <assimp/cimport.h>
@@ -24,7 +24,7 @@
 #include "bake/import/gltf_texcoords.h"
 #include "common/clean_text.h"
 
-/* Parts of a scene that the validator must not see. */
+/* Parts of a scene that are hidden from the validator. */
 struct aside {
     struct aiLight **lights;
     struct aiCamera **cameras;
@@ -58,7 +58,7 @@ static void step_back(struct aiScene *scene, const struct aside *aside)
     scene->mNumAnimations = aside->animation_count;
 }
 
-/* Assimp's word for a failure, and which file it missed. */
+/* Failure with Assimp's message, and the file that it missed. */
 static enum umb_status assimp_failed(const struct umbb_assimp_files *files, struct umb_error *error)
 {
     char text[160];
@@ -78,11 +78,11 @@ static enum umb_status assimp_failed(const struct umbb_assimp_files *files, stru
 static enum umb_status load(struct umbb_assimp_files *files, const char *name, struct aiScene **out,
                             struct umb_error *error)
 {
-    /* Static, because a failed validation deletes the scene and leaves these behind: still
-     * reachable until the process ends, which is soon. */
+    /* Static, because a failed validation deletes the scene and leaves these parts behind: they
+     * stay reachable until the process ends, which is soon. */
     static struct aside aside;
     *out = NULL;
-    /* aiScene is const for those who share it; this one is ours alone. */
+    /* aiScene is const for shared use; this one has a single owner. */
     struct aiScene *scene = (struct aiScene *)(uintptr_t)aiImportFileEx(name, 0, &files->io);
     if (scene == NULL) {
         return assimp_failed(files, error);
@@ -119,7 +119,7 @@ static double clamp_unit(double value)
     return value > 0.0 ? (value < 1.0 ? value : 1.0) : 0.0;
 }
 
-/* What converting a scene needs from step to step. */
+/* State of a scene's conversion. */
 struct conversion {
     const struct aiScene *scene;
     struct umbb_faces faces;
@@ -128,10 +128,11 @@ struct conversion {
     struct umbb_gltf_sets sets;
     enum umbb_kind kind;
     int has_materials;
-    unsigned bare; /* meshes whose material has a texture in which they have no place */
+    /* Number of meshes whose material has a texture, but which lack its coordinates. */
+    unsigned bare;
 };
 
-/* The set of coordinates by KHR_texture_transform, which goes before the texture's own. */
+/* Applies KHR_texture_transform.texCoord, which overrides the texture's own TEXCOORD set. */
 static void obey_texture_transform(struct conversion *c, const struct umbs_material *material,
                                    const struct aiString *name, struct umbb_uv_mapping *mapping)
 {
@@ -195,7 +196,7 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
     return umbs_scene_add_material(builder, &material, error);
 }
 
-/* Where a mesh's texture coordinates are. In: material: its number or UMBS_NO_INDEX. */
+/* Source of a mesh's texture coordinates. In: material: its number or UMBS_NO_INDEX. */
 static const struct umbb_uv_mapping *mapping_of(const struct conversion *c, uint32_t material)
 {
     static const struct umbb_uv_mapping plain = {0};
@@ -208,8 +209,8 @@ static int has_coordinates(const struct umbb_uv_mapping *mapping, const struct a
            mesh->mTextureCoords[mapping->set] != NULL;
 }
 
-/* The material of a mesh, UMBS_NO_INDEX if it has none, or one whose texture it has no place in:
- * such a mesh is opaque. */
+/* The material of a mesh. UMBS_NO_INDEX: it has none, or the mesh lacks coordinates for its
+ * texture; such a mesh is opaque. */
 static uint32_t choose_material(struct conversion *c, const struct aiMesh *mesh)
 {
     const struct umbs_material *materials = c->faces.scene->materials.data;
@@ -267,7 +268,7 @@ static enum umb_status add_faces(struct umbb_faces *faces, const struct aiMesh *
     return UMB_OK;
 }
 
-/* One mesh; corner numbers become numbers within it. Out: index of the builder's mesh or none. */
+/* Converts one mesh. Out: index of the builder's mesh, or none. */
 static enum umb_status add_mesh(struct conversion *c, const struct aiMesh *mesh, uint32_t *index,
                                 struct umb_error *error)
 {

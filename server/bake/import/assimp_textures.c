@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assimp 5.2.5 turns glTF's coordinates upside down (v counts up), hands images of buffers over as
- * texture "*N", and says KHR_texture_transform as a transform about the centre of the image; what
- * the file said is taken out of that again. It does not hand over that extension's texCoord.
+ * Assimp 5.2.5 turns glTF's coordinates upside down (v counts up) and passes images of buffers as
+ * texture "*N". It gives KHR_texture_transform as a transform about the centre of the image; this
+ * file computes the original transform from that. It does not give that extension's texCoord.
  * Source: glTF 2.0, section 3.8; KHR_texture_transform.
  */
 #include "bake/import/assimp_textures.h"
@@ -13,8 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define COORDINATE_MAX 1e30 /* of a texture: products with sides stay finite in double and float   \
-                             */
+/* Limit of texture coordinates: products with sides stay finite in double and float. */
+#define COORDINATE_MAX 1e30
 
 /* Values of glTF samplers (OpenGL's). */
 enum {
@@ -33,7 +33,7 @@ static uint32_t wrap_of(enum aiTextureMapMode mode)
     }
 }
 
-/* The image behind Assimp's name for it: bytes it holds, or a file. */
+/* Finds the image for Assimp's name of it: embedded bytes, or a file. */
 static void find_bytes(const struct aiScene *scene, const struct aiString *path,
                        struct umbb_image *image)
 {
@@ -69,7 +69,7 @@ static void find_mapping(const struct aiMaterial *source, struct umbb_uv_mapping
     const double c = angle == 0.0 ? 1.0 : cos(angle), s = angle == 0.0 ? 0.0 : sin(angle);
     const double x = (double)found.mTranslation.x - 0.5 * sx * (s - c + 1.0);
     const double y = 1.0 - sy - ((double)found.mTranslation.y - 0.5 * sy * (s + c - 1.0));
-    /* u' = c sx u + s sy v + x, v' = -s sx u + c sy v + y with v = 1 - (v up), likewise v'. */
+    /* With v = 1 - (v up), and v' alike: u' = c sx u + s sy v + x, v' = -s sx u + c sy v + y. */
     const double matrix[2][3] = {{c * sx, -s * sy, s * sy + x}, {s * sx, c * sy, 1.0 - c * sy - y}};
     mapping->moves = 1;
     for (int i = 0; i < 6; i++) {

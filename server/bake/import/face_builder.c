@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faces into triangles (face_builder.h). Degenerate triangles pass: the bake drops and counts. */
+/* Faces into triangles (face_builder.h). Degenerate triangles pass: the bake drops and counts
+ * them. */
 #include "bake/import/face_builder.h"
 
 #include <math.h>

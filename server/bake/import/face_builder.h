@@ -15,16 +15,16 @@
 struct umbb_faces {
     struct umbs_scene_builder *scene; /* borrowed */
     struct umbs_array corners;        /* uint32_t: vertices of the face so far */
-    int bad;                          /* the face so far cannot be used */
+    int bad;                          /* 1: the current face cannot be used */
     struct umbb_polygon polygon;
 };
 
 void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene);
 
-/* Frees; faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
+/* Frees the object. Faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
 void umbb_faces_finish(struct umbb_faces *faces);
 
-/* Adds a corner. vertex: number in scene->positions, or anything beyond (a bad index). */
+/* Adds a corner. vertex: index into scene->positions; anything beyond is a bad index. */
 UMB_CHECKED enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex,
                                              struct umb_error *error);
 

@@ -18,7 +18,7 @@ enum component {
 
 struct accessor {
     int64_t view, offset, component, count;
-    uint32_t width; /* 0: a matrix, or unsaid */
+    uint32_t width; /* numbers an element; 0: a matrix, or not stated */
     int is_sparse;
 };
 
@@ -27,11 +27,11 @@ struct view {
 };
 
 struct buffer {
-    struct umbb_json_text uri; /* length 0: the GLB's own */
+    struct umbb_json_text uri; /* length 0: the GLB's own chunk */
     const char *bytes;         /* NULL: not opened */
     size_t size;
     struct umbb_file file;
-    char *decoded; /* of a data URI */
+    char *decoded; /* content of a data URI */
 };
 
 static uint32_t width_of(struct umbb_json_text type)
@@ -102,12 +102,13 @@ static void read_buffer(struct umbb_cursor *json, void *item)
     }
 }
 
-/* What an array of objects is read into. */
+/* Target of reading an array of objects. */
 struct list {
     const char *name;
     struct umbs_array *items;
     size_t item_bytes;
-    void (*read)(struct umbb_cursor *json, void *item); /* from behind the opening bracket on */
+    /* Reads an object after its opening bracket. */
+    void (*read)(struct umbb_cursor *json, void *item);
 };
 
 static enum umb_status read_list(struct umbb_cursor *json, const struct list *list,
@@ -173,7 +174,7 @@ void umbb_gltf_columns_finish(struct umbb_gltf_columns *columns)
     memset(columns, 0, sizeof *columns);
 }
 
-/* The binary chunk of a GLB; nothing if there is none. */
+/* Opens the binary chunk of a GLB, if there is one. */
 static void open_chunk(const struct umbb_file *file, struct buffer *buffer)
 {
     buffer->bytes = "";
@@ -189,7 +190,7 @@ static void open_chunk(const struct umbb_file *file, struct buffer *buffer)
     }
 }
 
-/* What a letter of base64 stands for (RFC 4648); 64 if it is none. */
+/* Value of a base64 letter (RFC 4648); 64 for other characters. */
 static uint32_t base64_digit(char c)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -197,7 +198,7 @@ static uint32_t base64_digit(char c)
     return at != NULL ? (uint32_t)(at - digits) : 64;
 }
 
-/* A data URI's bytes, up to the first letter that is none. */
+/* Decodes a data URI, up to the first character that is not base64. */
 static enum umb_status open_data(struct umbb_json_text text, struct buffer *buffer,
                                  struct umb_error *error)
 {

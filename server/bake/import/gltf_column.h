@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_GLTF_COLUMN_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_GLTF_COLUMN_H
 /*
- * Numbers behind accessors of a glTF: what extensions keep there, Assimp does not hand over.
+ * Numbers of glTF accessors. Assimp does not give access to accessors of extensions.
  *
  *     struct umbb_gltf_columns columns = {0};
  *     umbb_gltf_columns_find(&columns, job, kind, &error);
  *     umbb_gltf_column_open(&columns, accessor, 3, &column, &error);
  *     umbb_gltf_column_get(&column, i, numbers)        i below column.count
- *     umbb_gltf_columns_finish(&columns);              columns opened are gone then
+ *     umbb_gltf_columns_finish(&columns);              closes all columns
  *
  * Source: glTF 2.0 specification, sections 3.6 and 4.4.
  */
@@ -19,7 +19,7 @@ struct umbb_gltf_columns {
     struct umbs_array accessors, views, buffers;
 };
 
-/* An accessor's elements, where they lie. */
+/* An accessor's elements, in place. */
 struct umbb_gltf_column {
     const char *bytes;
     size_t stride;
@@ -35,11 +35,11 @@ UMB_CHECKED enum umb_status umbb_gltf_columns_find(struct umbb_gltf_columns *col
 void umbb_gltf_columns_finish(struct umbb_gltf_columns *columns);
 
 /*
- * Finds an accessor's bytes; opens the file that they are in.
+ * Finds an accessor's bytes; opens the file that contains them.
  *
- * In:    width: numbers an element that are wanted, 3 or 4.
- * Fails: E_BAD_SCENE naming the accessor (there is none, of another type, sparse, out of its view's
- *        or buffer's bytes, in a form that is not read), E_NO_MEMORY.
+ * In:    width: expected numbers an element, 3 or 4.
+ * Fails: E_BAD_SCENE naming the accessor (missing, of another type, sparse, outside of its view's
+ *        or buffer's bytes, in an unsupported form), E_NO_MEMORY.
  * Trust: safe on hostile bytes.
  */
 UMB_CHECKED enum umb_status umbb_gltf_column_open(struct umbb_gltf_columns *columns,
@@ -47,7 +47,7 @@ UMB_CHECKED enum umb_status umbb_gltf_column_open(struct umbb_gltf_columns *colu
                                                   struct umbb_gltf_column *column,
                                                   struct umb_error *error);
 
-/* An element: floats as they are, whole numbers as the fractions -1..1 that they are normalised to.
+/* Reads an element: floats unchanged, integers normalised to -1..1.
  * Out: numbers: double[column->width]. */
 void umbb_gltf_column_get(const struct umbb_gltf_column *column, size_t index, double *numbers);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What Assimp overlooks in glTF (gltf_guard.h).
+ * Checks of glTF that Assimp omits (gltf_guard.h).
  * Source: glTF 2.0 specification, sections 3.6.2.2 and 3.12.
  */
 #include "bake/import/gltf_guard.h"
@@ -14,14 +14,14 @@
 #define COMPONENT_FLOAT 5126
 #define NO_TYPE         (-1)
 
-/* What of an accessor decides how Assimp reads positions through it. */
+/* The properties of an accessor that decide how Assimp reads positions through it. */
 struct accessor {
     int32_t component;
     int is_vec3;
-    int has_view; /* without one, Assimp gives zeros, also where `sparse` says otherwise */
+    int has_view; /* without a view, Assimp gives zeros, even if `sparse` holds values */
 };
 
-/* The version decides which of Assimp's importers reads the file: only that of 2.x is wanted. */
+/* Checks the version, which selects Assimp's importer: only that of 2.x may be selected. */
 static enum umb_status check_asset(struct umbb_cursor *json, int *has_version,
                                    struct umb_error *error)
 {
@@ -46,7 +46,7 @@ static enum umb_status check_asset(struct umbb_cursor *json, int *has_version,
     return UMB_OK;
 }
 
-/* Extensions that change nothing about the shape of a scene, or that somebody reads. */
+/* Extensions that do not change the shape of a scene, or that are read here. */
 static int is_harmless(struct umbb_json_text name)
 {
     return umbb_json_is(name, "KHR_lights_punctual") || umbb_json_starts(name, "KHR_materials_") ||
@@ -91,7 +91,7 @@ static void read_accessor(struct umbb_cursor *json, struct accessor *accessor)
     }
 }
 
-/* Lists all accessors. Returns 0 without memory. */
+/* Lists all accessors. Returns 0 if out of memory. */
 static int read_accessors(struct umbb_cursor *json, struct umbs_array *accessors)
 {
     if (!umbb_json_enter(json, '[')) {
@@ -111,12 +111,12 @@ static int read_accessors(struct umbb_cursor *json, struct umbs_array *accessors
     return 1;
 }
 
-/* Positions must be floats in threes, from a buffer. */
+/* Positions must be vectors of three floats, from a buffer. */
 static enum umb_status check_position(const struct umbs_array *accessors, int64_t index,
                                       struct umb_error *error)
 {
     if (index < 0 || (uint64_t)index >= accessors->count) {
-        return UMB_OK; /* Assimp has a word for it */
+        return UMB_OK; /* assimp reports it */
     }
     const struct accessor *accessor = (const struct accessor *)accessors->data + index;
     if (accessor->component != COMPONENT_FLOAT) {
@@ -205,7 +205,7 @@ enum umb_status umbb_gltf_guard(struct umbb_import *job, enum umbb_kind kind,
             }
         } else {
             if (umbb_json_is(key, "meshes")) {
-                meshes = json; /* read when the accessors are known */
+                meshes = json; /* read once the accessors are known */
             }
             umbb_json_skip(&json);
         }

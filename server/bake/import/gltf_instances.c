@@ -60,7 +60,7 @@ static void read_attributes(struct umbb_cursor *json, struct node *node)
     }
 }
 
-/* Finds the member `attributes` of the extension among a node's. */
+/* Finds the member `attributes` of the extension among a node's extensions. */
 static void read_extensions(struct umbb_cursor *json, struct node *node)
 {
     struct umbb_json_text key;
@@ -216,7 +216,7 @@ uint32_t umbb_gltf_child(const struct umbb_gltf_instances *instances, uint32_t n
     return numbers[(known != NULL ? known->first_child : 0) + index];
 }
 
-/* Opens a column that is there, and holds its length against that of those before. */
+/* Opens a column if it is there, and compares its length with those before it. */
 static enum umb_status open_column(struct umbb_gltf_instances *instances, int64_t accessor,
                                    uint32_t width, struct umbb_gltf_places *places, int *has,
                                    struct umbb_gltf_column *column, struct umb_error *error)
@@ -274,7 +274,7 @@ int umbb_gltf_place(const struct umbb_gltf_places *places, size_t index, double 
     if (!(length > 0.0)) {
         return 0;
     }
-    const double s = 2.0 / length; /* files round: bytes by a hundredth */
+    const double s = 2.0 / length; /* files round quaternions: those in bytes by a hundredth */
     const double rotation[3][3] = {
         {1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)},
         {s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)},

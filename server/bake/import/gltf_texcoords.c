@@ -25,8 +25,8 @@ struct umbb_cursor umbb_gltf_json(const struct umbb_import *job, enum umbb_kind 
     return json;
 }
 
-/* The whole number at the end of a path of members, the last if there are several; calls itself
- * once a member of the path. */
+/* The integer at the end of a path of members, the last one if there are several; it calls itself
+ * once for each member of the path. */
 static int64_t number_at(struct umbb_cursor *json, const char *const *path, int64_t otherwise)
 {
     struct umbb_json_text key;
@@ -47,7 +47,7 @@ static int64_t number_at(struct umbb_cursor *json, const char *const *path, int6
     return found;
 }
 
-/* A name in the file and the set that its materials are given. */
+/* A material's name in the file and its set of coordinates. */
 struct named_set {
     struct umbb_json_text name;
     uint32_t set;
@@ -83,7 +83,7 @@ static int compare(const void *a, const void *b)
                                   : memcmp(x->at, y->at, x->length);
 }
 
-/* Sorts the names and leaves each once. */
+/* Sorts the names and keeps each once. */
 static void sort(struct umbs_array *materials)
 {
     struct named_set *all = materials->data;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): limit, shut in, map, detect, read, write.
+ * The importer's process (import_child.h): set limits, enter the sandbox, map, detect, read, write.
  *
- * The limit of the address space and the sandbox stand before a byte of the scene is looked at.
- * Sanitizers reserve terabytes of address space, so their builds go without both.
+ * The limit of the address space and the sandbox are in force before a byte of the scene is read.
+ * Sanitizers reserve terabytes of address space, so their builds work without both.
  */
 #include "bake/import/import_child.h"
 
@@ -25,7 +25,7 @@
 #define EXIT_USAGE 2
 #define EXIT_READ  74
 
-/* Writes the one sentence; its reader is a pipe that may be gone, which changes nothing. */
+/* Writes the one message. Its reader, a pipe, may be closed; that has no effect. */
 static void say(const char *name, const char *message)
 {
     char shown[160];
@@ -144,7 +144,7 @@ int umbb_import_child(int argc, char **argv)
 {
     uint64_t max_memory, max_input, max_triangles;
     struct umb_error error = {0};
-    /* Writing past RLIMIT_FSIZE is then an error with a sentence instead of a death. */
+    /* Makes writing beyond RLIMIT_FSIZE an error with a message instead of a signal. */
     (void)signal(SIGXFSZ, SIG_IGN);
     if (argc != UMBS_CHILD_ARG_COUNT ||
         !parse_argument(argv[UMBS_CHILD_ARG_MAX_MEMORY], &max_memory) ||

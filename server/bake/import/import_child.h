@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_CHILD_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_CHILD_H
 /*
- * The importer's process: everything that parses foreign scene bytes, and nothing else, runs here.
+ * The importer's process: all parsing of foreign scene bytes, and nothing else, runs here.
  *
  *     umbrage-bake import-child NAME MAX_MEMORY MAX_INPUT MAX_TRIANGLES
  *
- * Started by umbs_scene_import only; people never type it. Descriptors (scene_contract.h):
+ * Started by umbs_scene_import only, never by hand. Descriptors (scene_contract.h):
  *     0, 1  /dev/null
- *     2     gets at most one line: the sentence that says why the scene is refused
+ *     2     gets at most one line: the message that says why the scene is refused
  *     3     the scene file
  *     4     a socket to ask for the files that the scene names (.mtl, .bin): the parent opens them
  *           beneath the scene's folder by relative names; absolute names, "..", and symbolic links
@@ -16,8 +16,8 @@
  *     5     an empty memfd; gets the scene buffer (scene_buffer.h)
  *
  * Exit codes: 0 the buffer is complete; 65 the scene cannot be used; 74 reading or writing failed;
- * 75 over a limit of memory, size or triangles; 69 no sandbox here, so that nothing was read;
- * 2 called wrongly. Ended by SIGSYS: it did what the sandbox forbids (bake/sandbox/sandbox.h).
+ * 75 over a limit of memory, size or triangles; 69 no sandbox, so nothing was read; 2 called
+ * wrongly. SIGSYS: it made a call that the sandbox forbids (bake/sandbox/sandbox.h).
  *
  * Formats, by extension and content: .gltf .glb (Assimp), .stl (Assimp), .obj and .ply (own
  * readers, because no packaged C library keeps their doubles). World space: metres; y up for glTF,
@@ -27,8 +27,8 @@
 /*
  * Runs the importer; argv as the process got it, argv[1] is "import-child".
  *
- * Out:   returns the exit code. The process is to end after it: limits stay set.
- * Trust: safe on hostile scene files as far as Assimp is; hence the process.
+ * Out:   returns the exit code. End the process after it: limits stay set.
+ * Trust: safe on hostile scene files as far as Assimp is; hence the separate process.
  */
 int umbb_import_child(int argc, char **argv);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Which reader gets a file. Extension and content must agree: Assimp guesses from content over
- * all its dozens of importers when an extension lies, and most of those are not to be trusted.
+ * Choice of a file's reader. Extension and content must agree. If an extension is wrong, Assimp
+ * tries all its dozens of importers on the content, and most of those cannot be trusted.
  */
 #include "bake/import/import_job.h"
 
@@ -27,7 +27,7 @@ static int is_text(const struct umbb_file *file)
     return memchr(file->bytes, '\0', probe) == NULL;
 }
 
-/* The first byte that is neither a blank nor part of a byte order mark, or 0. */
+/* The first byte that is not a blank or part of a byte order mark, or 0. */
 static char first_char(const struct umbb_file *file)
 {
     size_t at = starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
@@ -76,7 +76,7 @@ static int is_binary_stl(const struct umbb_file *file)
            (file->size - STL_HEADER_BYTES) % STL_FACET_BYTES == 0;
 }
 
-/* Also tells an empty one, because Assimp has no clear word for it. */
+/* Also reports an empty file, because Assimp has no clear message for it. */
 static const char *stl_fault(const struct umbb_file *file)
 {
     if (is_binary_stl(file)) {

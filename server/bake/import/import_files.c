@@ -41,7 +41,7 @@ enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file
     return UMB_OK;
 }
 
-/* Copies a name and refuses what no name beneath a folder needs. */
+/* Copies a name and refuses forms that no name beneath a folder needs. */
 static enum umb_status clean_name(const char *name, size_t length, char out[NAME_BYTES],
                                   struct umb_error *error)
 {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_FILES_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_FILES_H
 /*
- * Files of a scene, mapped read only: the scene file itself and what it names beneath its folder.
- * A file that shrinks while it is mapped kills the importer's process, and only that.
+ * Files of a scene, mapped read only: the scene file itself and the files that it names beneath its
+ * folder. A file that shrinks while it is mapped kills the importer's process, and only that.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -16,8 +16,8 @@ struct umbb_file {
 };
 
 /*
- * Where the files that a scene names come from: a folder itself (umbs_open_beneath), or a process
- * that opens them for one that may not (umbs_broker_open).
+ * Source of the files that a scene names: a folder itself (umbs_open_beneath), or a process that
+ * opens them for one without that right (umbs_broker_open).
  */
 struct umbb_folder {
     int handle;
@@ -32,21 +32,21 @@ UMB_CHECKED enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umb
 /*
  * Opens and maps a file that the scene names.
  *
- * In:    name: char[length], as the scene wrote it; '\' counts as '/'.
- * Fails: E_PERMISSION (absolute, "..", leaves the folder, a symbolic link that does), E_NOT_FOUND
+ * In:    name: char[length], as in the scene; '\' counts as '/'.
+ * Fails: E_PERMISSION (absolute, "..", leaves the folder, a symbolic link out of it), E_NOT_FOUND
  *        (missing, or not a regular file), E_LIMIT, E_IO, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char *name,
                                                 size_t length, uint64_t max_bytes,
                                                 struct umbb_file *file, struct umb_error *error);
 
-/* The same for a name that may be percent-encoded, as URIs of glTF are (RFC 3986): the literal name
- * is tried first, then the decoded one. */
+/* umbb_file_map_named for a name that may be percent-encoded, as URIs of glTF are (RFC 3986): the
+ * literal name is tried first, then the decoded one. */
 UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *uri,
                                               size_t length, uint64_t max_bytes,
                                               struct umbb_file *file, struct umb_error *error);
 
-/* Unmaps. Harmless on a zeroed struct. */
+/* Unmaps the file. No effect on a zeroed struct. */
 void umbb_file_unmap(struct umbb_file *file);
 
 #endif

@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_JOB_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_IMPORT_JOB_H
 /*
- * One import inside the importer's process, and the readers that do it. Each reader appends meshes,
- * materials, lights and instances to job->scene.
+ * One import inside the importer's process, and its readers. Each reader appends meshes, materials,
+ * lights and instances to job->scene.
  *
- * Status of readers: E_BAD_SCENE with a sentence without the file's name (umbb_import_child puts
- * it in front), E_NO_MEMORY, E_LIMIT. A face that cannot be used (a corner that is not finite, a
- * bad index, fewer than 3 corners) is dropped and counted, never an error by itself.
+ * Status of readers: E_BAD_SCENE with a message without the file's name (umbb_import_child puts it
+ * in front), E_NO_MEMORY, E_LIMIT. An unusable face (a corner that is not finite, a bad index,
+ * fewer than 3 corners) is dropped and counted, never an error by itself.
  * Trust: readers are safe on hostile bytes.
  */
 #include "bake/import/import_files.h"
@@ -15,12 +15,12 @@
 
 struct umbb_import {
     struct umbb_file file;     /* the scene file */
-    struct umbb_folder folder; /* of the files that it names */
-    uint64_t max_input_bytes;  /* of any file */
+    struct umbb_folder folder; /* folder of the files that it names */
+    uint64_t max_input_bytes;  /* limit of every file */
     struct umbs_scene_builder scene;
 };
 
-/* What kind of file it is; the two glTF containers and the PLY and STL flavours are told apart. */
+/* Kind of a file; it distinguishes the glTF containers and the PLY and STL flavours. */
 enum umbb_kind {
     UMBB_KIND_GLTF = 0,
     UMBB_KIND_GLB,

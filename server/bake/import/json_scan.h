@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_JSON_SCAN_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_JSON_SCAN_H
 /*
- * A little scanner of JSON for what a library does not hand over: it finds members and passes over
- * values, nothing more. Every step takes at least one byte, nothing recurses, so it ends on
- * anything. Names written with escapes are not found.
+ * A small scanner of JSON for members that libraries do not give access to: it finds members and
+ * skips values. Every step takes at least one byte and nothing recurses, so it ends on any input.
+ * Names written with escapes are not found.
  * Source: RFC 8259.
  */
 #include <string.h>
@@ -23,7 +23,7 @@ static inline int umbb_json_is(struct umbb_json_text text, const char *word)
     return text.length == strlen(word) && memcmp(text.at, word, text.length) == 0;
 }
 
-/* Passes over a string; the cursor is at its opening quote. */
+/* Skips a string; the cursor is at its opening quote. */
 static inline struct umbb_json_text umbb_json_string(struct umbb_cursor *json)
 {
     struct umbb_json_text text = {++json->at, 0};
@@ -35,7 +35,7 @@ static inline struct umbb_json_text umbb_json_string(struct umbb_cursor *json)
     return text;
 }
 
-/* Passes over one value of any kind: up to the next ',' or closing bracket of this level. */
+/* Skips one value of any kind: up to the next ',' or closing bracket of this level. */
 static inline void umbb_json_skip(struct umbb_cursor *json)
 {
     size_t depth = 0;
@@ -54,7 +54,7 @@ static inline void umbb_json_skip(struct umbb_cursor *json)
     }
 }
 
-/* Enters an object or array; otherwise passes over the value and returns 0. */
+/* Enters an object or array; otherwise skips the value and returns 0. */
 static inline int umbb_json_enter(struct umbb_cursor *json, char bracket)
 {
     if (umbb_skip_blanks(json) && *json->at == bracket) {
@@ -90,7 +90,7 @@ static inline int umbb_json_member(struct umbb_cursor *json, struct umbb_json_te
                 return 1;
             }
         } else {
-            json->at++; /* no JSON: look for something that is */
+            json->at++; /* not JSON: skips a byte and goes on */
         }
     }
     return 0;
@@ -103,7 +103,7 @@ static inline int64_t umbb_json_number(struct umbb_cursor *json, int64_t otherwi
     if (!umbb_take_integer(json, &number)) {
         number = otherwise;
     }
-    umbb_json_skip(json); /* what is left of it */
+    umbb_json_skip(json); /* the rest of the value */
     return number;
 }
 

@@ -7,8 +7,8 @@
 #define UMBB_MATERIALS_MAX 65536U
 
 struct umbb_material_table {
-    struct umbs_scene_builder *scene; /* borrowed; gets the materials */
-    struct umbs_array names;          /* struct, one a material, in the scene's order */
+    struct umbs_scene_builder *scene; /* borrowed; receives the materials */
+    struct umbs_array names;          /* struct name, one a material, in the scene's order */
     uint32_t *slots;                  /* open addressing: index + 1, 0 = free */
 };
 
@@ -16,9 +16,10 @@ void umbb_material_table_init(struct umbb_material_table *table, struct umbs_sce
 void umbb_material_table_finish(struct umbb_material_table *table);
 
 /*
- * Finds the material called name, or adds an opaque one.
+ * Finds the material called `name`, or adds an opaque one.
  *
- * Out:   index: in scene->materials. Owns: name is copied.
+ * Out:   index: in scene->materials.
+ * Owns:  name is copied.
  * Fails: E_LIMIT (UMBB_MATERIALS_MAX), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_material_get(struct umbb_material_table *table, const char *name,

@@ -33,27 +33,28 @@ static int is_word(const char *token, size_t length, const char *word)
     return length == strlen(word) && memcmp(token, word, length) == 0;
 }
 
-/* What the lines of one material said so far. */
+/* State of one material from its lines so far. */
 struct current {
     uint32_t index;
     double dissolve; /* from d or Tr, 0..1 */
-    int has_d;       /* d beats Tr, which exporters disagree about */
+    int has_d;       /* 1: d was given; it overrides Tr, on whose meaning exporters disagree */
     int has_map;
-    struct umbb_cursor map; /* the rest of its line */
+    struct umbb_cursor map; /* rest of the map's line */
 };
 
-/* Options of a map and how many words each takes at most; numbers end before that. */
+/* Options of a map and the most words each takes; numbers end earlier. */
 static const struct {
     const char *name;
     int words;
-    int changes; /* what the map shows, in a way that is not read */
+    int changes; /* 1: it changes what the map shows in an unsupported way */
 } map_options[] = {
     {"-blendu", 1, 0}, {"-blendv", 1, 0}, {"-boost", 1, 0}, {"-cc", 1, 0}, {"-texres", 1, 0},
     {"-type", 1, 0},   {"-clamp", 1, 0},  {"-bm", 1, 0},    {"-mm", 2, 1}, {"-imfchan", 1, 1},
     {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
 };
 
-/* A line that says nothing of use is as if it were not there; with a warning if it has a number. */
+/* Sets a material's alpha. A line without a valid value is ignored; with a warning if it has a
+ * number. */
 static void set_alpha(struct umbb_material_table *table, struct current *current,
                       struct umbb_cursor *line, int is_d)
 {
@@ -110,7 +111,7 @@ static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
     return 0;
 }
 
-/* Gives a material the texture that its map_d names. */
+/* Gives a material the texture of its map_d. */
 static enum umb_status read_map(struct umbb_texture_table *textures, struct umbb_cursor line,
                                 struct umbs_material *material, struct umb_error *error)
 {

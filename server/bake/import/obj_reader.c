@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; everything else is passed over.
+ * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; all other statements are skipped.
  *
- * One pass over the mapped text. A vertex of the scene is a pair (v, vt): the pairs of one v are a
- * chain, numbered in the order of first use, so that seams of the texture split a vertex and
- * nothing else does. Triangles are grouped by material at the end, each group a mesh; all meshes
- * share one range of vertices, and one instance each places them.
+ * One pass over the mapped text. A vertex of the scene is a pair (v, vt). The pairs of one v form a
+ * chain, numbered in the order of first use, so only seams of the texture split a vertex. Triangles
+ * are grouped by material at the end, each group a mesh. All meshes share one range of vertices,
+ * and each has one instance.
  *
  * A line `v` that cannot be read still counts (as not finite), or every later face would be wrong.
- * Indices refer to what stands before the face; forward references are bad indices.
+ * Indices refer to statements before the face; forward references are bad indices.
  * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995.
  */
 #include <math.h>
@@ -21,7 +21,7 @@
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
 #define LIBRARIES_MAX  64U        /* mtllib names read: each may be as large as the scene */
-#define CHAIN_MAX      64         /* longer chains are only searched so far: no quadratic time */
+#define CHAIN_MAX      64         /* longest search of a chain: no quadratic time */
 #define NONE           UMBS_NO_INDEX
 
 /* A v line, and the first scene vertex made of it. */
@@ -30,13 +30,13 @@ struct corner_point {
     uint32_t first; /* scene vertex or NONE */
 };
 
-/* What a scene vertex was made of. */
+/* The pair of a scene vertex. */
 struct made_of {
     uint32_t uv;   /* vt number or NONE */
     uint32_t next; /* scene vertex of the same v, or NONE */
 };
 
-/* The triangles from `first` on, up to the next run, have this material. */
+/* A run: the triangles from `first` on, up to the next run, have this material. */
 struct run {
     uint32_t first;
     uint32_t material;
@@ -93,7 +93,7 @@ static enum umb_status read_uv(struct obj *obj, struct umbb_cursor line, struct 
     return UMB_OK;
 }
 
-/* The scene vertex of a pair, made if it is new. */
+/* The scene vertex of a pair; a new pair gets a new vertex. */
 static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, uint32_t uv,
                                    uint64_t *vertex, struct umb_error *error)
 {
@@ -123,7 +123,7 @@ static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, 
     return UMB_OK;
 }
 
-/* A one-based or negative reference into `count` items; NONE if it points at nothing. */
+/* Resolves a one-based or negative reference into `count` items; NONE if it is out of range. */
 static uint32_t resolve(int64_t reference, size_t count)
 {
     int64_t limit = count < UINT32_MAX ? (int64_t)count : (int64_t)UINT32_MAX - 1;
@@ -136,7 +136,7 @@ static uint32_t resolve(int64_t reference, size_t count)
     return NONE;
 }
 
-/* One corner: v, v/vt, v//vn, v/vt/vn. */
+/* Reads one corner: v, v/vt, v//vn, v/vt/vn. */
 static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
                                    struct umb_error *error)
 {
@@ -149,14 +149,14 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
     if (line->at < line->end && *line->at == '/') {
         line->at++;
         if (umbb_take_integer(line, &reference)) {
-            uv = resolve(reference, obj->uvs.count); /* a bad one costs only the texture */
+            uv = resolve(reference, obj->uvs.count); /* a bad index costs only the texture */
         }
     }
     if (!umbb_at_blank(line) && *line->at != '/') {
-        point = NONE; /* "1x": no reference at all */
+        point = NONE; /* not a reference, such as "1x" */
     }
     while (!umbb_at_blank(line)) {
-        line->at++; /* the normal, which nobody needs */
+        line->at++; /* the normal is not used */
     }
     uint64_t vertex = UMBB_BAD_CORNER;
     if (point != NONE) {
@@ -235,7 +235,7 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
     return status;
 }
 
-/* The whole rest of the line is one name, or each word is one. */
+/* Reads the libraries of a line: its rest is one name, or each word is one. */
 static enum umb_status read_libraries(struct obj *obj, struct umbb_cursor line,
                                       struct umb_error *error)
 {
@@ -329,7 +329,7 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The material of run i and where it ends; the run before the first usemtl has none. */
+/* The material of run i, and its end; the run before the first usemtl has none. */
 static struct run get_run(const struct obj *obj, size_t i, uint32_t *end)
 {
     const struct run *runs = obj->runs.data;
@@ -347,8 +347,8 @@ static int has_texture(const struct obj *obj, uint32_t material)
     return material != NONE && materials[material].texture != UMBS_NO_INDEX;
 }
 
-/* The group of a triangle: 0 none, else its material's. One of a material with a texture that has
- * no place in it has no material: it is opaque. */
+/* The group of a triangle: 0 for none, else its material's. A triangle without coordinates for its
+ * material's texture counts as without material: it is opaque. */
 static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
 {
     const struct made_of *made = obj->made.data;
@@ -394,7 +394,7 @@ static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3]
 static enum umb_status end_meshes(struct obj *obj, struct umb_error *error)
 {
     struct umbs_scene_builder *scene = &obj->job->scene;
-    size_t groups = scene->materials.count + 1; /* none, then each material */
+    size_t groups = scene->materials.count + 1; /* no material, then each material */
     uint32_t *starts = calloc(groups + 1, sizeof(*starts));
     uint32_t(*sorted)[3] = malloc(scene->triangles.count * sizeof(*sorted));
     enum umb_status status = UMB_OK;
@@ -407,7 +407,7 @@ static enum umb_status end_meshes(struct obj *obj, struct umb_error *error)
     scene->triangles.data = sorted;
     scene->triangles.capacity = scene->triangles.count;
     sorted = NULL;
-    /* Sorting has moved each start to the end of its group. */
+    /* The sort has moved each start to the end of its group. */
     for (size_t i = 0; status == UMB_OK && i < groups; i++) {
         uint32_t count = starts[i] - (i > 0 ? starts[i - 1] : 0);
         if (count == 0) {
@@ -450,7 +450,8 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        if (obj.job->scene.textures.count == 0) { /* before the sort needs room */
+        /* Without textures it is not needed: makes room for the sort. */
+        if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;
         }

@@ -30,7 +30,7 @@ static int is_word(const struct words *words, uint32_t index, const char *word)
            memcmp(words->text[index], word, words->length[index]) == 0;
 }
 
-/* The first name in a NULL-terminated list that the word equals, or -1. */
+/* Index of the word in a NULL-terminated list of names, or -1. */
 static int find_word(const struct words *words, uint32_t index, const char *const *names)
 {
     for (int i = 0; names[i] != NULL; i++) {
@@ -103,7 +103,7 @@ static const char *read_property(struct umbb_ply_header *header, const struct wo
     property.role = find_role(element->name, words, name, property.is_list);
     for (uint32_t i = 0; i < element->property_count; i++) {
         if (property.role != UMBB_PLY_OTHER && element->properties[i].role == property.role) {
-            property.role = UMBB_PLY_OTHER; /* the first one counts */
+            property.role = UMBB_PLY_OTHER; /* only the first one counts */
         }
     }
     element->properties[element->property_count++] = property;

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_PLY_HEADER_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_PLY_HEADER_H
 /*
- * The header of a PLY file: which elements follow, with which properties.
+ * The header of a PLY file: its elements, and their properties.
  * Source: G. Turk, The PLY Polygon File Format, 1994.
  */
 #include <stddef.h>
@@ -29,7 +29,7 @@ enum umbb_ply_type {
     UMBB_PLY_FLOAT64,
 };
 
-/* What a property means here. */
+/* Meaning of a property. */
 enum umbb_ply_role {
     UMBB_PLY_OTHER = 0,
     UMBB_PLY_X, /* vertex */
@@ -42,13 +42,13 @@ enum umbb_ply_role {
 
 struct umbb_ply_property {
     enum umbb_ply_type type;
-    enum umbb_ply_type count_type; /* of a list */
+    enum umbb_ply_type count_type; /* type of a list's count */
     int is_list;
     enum umbb_ply_role role;
 };
 
 struct umbb_ply_element {
-    char name[16]; /* cut */
+    char name[16]; /* may be cut */
     uint64_t count;
     uint32_t property_count;
     struct umbb_ply_property properties[UMBB_PLY_PROPERTIES_MAX];
@@ -58,7 +58,7 @@ struct umbb_ply_header {
     enum umbb_ply_encoding encoding;
     uint32_t element_count;
     struct umbb_ply_element elements[UMBB_PLY_ELEMENTS_MAX];
-    size_t bytes; /* of the header: the data starts here */
+    size_t bytes; /* size of the header: the data starts here */
 };
 
 /* Reads the header. Fails: E_BAD_SCENE, naming the line. Trust: safe on hostile bytes. */

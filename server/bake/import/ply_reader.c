@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * PLY in doubles: text, and binary of either byte order; all scalar types; polygons of any number
- * of corners; other elements and properties are passed over.
+ * of corners; other elements and properties are skipped.
  *
- * Elements are taken in the order of the file; faces that stand before the vertices are passed over
- * first and read afterwards. Counts are compared with the bytes that are left before anything is
- * allocated for them, and each item takes at least one byte, so no loop outlives the file.
+ * Elements are read in the order of the file; faces that stand before the vertices are skipped
+ * first and read afterwards. Counts are compared with the rest of the bytes before any allocation
+ * for them, and each item takes at least one byte, so no loop outlives the file.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -25,7 +25,7 @@ struct ply {
     int has_uvs;
 };
 
-/* The bits of a binary value of `bytes` bytes. */
+/* Loads a binary value of `bytes` bytes as an integer. */
 static uint64_t load_bits(const char *at, size_t bytes, int big)
 {
     uint64_t bits = 0;
@@ -88,7 +88,7 @@ static enum umb_status bad_item(const struct umbb_ply_element *element, uint64_t
                     element->name, item + 1, element->count);
 }
 
-/* Takes the count of a list. Returns 0 if there is none or it is no count. */
+/* Takes the count of a list. Returns 0 if it is missing or invalid. */
 static int take_count(struct ply *ply, const struct umbb_ply_property *property, uint64_t *count)
 {
     double value;
@@ -100,7 +100,7 @@ static int take_count(struct ply *ply, const struct umbb_ply_property *property,
     return 1;
 }
 
-/* Passes over one property of one item. */
+/* Skips one property of one item. */
 static int skip_property(struct ply *ply, const struct umbb_ply_property *property)
 {
     uint64_t count = 1;
@@ -217,7 +217,8 @@ static int has_role(const struct umbb_ply_element *element, enum umbb_ply_role r
     return 0;
 }
 
-/* Refuses counts that the bytes left cannot hold: at least one byte a value, more in binary. */
+/* Refuses counts that the rest of the bytes cannot hold: at least one byte a value, more in
+ * binary. */
 static enum umb_status check_counts(const struct ply *ply, struct umb_error *error)
 {
     uint64_t left = (uint64_t)(ply->data.end - ply->data.at);
@@ -262,7 +263,7 @@ static enum umb_status check_header(struct ply *ply, struct umb_error *error)
     return check_counts(ply, error);
 }
 
-/* All elements in their order; faces that come first wait until the vertices are there. */
+/* Reads all elements in order; faces that come first wait for the vertices. */
 static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 {
     const struct umbb_ply_element *vertex = umbb_ply_find(&ply->header, "vertex");
@@ -276,7 +277,7 @@ static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
             status = read_vertices(ply, element, error);
             vertices_read = 1;
         } else if (element == face && vertices_read) {
-            return read_faces(ply, element, error); /* what follows is of no use */
+            return read_faces(ply, element, error); /* the rest of the file is not needed */
         } else {
             waiting = element == face ? ply->data : waiting;
             status = skip_element(ply, element, error);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * libpng leaves a function by longjmp when it finds damage; all that it changes lives in one struct
- * behind a pointer, so that nothing of it is in a register then.
+ * libpng leaves a function by longjmp when it finds damage. All that it changes lives in one struct
+ * behind a pointer, so none of it is in a register at that moment.
  */
 #include "bake/import/png_alpha.h"
 
@@ -12,7 +12,7 @@
 
 #include "scene/scene_buffer.h"
 
-#define CHUNK_BYTES_MAX 8000000U /* of an ancillary chunk that libpng may expand */
+#define CHUNK_BYTES_MAX 8000000U /* limit of an ancillary chunk that libpng may expand */
 
 struct decoder {
     png_structp png;
@@ -57,18 +57,18 @@ static void pass_over(png_structp png, png_const_charp message)
     (void)message;
 }
 
-/* Reads all that comes before the texels. */
+/* Reads everything before the texels. */
 static void read_header(struct decoder *d)
 {
     png_set_read_fn(d->png, d, take_bytes);
-    /* The sides are judged by decode, which can say that they are over a limit, not damaged. */
+    /* decode checks the sides: its message tells a limit from damage. */
     png_set_user_limits(d->png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
     png_set_chunk_malloc_max(d->png, CHUNK_BYTES_MAX);
     png_set_keep_unknown_chunks(d->png, PNG_HANDLE_CHUNK_NEVER, NULL, 0);
     png_read_info(d->png, d->info);
 }
 
-/* Asks for 8 bits and alpha. Returns 0 if there is nothing to take. Takes memory for a row. */
+/* Asks for 8 bits and alpha. Returns 0 if the image has no such channel. Allocates a row. */
 static int begin(struct decoder *d, int luminance)
 {
     const int kind = png_get_color_type(d->png, d->info);
@@ -87,7 +87,7 @@ static int begin(struct decoder *d, int luminance)
     return 1;
 }
 
-/* Takes the wanted channel out of a row of the file, row 0 being the highest. */
+/* Copies the wanted channel out of a row of the file; row 0 is the highest. */
 static void store_row(const struct decoder *d, const unsigned char *row, uint32_t y,
                       struct umbb_alpha_image *image)
 {
@@ -118,7 +118,7 @@ static enum umb_status refuse(const struct decoder *d, struct umb_error *error)
                         : umb_fail(error, UMB_E_BAD_SCENE, "PNG: %s", d->why);
 }
 
-/* Everything that may end in a longjmp. */
+/* The part of decoding that may end in a longjmp. */
 static enum umb_status decode(struct decoder *d, uint64_t max_texels, int luminance,
                               struct umbb_alpha_image *image, struct umb_error *error)
 {

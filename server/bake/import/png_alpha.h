@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_PNG_ALPHA_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_PNG_ALPHA_H
 /*
- * The alpha channel of a PNG, by libpng: 8 bits a texel, whatever the file holds (palettes, colour
- * keys and 16 bits included). Colours, profiles and text are passed over.
+ * The alpha channel of a PNG, by libpng: 8 bits a texel for every kind of file (palettes, colour
+ * keys and 16 bits included). Colours, profiles and text are ignored.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* Texels of one image, and of all images of a scene together. */
+/* Limits of texels: of one image, and of all images of a scene together. */
 #define UMBB_IMAGE_TEXELS_MAX  (UINT64_C(1) << 28)
 #define UMBB_IMAGES_TEXELS_MAX (UINT64_C(1) << 30)
 
@@ -22,13 +22,14 @@ struct umbb_alpha_image {
 int umbb_is_png(const void *bytes, size_t size);
 
 /*
- * Decodes.
+ * Decodes an image.
  *
- * In:    max_texels: the image may have. luminance: 1: an image without alpha gives its grey, or
- *        its green, instead (what map_d means).
+ * In:    max_texels: limit of the image. luminance: 1: an image without alpha gives its grey, or
+ *        its green, instead (the meaning of map_d).
  * Out:   image: free texels.
  * Fails: E_LIMIT (max_texels, sides), E_BAD_SCENE (damaged), E_NO_MEMORY.
- * Trust: safe on hostile bytes. Cost: a row at a time, interlaced images all rows.
+ * Trust: safe on hostile bytes.
+ * Cost:  memory for one row, for interlaced images all rows.
  */
 UMB_CHECKED enum umb_status umbb_png_alpha(const void *bytes, size_t size, uint64_t max_texels,
                                            int luminance, struct umbb_alpha_image *image,

@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Ear clipping (polygon_clip.h) in the plane of the polygon's Newell normal, by dropping the axis
- * that the normal is nearest to. Coordinates are taken relative to the first corner, so that
- * national grids cost no digits.
+ * Ear clipping (polygon_clip.h) in a coordinate plane: the axis nearest to the polygon's Newell
+ * normal is dropped. Coordinates are relative to the first corner, so large offsets, as of national
+ * grids, cost no precision.
  *
- * Ears wait in a queue; cutting one off re-examines its two neighbours and nobody else, because in
- * a simple polygon no other corner can become an ear by it. The queue also spreads the cuts over
- * the polygon, which makes fewer needles than a fan.
+ * Ears wait in a queue. Cutting one off re-examines only its two neighbours, because in a simple
+ * polygon no other corner can become an ear by it. The queue also spreads the cuts over the
+ * polygon, which makes fewer needles than a fan.
  *
- * Only a corner that is not strictly convex can be the first inside an ear, and of those only the
- * ones in the grid cells under the ear's bounding box are looked at. The grid is lazy: a corner
- * that has become convex or was cut off leaves its cell when somebody next comes by.
+ * Only a corner that is not strictly convex can be the first inside an ear. Of those only the ones
+ * in the grid cells under the ear's bounding box are tested. The grid is lazy: a corner that has
+ * become convex or was cut off leaves its cell at the next visit to the cell.
  *
  * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
  * takes any corner. Each ear shortens the ring by one. Polygons that are not simple need many such
- * searches; when the budget of looks is used up, the rest becomes a fan.
+ * searches; when the budget of tests is used up, the rest becomes a fan.
  */
 #include "bake/import/polygon_clip.h"
 
@@ -22,7 +22,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What counts as an ear; later rules are for polygons that are not simple. */
+/* Rules for an ear; the later ones are for polygons that are not simple. */
 enum ear_rule {
     EAR_CLEAR = 0, /* strictly convex, no other corner in or on the triangle */
     EAR_OPEN,      /* strictly convex, no other corner strictly inside */
@@ -33,12 +33,13 @@ enum corner_flag {
     CORNER_REFLEX = 1, /* or straight: not strictly convex */
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
-    CORNER_AGAIN = 8, /* a neighbour was cut off since it was queued: to the end of the queue */
+    /* A neighbour was cut off since it was queued: goes to the end of the queue. */
+    CORNER_AGAIN = 8,
     CORNER_IN_CELL = 16,
 };
 
-#define ALLOWANCE 128U         /* looks a corner; a rough coast of 65536 corners takes 67 */
-#define POOL      (1ULL << 26) /* looks beyond that, of all polygons together */
+#define ALLOWANCE 128U         /* tests a corner; a rough coast of 65536 corners takes 67 */
+#define POOL      (1ULL << 26) /* tests beyond that, for all polygons together */
 #define NO_CORNER UINT32_MAX
 
 static void free_arrays(struct umbb_polygon *polygon)
@@ -98,7 +99,7 @@ void umbb_polygon_finish(struct umbb_polygon *polygon)
     memset(polygon, 0, sizeof(*polygon));
 }
 
-/* Newell's normal: twice the area of the polygon's shadow on each coordinate plane. */
+/* Newell's normal: twice the area of the polygon's projection on each coordinate plane. */
 static void newell_normal(double (*points)[3], uint32_t count, double normal[3])
 {
     const double *origin = points[0];
@@ -115,7 +116,7 @@ static void newell_normal(double (*points)[3], uint32_t count, double normal[3])
     }
 }
 
-/* Flattens so that the polygon runs counter-clockwise. Returns 0 if it has no area. */
+/* Projects so that the polygon runs counter-clockwise. Returns 0 if it has no area. */
 static int flatten(struct umbb_polygon *polygon, uint32_t count)
 {
     double normal[3];
@@ -165,14 +166,14 @@ static double largest(double a, double b, double c)
     return fmax(fmax(a, b), c);
 }
 
-/* The row or column of cells that a coordinate lies in. */
+/* The row or column of cells that contains a coordinate. */
 static uint32_t cell_at(const struct umbb_polygon *polygon, double value, int axis)
 {
     double at = (value - polygon->low[axis]) / polygon->extent[axis] * polygon->side;
     return at >= polygon->side ? polygon->side - 1 : (uint32_t)at;
 }
 
-/* Puts a corner into its cell, if it is not in it still. */
+/* Puts a corner into its cell, unless it is still there. */
 static void put_in_cell(struct umbb_polygon *polygon, uint32_t corner)
 {
     if (!(polygon->flags[corner] & CORNER_IN_CELL)) {
@@ -185,8 +186,8 @@ static void put_in_cell(struct umbb_polygon *polygon, uint32_t corner)
     }
 }
 
-/* About two corners a cell; never more cells than corners. The polygon has an area, so neither
- * extent is 0. */
+/* Builds the grid: about two corners a cell; never more cells than corners. The polygon has an
+ * area, so neither extent is 0. */
 static void build_grid(struct umbb_polygon *polygon, uint32_t count)
 {
     polygon->side = 1;
@@ -213,7 +214,7 @@ static void spend(struct umbb_polygon *polygon)
     polygon->budget -= polygon->budget > 0;
 }
 
-/* Whether point p stops the triangle a, b, c, which turns left, from being an ear. */
+/* Whether point p keeps the triangle a, b, c, which turns left, from being an ear. */
 static int is_inside(const double *const triangle[3], const double *p, enum ear_rule rule)
 {
     if (same_point(p, triangle[0]) || same_point(p, triangle[1]) || same_point(p, triangle[2])) {
@@ -225,7 +226,7 @@ static int is_inside(const double *const triangle[3], const double *p, enum ear_
     return rule == EAR_CLEAR ? ab >= 0 && bc >= 0 && ca >= 0 : ab > 0 && bc > 0 && ca > 0;
 }
 
-/* Looks through one cell, and lets go of corners that no longer belong there. */
+/* Tests the corners of one cell, and removes those that no longer belong there. */
 static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
                               const double *const triangle[3], enum ear_rule rule)
 {
@@ -246,7 +247,7 @@ static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
     return 0;
 }
 
-/* Whether another corner of the ring stops this one from being an ear. */
+/* Whether another corner of the ring keeps this one from being an ear. */
 static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
     const double *const ear[3] = {polygon->flat[polygon->previous[corner]], polygon->flat[corner],
@@ -293,7 +294,7 @@ static uint32_t dequeue(struct umbb_polygon *polygon)
     return corner;
 }
 
-/* Finds out again what a corner is. */
+/* Determines a corner's kind again. */
 static void examine(struct umbb_polygon *polygon, uint32_t corner)
 {
     uint8_t *flags = &polygon->flags[corner];
@@ -326,7 +327,7 @@ static uint32_t next_queued_ear(struct umbb_polygon *polygon)
     return NO_CORNER;
 }
 
-/* The next corner to cut off, any at all if there is no ear, NO_CORNER if the budget is used up;
+/* The next corner to cut off; any corner if there is no ear; NO_CORNER if the budget is used up.
  * `start` is in the ring, which has `left` corners. */
 static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_t left)
 {
@@ -362,7 +363,7 @@ static void fan(struct umbb_polygon *polygon, uint32_t count)
     }
 }
 
-/* The ring of `left` corners from `start` on, as a fan. */
+/* Cuts the ring of `left` corners from `start` on into a fan. */
 static void fan_ring(struct umbb_polygon *polygon, uint32_t at, uint32_t start, uint32_t left)
 {
     uint32_t corner = polygon->next[start];
@@ -406,7 +407,7 @@ static void clip_ears(struct umbb_polygon *polygon, uint32_t count)
     fan_ring(polygon, made, polygon->previous[start], left);
 }
 
-/* Gives a polygon its allowance and what is left of the pool, and books what it took. */
+/* Gives a polygon its allowance and the rest of the pool, and subtracts what it used. */
 static void clip_within_budget(struct umbb_polygon *polygon, uint32_t count)
 {
     uint64_t allowance = (uint64_t)ALLOWANCE * count;

@@ -6,9 +6,9 @@
  *
  * Every polygon of n corners gives exactly n - 2 triangles, whatever its shape (self-crossing,
  * repeated corners, no area), in the polygon's own winding. A simple polygon is covered exactly
- * once, unless it was cut roughly (see `rough`), which takes thousands of corners and a shape made
- * for it. Corners in a straight line keep their place on an edge, so that neighbours which share
- * that corner still meet edge to edge.
+ * once, unless it was cut roughly (see `rough`), which takes thousands of corners and a deliberate
+ * shape. Corners in a straight line keep their place on an edge, so neighbours that share such a
+ * corner still meet edge to edge.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -28,8 +28,8 @@ struct umbb_polygon {
     uint32_t side;       /* cells along each axis */
     double low[2], extent[2];
     size_t queue_first, queue_count;
-    uint64_t budget;    /* looks at a cell or a corner that are left for this polygon */
-    uint64_t overdrawn; /* looks beyond the allowances of all polygons so far */
+    uint64_t budget;    /* tests of a cell or a corner that are left for this polygon */
+    uint64_t overdrawn; /* tests beyond the allowances of all polygons so far */
     uint32_t rough;     /* polygons so far that ran out of budget: the rest of each is a fan */
     uint32_t (*triangles)[3]; /* [capacity], the result: corner numbers */
     size_t capacity;
@@ -43,13 +43,12 @@ UMB_CHECKED enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, s
  * Fills polygon->triangles with count - 2 triangles.
  *
  * In:    polygon->points: double[count][3], finite, count >= 3 and within the room reserved.
- * Cost:  about O(n) for what people draw. At worst 128 n looks, and one pool of 2^26 for all
- *        polygons together (a second or so): no file can make its faces cost more than that.
- *        Allocates nothing.
+ * Cost:  about O(n) for usual polygons. At worst 128 n tests, and one pool of 2^26 for all polygons
+ *        together (a second or so): no file can make its faces cost more than that. Allocates
+ *        nothing.
  * Source: G. H. Meisters, Polygons have ears, Amer. Math. Monthly 82 (1975); D. Eberly,
- *        Triangulation by Ear Clipping (2002): only the neighbours of a cut ear can change; normal
- *        of a polygon that need not be flat: M. E. Newell, in Sutherland et al. 1974 (ACM Comp.
- *        Surveys 6/1).
+ * Triangulation by Ear Clipping (2002): only the neighbours of a cut ear can change; normal of a
+ * polygon that need not be flat: M. E. Newell, in Sutherland et al. 1974 (ACM Comp. Surveys 6/1).
  */
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count);
 

@@ -4,8 +4,8 @@
  *
  * A decimal with a mantissa below 2^53 and a power of ten up to 22 is one exact product or quotient
  * of two doubles, so it is rounded once and correctly: W. D. Clinger, How to Read Floating Point
- * Numbers Accurately, PLDI 1990. That covers nearly every number of a scene file at some 20 ns;
- * everything else goes to strtod, whose locale is "C" as long as nobody calls setlocale.
+ * Numbers Accurately, PLDI 1990. That covers nearly every number of a scene file at some 20 ns. All
+ * others go to strtod; its locale is "C", because the program never calls setlocale.
  */
 #include "bake/import/text_number.h"
 
@@ -54,7 +54,7 @@ size_t umbb_take_token(struct umbb_cursor *cursor, const char **token)
     return (size_t)(cursor->at - *token);
 }
 
-/* A token that the exact product cannot do. */
+/* Reads a token that the exact product does not cover. */
 static int slow_double(const char *token, size_t length, double *value)
 {
     char text[NUMBER_BYTES];
@@ -68,7 +68,7 @@ static int slow_double(const char *token, size_t length, double *value)
     return end == text + length;
 }
 
-/* Digits into the mantissa while it stays below 2^53 / 10; counts what it took. */
+/* Reads digits into the mantissa while it stays below 2^53 / 10; counts them. */
 static const char *take_digits(const char *at, const char *end, uint64_t *mantissa, int *taken,
                                int *overflow)
 {

@@ -16,7 +16,7 @@ struct umbb_cursor {
     const char *end;
 };
 
-/* Moves to the next byte that is no blank; returns 0 at the end. */
+/* Moves to the next byte that is not a blank; returns 0 at the end. */
 int umbb_skip_blanks(struct umbb_cursor *cursor);
 
 /* Tells whether the cursor is at a blank or at the end. */
@@ -26,17 +26,18 @@ int umbb_at_blank(const struct umbb_cursor *cursor);
 size_t umbb_take_token(struct umbb_cursor *cursor, const char **token);
 
 /*
- * Takes the next token as a number, correctly rounded as strtod does in the C locale, with its
- * "inf" and "nan".
+ * Takes the next token as a number, correctly rounded as by strtod in the C locale, with its "inf"
+ * and "nan".
  *
- * Out:   value. Returns 1, or 0 if there is no token or it is no number; the token is taken anyway.
+ * Out:   value. Returns 1, or 0 if there is no token or it is not a number; the token is taken
+ * anyway.
  */
 int umbb_take_double(struct umbb_cursor *cursor, double *value);
 
 /*
  * Reads an optional sign and decimal digits at the cursor (no blanks before).
  *
- * Out:   value: held at +-2^62 if larger. Returns 0 and moves nothing if there is no digit.
+ * Out:   value: clamped to +-2^62. Returns 0 and moves nothing if there is no digit.
  */
 int umbb_take_integer(struct umbb_cursor *cursor, int64_t *value);
 

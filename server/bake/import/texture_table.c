@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Textures by image (texture_table.h). A scene has few: the table is searched from end to end. */
+/* Textures by image (texture_table.h). A scene has few, so the table is searched linearly. */
 #include "bake/import/texture_table.h"
 
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 #include "bake/import/png_alpha.h"
 #include "common/clean_text.h"
 
-/* A texture that was asked for. */
+/* A texture requested before. */
 struct known {
     char *name; /* owned */
     size_t length;
@@ -57,7 +57,7 @@ static int is_opaque(const struct umbb_alpha_image *image)
     return 1;
 }
 
-/* Says that an image is of no use. */
+/* Warns that an image cannot be used. */
 static void warn(struct umbb_texture_table *table, const struct umbb_image *image, const char *why)
 {
     char name[100];
@@ -88,7 +88,7 @@ static enum umb_status add_texture(struct umbb_texture_table *table, const struc
     return status;
 }
 
-/* Decodes an image that is there. */
+/* Decodes an image in memory. */
 static enum umb_status decode(struct umbb_texture_table *table, const struct umbb_image *image,
                               const void *bytes, size_t size, uint32_t *index,
                               struct umb_error *error)
@@ -122,7 +122,7 @@ static enum umb_status decode(struct umbb_texture_table *table, const struct umb
     return status;
 }
 
-/* Reads an image wherever it is. */
+/* Reads an image from memory or its file. */
 static enum umb_status read_image(struct umbb_texture_table *table, const struct umbb_image *image,
                                   uint32_t *index, struct umb_error *error)
 {

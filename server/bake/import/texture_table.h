@@ -2,27 +2,27 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_TEXTURE_TABLE_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_TEXTURE_TABLE_H
 /*
- * Textures of a scene by the image they show and how it goes on beyond its edges; each image is
- * decoded once for each such way.
+ * Textures of a scene by their image and wrap modes; each image is decoded once for each
+ * combination.
  *
  * An image that is missing, damaged or of another format than PNG and JPEG becomes a warning, and
- * what uses it casts as if it were opaque: a scene without its pictures still casts shadows. One
- * that is over a limit is an error.
+ * its users cast as if it were opaque: a scene without its pictures still casts shadows. An image
+ * over a limit is an error.
  */
 #include "bake/import/import_job.h"
 
-/* Names of images read for one scene, whatever becomes of them. */
+/* Most image names read for one scene, whether usable or not. */
 #define UMBB_IMAGES_MAX 4096U
 
 struct umbb_texture_table {
-    struct umbb_import *job; /* borrowed: its scene gets the textures */
-    struct umbs_array known; /* struct, in the order of first use */
+    struct umbb_import *job; /* borrowed: its scene receives the textures */
+    struct umbs_array known; /* struct known, in the order of first use */
     uint64_t texels;         /* decoded so far */
 };
 
-/* An image as a scene refers to it. */
+/* An image, as a scene refers to it. */
 struct umbb_image {
-    const char *name; /* what the scene calls it: a file's name, or any that is its own */
+    const char *name; /* the scene's name for it: a file's name, or any unique one */
     size_t name_length;
     const void *bytes; /* the encoded image; NULL: in the file of that name */
     size_t size;

@@ -196,7 +196,7 @@ static void allow_conditions(struct umbb_filter *filter, int importer, int files
 
 int umbb_bake_filter_enter(int importer, int files)
 {
-    /* The conditions above did not hold: libraries try to map more of themselves. */
+    /* Other values of these arguments: libraries try to map more of themselves. */
     static const uint16_t refused[] = {SYS_mmap, SYS_mprotect};
     static const uint16_t stopped[] = {SYS_clone,   SYS_kill,    SYS_tgkill,
                                        SYS_sendmsg, SYS_recvmsg, SYS_recvfrom};

@@ -14,9 +14,10 @@
 #include "bake/sandbox/sandbox.h"
 #include "common/child_process.h"
 
-#define RULES_MAX    192U
-#define FILES_MAX    256U                 /* descriptors: a bake has a dozen */
-#define SLACK_BYTES  ((uint64_t)2 << 30)  /* beside --memory: stacks, libraries, the allocator */
+#define RULES_MAX 192U
+#define FILES_MAX 256U /* descriptors: a bake has a dozen */
+/* In addition to --memory: stacks, libraries, the allocator. */
+#define SLACK_BYTES  ((uint64_t)2 << 30)
 #define THREAD_BYTES ((uint64_t)48 << 20) /* a stack and an arena of malloc */
 
 /* Tables of the system that the C library and Embree's threads read: processors, pages, paths of

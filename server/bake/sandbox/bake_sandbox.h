@@ -38,7 +38,7 @@ struct umbb_bake_sandbox {
 /*
  * Enters the first layers with the calling thread, which must be the only one.
  *
- * In:    sandbox: mode set, the rest 0; rules: beside the program's own files.
+ * In:    sandbox: mode set, the rest 0; rules: in addition to the program's own files.
  * Out:   sandbox: the layers that were entered, also on failure.
  * Fails: E_UNAVAILABLE if a layer is missing that mode requires: the message names the layer, and
  *        the option that bakes without it.
@@ -52,7 +52,7 @@ UMB_CHECKED enum umb_status umbb_bake_sandbox_paths(struct umbb_bake_sandbox *sa
 UMB_CHECKED enum umb_status umbb_bake_sandbox_calls(struct umbb_bake_sandbox *sandbox, int importer,
                                                     int files, struct umb_error *error);
 
-/* Sets the limits: twice --memory and some slack of writable memory, descriptors, no core files.
+/* Sets the limits: writable memory of twice --memory and some slack, descriptors, no core files.
  * Fails: E_UNAVAILABLE. */
 UMB_CHECKED enum umb_status umbb_bake_sandbox_limits(uint64_t memory_bytes, unsigned threads,
                                                      struct umb_error *error);

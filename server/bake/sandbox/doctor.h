@@ -8,12 +8,12 @@
 
 enum umbb_verdict {
     UMBB_ACT_ALLOWED = 0,
-    UMBB_ACT_REFUSED = 1, /* the call failed for want of a right */
-    UMBB_ACT_KILLED = 2,  /* the process was ended by the filter */
+    UMBB_ACT_REFUSED = 1, /* the call failed for lack of a right */
+    UMBB_ACT_KILLED = 2,  /* the filter killed the process */
     UMBB_ACT_FAILED = 3,  /* the call failed for another reason */
 };
 
-/* Where an act is tried. */
+/* The cage in which an act is tried. */
 enum umbb_cage {
     UMBB_CAGE_NONE = 0, /* outside, to test the test */
     UMBB_CAGE_IMPORTER,

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include "bake/sandbox/doctor_ground.h"
 
-/* Where an act must be denied; bits. */
+/* Cages in which an act must be denied; bits. */
 enum umbb_act_place {
     UMBB_IN_IMPORTER = 1,
     UMBB_IN_LANDLOCK = 2, /* by the importer's Landlock alone, without its filter */
@@ -15,7 +15,7 @@ enum umbb_act_place {
 
 struct umbb_act {
     const char *name;      /* "connect to the network" */
-    long (*attempt)(void); /* at least 0 if it was let through; else -1 and errno */
+    long (*attempt)(void); /* at least 0 if it was allowed; else -1 and errno */
     unsigned places;       /* enum umbb_act_place */
 };
 
@@ -30,7 +30,7 @@ extern const size_t umbb_bake_act_count;
 extern const struct umbb_act umbb_bake_needs[];
 extern const size_t umbb_bake_need_count;
 
-/* The ground, and the file of the act "read FILE"; borrowed. */
+/* Sets the ground, and the file of the act "read FILE"; borrowed. */
 void umbb_bake_acts_on(const struct umbb_ground *on);
 void umbb_bake_acts_forbid(const char *file);
 extern const struct umbb_act umbb_bake_act_forbidden;

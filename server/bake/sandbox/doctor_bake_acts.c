@@ -32,7 +32,7 @@ void umbb_bake_acts_forbid(const char *file)
     forbidden = file;
 }
 
-/* A name in a folder; good until the next call. */
+/* Path of a name in a folder; valid until the next call. */
 static const char *path_in(const char *folder, const char *name)
 {
     static char path[2 * UMBB_GROUND_PATH];
@@ -173,7 +173,7 @@ static long need_scene(void)
     return fd >= 0 && read(fd, &byte, 1) == 1 ? 0 : -1;
 }
 
-/* As an asset appears: a temporary, synced, renamed, its folder synced. */
+/* Creates an asset in the usual way: a temporary, synced, renamed, its folder synced. */
 static long need_output(void)
 {
     char temporary[2 * UMBB_GROUND_PATH];

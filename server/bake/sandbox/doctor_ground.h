@@ -24,7 +24,7 @@ struct umbb_ground {
 
 #define UMBB_GROUND_RULES 2
 
-/* Makes it below TMPDIR, /tmp or /var/tmp. Fails: E_CANNOT_CREATE. */
+/* Makes the folder below TMPDIR, /tmp or /var/tmp. Fails: E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *error);
 
 void umbb_ground_remove(struct umbb_ground *ground);

@@ -10,7 +10,7 @@
 
 #include "bake/sandbox/doctor.h"
 
-#define EXIT_NO_CAGE 9 /* of the process that tries an act */
+#define EXIT_NO_CAGE 9 /* exit code of the process that tries an act */
 
 /* True for errors that mean a missing right, not a wrong call. Landlock refuses a rename or link
  * between folders of different rights with EXDEV. */
@@ -19,7 +19,7 @@ static int is_refusal(int code)
     return code == EACCES || code == EPERM || code == ENOSYS || code == EXDEV;
 }
 
-/* As a bake of the ground's scene: paths, and if `whole` the calls. */
+/* Enters the sandbox of a bake of the ground's scene: paths and, if `whole`, the calls. */
 static int enter_bake(const struct umbb_ground *ground, int whole, struct umbb_bake_sandbox *out)
 {
     struct umbb_path_rule rules[UMBB_GROUND_RULES];

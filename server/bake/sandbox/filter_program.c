@@ -29,7 +29,7 @@ static void put_load(struct umbb_filter *filter, size_t offset)
     put(filter, (struct sock_filter)BPF_STMT(BPF_LD | BPF_W | BPF_ABS, (uint32_t)offset));
 }
 
-/* If the loaded word is `value`, go on; else leave out the next `otherwise` instructions. */
+/* If the loaded word is `value`, go on; else skip the next `otherwise` instructions. */
 static void put_if(struct umbb_filter *filter, uint32_t value, uint8_t otherwise)
 {
     put(filter, (struct sock_filter)BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, otherwise));
@@ -62,7 +62,7 @@ void umbb_filter_calls(struct umbb_filter *filter, const uint16_t *calls, size_t
     }
 }
 
-/* Leaves the call's number loaded, as it found it; so does the next one. */
+/* Leaves the call's number loaded; so does umbb_filter_if_null. */
 void umbb_filter_if(struct umbb_filter *filter, const struct umbb_filter_condition *condition)
 {
     put_if(filter, condition->call, 5);

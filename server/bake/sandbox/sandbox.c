@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Enters the layers in their order (sandbox.h): each later one forbids what the earlier need. */
+/* Enters the layers in their order (sandbox.h): each one forbids calls that the earlier ones
+ * need. */
 #include "bake/sandbox/sandbox.h"
 
 #include <errno.h>
@@ -31,7 +32,7 @@ enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *e
     if (EXEMPT) {
         return UMB_OK;
     }
-    /* Without it neither Landlock nor a filter is given to an ordinary user. */
+    /* Without it an ordinary user gets neither Landlock nor a filter. */
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0) {
         return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "sandbox: prctl");
     }

@@ -2,10 +2,10 @@
 /*
  * The importer's list of allowed system calls (sandbox.h).
  *
- * Allowed is what the importer was seen to need: memory, the clock, its own end, talk with its
- * parent over the two descriptors it has, the descriptors it was handed. What libraries only try
- * and cope without gets EACCES. Everything else kills the process: it is not the importer that
- * calls it any more.
+ * Allowed are the calls that the importer was seen to make: memory, the clock, its own end,
+ * messages to its parent over its two descriptors, and reads of the descriptors it was given. Calls
+ * that libraries try and can do without get EACCES. Any other call kills the process: it comes from
+ * an attacker, not from the importer.
  */
 #define _GNU_SOURCE /* syscall numbers */
 #include <errno.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Landlock: every path is denied that no rule allows. glibc has no functions for it.
+ * Landlock: a path is denied unless a rule allows it. glibc has no functions for Landlock.
  *
  * A rule applies to the file that its path leads to when the rule is made. Rights unknown to this
  * kernel's Landlock are neither allowed nor denied: the system call filter covers them.
@@ -17,7 +17,7 @@
 
 #include "bake/sandbox/sandbox_parts.h"
 
-/* Rights over paths that Landlock knows, by the ABI that brought them. */
+/* Rights over paths, by the Landlock ABI that introduced them. */
 #define RIGHTS_ABI1    ((1ULL << 13) - 1)
 #define RIGHT_REFER    (1ULL << 13) /* ABI 2 */
 #define RIGHT_TRUNCATE (1ULL << 14) /* ABI 3 */
@@ -30,7 +30,7 @@ struct ruleset {
     uint64_t paths, net, scopes;
 };
 
-/* Rights that a file takes; a folder takes all. */
+/* Rights that apply to a file; all rights apply to a folder. */
 #define FILE_RIGHTS                                                                                \
     (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_WRITE_FILE |   \
      RIGHT_TRUNCATE)
@@ -68,7 +68,7 @@ static int make_ruleset(long abi, struct ruleset *rules)
     return (int)syscall(SYS_landlock_create_ruleset, rules, size, 0U);
 }
 
-/* Allows a path; one that leads nowhere needs no rule. Out: 0, or -1 and errno. */
+/* Allows a path; a path without a file needs no rule. Out: 0, or -1 and errno. */
 static int add_rule(int ruleset, uint64_t handled, const struct umbb_path_rule *rule)
 {
     struct stat facts;

@@ -20,9 +20,9 @@
 
 #define MAGIC      "UMBTIL1\n"
 #define HEAD_BYTES ((size_t)56)
-#define HASHED     ((size_t)48) /* of the head */
+#define HASHED     ((size_t)48) /* hashed bytes of the head */
 
-/* The least effort: a result is written once and read a few times. */
+/* The fastest level: a result is written once and read a few times. */
 #define ZSTD_LEVEL 1
 
 enum umb_status umbb_tile_cache_open(struct umbb_tile_cache *cache, const char *folder,
@@ -46,7 +46,7 @@ void umbb_tile_cache_close(struct umbb_tile_cache *cache)
     memset(cache, 0, sizeof *cache);
 }
 
-/* The path of a result; NULL without memory. */
+/* The path of a result; NULL if out of memory. */
 static char *path_of(const struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES])
 {
     char text[UMB_ID_TEXT_SIZE];
@@ -100,13 +100,14 @@ static enum umb_status read_file(const char *path, size_t max_bytes, uint8_t **b
         }
     }
     if (status == UMB_OK) {
-        (void)futimens(fd, NULL); /* used now; where that is refused it merely goes sooner */
+        /* Marks it as used now; if that is refused, it is only removed sooner. */
+        (void)futimens(fd, NULL);
     }
     (void)close(fd);
     return status;
 }
 
-/* Unpacks a file's result; NULL in bytes if the file is not what was once written. */
+/* Unpacks a file's result; NULL in bytes if the file is damaged. */
 static enum umb_status unpack(const uint8_t *file, size_t file_size, const uint8_t *key,
                               size_t max_bytes, uint8_t **bytes, size_t *size,
                               struct umb_error *error)
@@ -172,7 +173,7 @@ void umbb_tile_cache_drop(struct umbb_tile_cache *cache, const uint8_t key[UMB_I
     free(path);
 }
 
-/* A whole file of a result; NULL without memory. */
+/* A whole file of a result; NULL if out of memory. */
 static uint8_t *pack(const uint8_t *key, const uint8_t *bytes, size_t size, size_t *file_size)
 {
     const size_t bound = ZSTD_compressBound(size);

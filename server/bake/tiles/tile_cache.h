@@ -10,20 +10,19 @@
  *     umbb_tile_cache_close(&cache);
  *
  * File: KEY.umbt, KEY in hexadecimal: magic "UMBTIL1\n", the key (32 bytes), the result's size
- * (uint64), XXH3-64 of those 48 bytes followed by the rest (uint64), then the result
- * (tile_code.h) as one zstd frame. All little-endian.
+ * (uint64), XXH3-64 of those 48 bytes followed by the rest (uint64), then the result (tile_code.h)
+ * as one zstd frame. All little-endian.
  *
- * A file appears whole or not at all (tool/output.h), so that killing a bake at any moment leaves
- * nothing but whole results and at most one temporary, which the next to open the folder removes
- * after a minute. Damage is found by the checksum: the file is removed and the tile baked again.
- * What the results say is believed: only those who may decide what is baked should be able to write
- * there.
+ * A file appears whole or not at all (tool/output.h). So a killed bake leaves only whole results
+ * and at most one temporary, which the next opening of the folder removes after a minute. Damage is
+ * found by the checksum: the file is removed and the tile baked again. The content of results is
+ * trusted: give write access only to users who may decide what is baked.
  *
- * Size: when results and max_bytes do not go together, those that were not used for longest go,
- * until a tenth of max_bytes is free.
- * Threads and processes: one cache a thread; any number of processes may share a folder: equal keys
- * mean equal bytes, and a file that is gone is baked again. Each counts what it adds itself, so
- * that several may go over the limit together until one of them looks again.
+ * Size: when the results exceed max_bytes, the least recently used ones are removed until a tenth
+ * of max_bytes is free.
+ * Threads and processes: one cache a thread. Any number of processes may share a folder: equal keys
+ * mean equal bytes, and a missing file is baked again. Each process counts only its own additions,
+ * so several may exceed the limit together until one of them reads the folder again.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -31,12 +30,12 @@
 
 struct umbb_tile_cache {
     char *folder;
-    uint64_t max_bytes; /* UINT64_MAX: no limit, nothing is ever removed for room */
-    uint64_t bytes;     /* of all results, as far as known */
+    uint64_t max_bytes; /* UINT64_MAX: no limit, no file is removed for room */
+    uint64_t bytes;     /* size of all results, as far as known */
     uint64_t damaged;   /* files found damaged and removed */
 };
 
-/* Opens a folder, makes it if it is missing, and tidies it up. Fails: E_CANNOT_CREATE, E_IO,
+/* Opens a folder, creates it if missing, and tidies it up. Fails: E_CANNOT_CREATE, E_IO,
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_tile_cache_open(struct umbb_tile_cache *cache, const char *folder,
                                                  uint64_t max_bytes, struct umb_error *error);
@@ -45,8 +44,8 @@ void umbb_tile_cache_close(struct umbb_tile_cache *cache);
 /*
  * Reads a result.
  *
- * In:    max_bytes: that the result may have.
- * Out:   bytes: malloced; NULL if there is none, or none that is whole (it is removed).
+ * In:    max_bytes: limit of the result.
+ * Out:   bytes: malloced; NULL if there is none, or only a damaged one (which is removed).
  * Fails: E_LIMIT (max_bytes), E_NO_MEMORY, E_IO.
  * Trust: safe on hostile bytes.
  */
@@ -55,10 +54,10 @@ UMB_CHECKED enum umb_status umbb_tile_cache_read(struct umbb_tile_cache *cache,
                                                  uint8_t **bytes, size_t *size,
                                                  struct umb_error *error);
 
-/* Removes a result that turned out to be damaged. */
+/* Removes a result that proved to be damaged. */
 void umbb_tile_cache_drop(struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES]);
 
-/* Writes a result, durably. One that is larger than the whole cache may be is left out.
+/* Writes a result, durably. A result above the limit of the whole cache is not written.
  * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_tile_cache_write(struct umbb_tile_cache *cache,
                                                   const uint8_t key[UMB_ID_BYTES],

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_CODE_H
 #define UMBRAGE_SERVER_BAKE_TILES_TILE_CODE_H
 /*
- * A tile's result as bytes: what a bake leaves for later bakes and other machines.
+ * A tile's result as bytes, for later bakes and other machines.
  *
  * Little-endian, no padding:
  *
@@ -17,22 +17,22 @@
  *     uint64 slice[8]             for each brick
  *     first occluders             where they are kept (tile_occluder_depth_code.h)
  *
- * A ref is the number of a node of the tile's level, or UMB_REF_LIT or UMB_REF_SHADOWED. Numbers
- * are given out in the order in which a reader meets them: the runs' nodes first, then the children
- * of these, and so on down. Equal results therefore give equal bytes, whatever the pool's own
- * numbers were; and a reader that sees each new number come next knows that all numbers are in
- * range and that nothing is there that the runs do not lead to.
+ * A ref is the number of a node of the tile's level, or UMB_REF_LIT or UMB_REF_SHADOWED. Nodes are
+ * numbered in the order in which a reader meets them: the runs' nodes first, then their children,
+ * and so on down. So equal results give equal bytes, whatever the pool's own numbers were. A reader
+ * checks that each new number is the next one; then all numbers are in range, and the runs lead to
+ * every node.
  */
 #include "bake/build/cached_tiles.h"
 #include "format/occluder_depth_build.h"
 
-/* What both directions must know of the frustum and the tile's place in it. */
+/* Parameters of both directions: the frustum, and the tile's place in it. */
 struct umbb_tile_shape {
-    uint32_t log2_size; /* of the frustum */
+    uint32_t log2_size; /* size of the frustum */
     uint32_t
-        tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. where there is an occluder depth map */
-    /* The frustum's first occluders: encoding takes the tile's from there, decoding adds them.
-     * NULL: they are not kept. Borrowed. */
+        tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. if there is an occluder depth map */
+    /* The frustum's first occluders: encoding reads the tile's, decoding adds them. NULL: not kept.
+     * Borrowed. */
     struct umb__occluder_depth *occluder_depth;
     uint32_t occluder_depth_x, occluder_depth_y; /* the tile's first square there */
 };
@@ -40,8 +40,8 @@ struct umbb_tile_shape {
 /*
  * Writes a result.
  *
- * In:    pool: holds the nodes that the column leads to. runs: holds the column's runs. max_bytes:
- *        for everything that is allocated.
+ * In:    pool: holds the column's nodes. runs: holds the column's runs. max_bytes: limit of all
+ *        allocations.
  * Out:   bytes: malloced; size.
  * Fails: E_LIMIT (max_bytes), E_NO_MEMORY.
  * Cost:  linear in the result; 4 bytes of address space a node of the pool, touched where used.
@@ -54,10 +54,10 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *poo
 /*
  * Reads a result and adds its nodes to a pool.
  *
- * In:    bytes: as umbb_tile_encode wrote them; checked in full before the pool is touched.
+ * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched.
  * Out:   result: its column's runs are the last of `runs`.
- * Fails: E_CORRUPT (pool, runs and occluder depth map as before), as umb_pool_brick and
- * umb__occluder_depth_add_square.
+ * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb_pool_brick and
+ *        umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
  * Cost:  linear in the bytes.
  */

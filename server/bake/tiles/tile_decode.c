@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Reading a tile's result: first every number is checked, then nodes go into the pool from the
- * bricks up, so that a node's children have their places when it comes.
+ * Reading a tile's result. First every number is checked; then nodes go into the pool from the
+ * bricks up, so a node's children are there before the node.
  *
- * Nothing but memory can fail once the pool is touched.
+ * Once the pool is touched, only lack of memory can make it fail.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 #include "bake/tiles/tile_occluder_depth_code.h"
 #include "base/bytes.h"
 
-/* Where the parts lie. Counts are of the file; sections are proven to fit it. */
+/* Pointers to the parts. Counts are the file's; sections are proven to fit it. */
 struct decoder {
     const uint8_t *runs;
     uint32_t run_count;
@@ -21,7 +21,7 @@ struct decoder {
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
     const uint8_t *refs[UMB_LEVEL_MAX + 1];
     const uint8_t *bricks;
-    size_t bytes; /* of all these parts */
+    size_t bytes; /* size of all these parts */
 };
 
 static enum umb_status damaged(struct umb_error *error, const char *what)
@@ -29,7 +29,7 @@ static enum umb_status damaged(struct umb_error *error, const char *what)
     return umb_fail(error, UMB_E_CORRUPT, "tile result: %s", what);
 }
 
-/* Finds the parts; 0 if there are fewer bytes than the counts ask for. */
+/* Finds the parts; 0 if the counts need more bytes than there are. */
 static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
 {
     const size_t head = 16 + 8 * (size_t)(d->top - UMB_LEVEL_BRICK);
@@ -65,7 +65,7 @@ static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
     return at <= size;
 }
 
-/* Takes note of a number; 0 if it is neither known nor the next new one. */
+/* Accepts a number; 0 if it is neither known nor the next new one. */
 static int meet(uint32_t ref, uint32_t *met, uint32_t count)
 {
     if (ref == *met && ref < count) {
@@ -92,7 +92,7 @@ static int runs_fit(const struct decoder *d, const struct umbb_column *column)
     return z == column->mixed_end && met == d->count[d->top];
 }
 
-/* Masks hold states that exist, children the right numbers. */
+/* Checks a level: masks have valid states, children the right numbers. */
 static int level_fits(const struct decoder *d, uint32_t level)
 {
     uint64_t children = 0;
@@ -144,7 +144,7 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
     return UMB_OK;
 }
 
-/* The pool's refs of all bricks. */
+/* Adds all bricks to the pool; keeps their refs. */
 static enum umb_status add_bricks(const struct decoder *d, struct umb_pool *pool, uint32_t *to,
                                   struct umb_error *error)
 {
@@ -159,7 +159,7 @@ static enum umb_status add_bricks(const struct decoder *d, struct umb_pool *pool
     return status;
 }
 
-/* The pool's refs of all nodes of a level. In: below: those of the level below. */
+/* Adds all nodes of a level to the pool. In: below: refs of the level below. */
 static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct umb_pool *pool,
                                  const uint32_t *below, uint32_t *to, struct umb_error *error)
 {
@@ -181,7 +181,7 @@ static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct
     return status;
 }
 
-/* Adds everything. Out: top: the refs of the tile's level, malloced. */
+/* Adds all levels. Out: top: the refs of the tile's level, malloced. */
 static enum umb_status add_all(const struct decoder *d, struct umb_pool *pool, uint32_t **top,
                                struct umb_error *error)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Writing a tile's result: one walk from the runs down numbers what they lead to, a second writes
- * it in that order.
+ * Writing a tile's result: one walk from the runs down numbers the nodes, a second writes them in
+ * that order.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -9,12 +9,12 @@
 #include "bake/tiles/tile_occluder_depth_code.h"
 #include "base/bytes.h"
 
-/* What the walk has met of one level. */
+/* Nodes of one level that the walk has met. */
 struct met {
-    uint32_t *numbers; /* [of the pool] own number + 1; 0 = not met */
+    uint32_t *numbers; /* [nodes of the pool] own number + 1; 0 = not met */
     uint32_t *order;   /* [count] the pool's numbers */
     uint32_t count;
-    uint64_t children; /* mixed ones of all that were met */
+    uint64_t children; /* mixed children of all met nodes */
 };
 
 struct encoder {
@@ -130,7 +130,7 @@ static void put_all(const struct encoder *e, const struct umbb_tile_result *resu
     at = put32(at, e->met[UMB_LEVEL_BRICK].count);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= e->top; level++) {
         at = put32(at, e->met[level].count);
-        at = put32(at, (uint32_t)e->met[level].children); /* as many as a pool can hold */
+        at = put32(at, (uint32_t)e->met[level].children); /* fits: a pool cannot hold more */
     }
     for (size_t i = 0; i < e->run_count; i++) {
         const uint32_t ref = e->runs[i].ref;

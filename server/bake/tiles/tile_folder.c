@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Key, code and cache put together. */
+/* Combines key, code and cache. */
 #include "bake/tiles/tile_folder.h"
 
 #include <errno.h>
@@ -37,7 +37,7 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
     tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
 }
 
-/* Says once that the cache does not help. */
+/* Logs once that the cache does not help. */
 static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error *error)
 {
     if (!tile_folder->quiet && !tile_folder->silent) {
@@ -46,14 +46,14 @@ static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error 
     tile_folder->silent = 1;
 }
 
-/* Turns to a tile. */
+/* Makes a tile the current one. */
 static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile_place *place)
 {
     tile_folder->shape.occluder_depth_x = (uint32_t)place->x0 / UMB__OCCLUDER_DEPTH_SIDE;
     tile_folder->shape.occluder_depth_y = (uint32_t)place->y0 / UMB__OCCLUDER_DEPTH_SIDE;
 }
 
-/* Reads and decodes; found stays 0 if there is nothing whole. */
+/* Reads and decodes a result; found stays 0 if there is no whole one. */
 static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t *key,
                             size_t max_bytes, struct umb_pool *pool, struct umbb_runs *runs,
                             struct umbb_tile_result *result, int *found, struct umb_error *error)

@@ -12,7 +12,7 @@
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
-/* What is to happen if a result is not there, or cannot be kept. */
+/* Behaviour if a result is missing, or cannot be kept. */
 enum umbb_tile_folder_mode {
     UMBB_TILE_FOLDER_CACHE = 0, /* the tile is baked; not kept, with a notice */
     UMBB_TILE_FOLDER_TILE = 1,  /* the tile is baked; the bake fails */
@@ -25,14 +25,14 @@ struct umbb_tile_folder {
     int quiet;  /* no notices */
     int silent; /* a notice has been given */
     const struct umbb_depth *depth;
-    struct umbb_tile_shape shape; /* of the frustum, and of the tile that is under way */
+    struct umbb_tile_shape shape; /* shape of the frustum and of the current tile */
     uint32_t frustum;             /* its number */
     uint64_t first;               /* number of its first tile among those of all frusta */
     uint64_t found, baked;
     struct {
         uint32_t number;
         uint8_t key[UMB_ID_BYTES];
-    } missed[2]; /* tiles that were asked for and are under way */
+    } missed[2]; /* tiles that were not found and are being baked */
     unsigned next_missed;
 };
 
@@ -43,14 +43,14 @@ UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_
                                                   struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
-/* Turns to the next frustum. In: depth: one with reach; it and shape's occluder depth map are
+/* Starts the next frustum. In: depth: one with reach; it and shape's occluder depth map are
  * borrowed until the next call. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
 
 /*
- * The tile cache. find fails with E_BUSY in mode merge if a result is missing or damaged (which is
- * temporary: bake it and try again); keep fails in mode tile as umbb_tile_encode and
+ * The functions of the cache. find fails with E_BUSY in mode merge if a result is missing or
+ * damaged (temporary: bake it and try again). keep fails in mode tile as umbb_tile_encode and
  * umbb_tile_cache_write do.
  */
 struct umbb_cached_tiles umbb_tile_folder_cached_tiles(struct umbb_tile_folder *tile_folder);

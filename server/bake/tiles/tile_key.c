@@ -44,7 +44,7 @@ static void add_caster(struct umbs_chain *chain, const struct umbb_casters *cast
     umbs_chain_add(chain, bytes, sizeof bytes);
 }
 
-/* All that decides which texels a caster with holes keeps. */
+/* Adds everything that decides which texels a cut-out caster keeps. */
 static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint32_t number)
 {
     const struct umbs_cut *cut = &cuts->table->cuts[number];

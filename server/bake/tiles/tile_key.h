@@ -2,15 +2,15 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_KEY_H
 #define UMBRAGE_SERVER_BAKE_TILES_TILE_KEY_H
 /*
- * The name of a tile's result: a hash of all that it depends on, and of nothing else.
+ * The key of a tile's result: a hash of everything that it depends on, and of nothing else.
  *
- * That is: the program's version and the bake's (plan.h); size of frustum and tile, the
- * tile's place; the closed rule, whether squares are proven, and whether first occluders are kept;
- * for spot and point lights how depth is scaled; and of each caster that may reach the tile, in the
- * scene's order, its corners in voxel space, its kind and its marks, and if it is cut out where its
- * texture lies and what that holds. Corners in voxel space hold the frustum's matrix: if an edit of
- * the scene moves the frustum, every key changes, and else only those of tiles that an edited
- * triangle reached or now reaches.
+ * That is: the program's version and the bake's (plan.h); size of frustum and tile, and the tile's
+ * place; the closed rule, whether squares are proven, and whether first occluders are kept; for
+ * spot and point lights the scale of depth. Each caster that may reach the tile enters in the
+ * scene's order, with its corners in voxel space, its kind and its marks, and if it is cut out,
+ * with its texture coordinates and the texture's content. Corners in voxel space include the
+ * frustum's matrix: if an edit of the scene moves the frustum, every key changes; else only those
+ * of tiles that an edited triangle reached or now reaches.
  *
  * Not part of it, because no bit depends on it: threads, memory, instruction sets, the depth path,
  * triangles elsewhere, materials' names, the file.

@@ -11,7 +11,7 @@ static uint32_t squares_across(const struct umbb_tile_shape *shape)
     return ((uint32_t)1 << shape->tile_log2) / UMB__OCCLUDER_DEPTH_SIDE;
 }
 
-/* The words of the tile's square of that number; NULL if it has none. */
+/* The words of the tile's square with that number; NULL if it has none. */
 static const uint32_t *square_of(const struct umbb_tile_shape *shape, uint32_t number)
 {
     const uint32_t across = squares_across(shape);
@@ -54,12 +54,12 @@ void umbb_tile_occluder_depth_put(const struct umbb_tile_shape *shape, uint8_t *
     umb__store32(at, squares);
 }
 
-/* 1 if the words are the part and nothing else. In: count: at least 1. */
+/* 1 if the words are exactly the part. In: count: at least 1. */
 static int is_whole(const struct umbb_tile_shape *shape, const uint32_t *words, size_t count)
 {
     const uint32_t across = squares_across(shape);
     size_t at = 1;
-    uint32_t least = 0; /* that the next square may be */
+    uint32_t least = 0; /* least number of the next square */
     for (uint32_t i = 0; i < words[0]; i++) {
         if (count - at < 2 || words[at] < least || words[at] >= across * across ||
             words[at + 1] > count - at - 1 ||

@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_OCCLUDER_DEPTH_CODE_H
 #define UMBRAGE_SERVER_BAKE_TILES_TILE_OCCLUDER_DEPTH_CODE_H
 /*
- * The last part of a tile's result where first occluders are kept (tile_code.h):
+ * The last part of a tile's result if first occluders are kept (tile_code.h):
  *
  *     uint32 squares              of 64 x 64 texels that have any
  *     then for each, in ascending order:
  *       uint32 number             in the tile, row by row
  *       uint32 words[words[0]]    format/occluder_depth_build.h
  *
- * Words do not depend on where in which frustum the square lies, nor on what was added before.
+ * Words do not depend on the square's place or frustum, nor on squares added before.
  */
 #include "bake/tiles/tile_code.h"
 
@@ -30,7 +30,8 @@ UMB_CHECKED enum umb_status umbb_tile_occluder_depth_read(const struct umbb_tile
                                                           uint32_t **words,
                                                           struct umb_error *error);
 
-/* Adds what was read to shape->occluder_depth. Fails: as umb__occluder_depth_add_square. */
+/* Adds the squares that were read to shape->occluder_depth. Fails: as
+ * umb__occluder_depth_add_square. */
 UMB_CHECKED enum umb_status umbb_tile_occluder_depth_add(const struct umbb_tile_shape *shape,
                                                          const uint32_t *words,
                                                          struct umb_error *error);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One pass over the folder; only names that this program gives are ever removed. */
+/* One pass over the folder; only files with names of this program's pattern are ever removed. */
 #include "bake/tiles/tile_sweep.h"
 
 #include <dirent.h>
@@ -26,7 +26,7 @@ struct entries {
     size_t count, capacity;
 };
 
-/* 1 if length characters from name on are KEY.umbt. */
+/* 1 if the `length` characters of name are KEY.umbt. */
 static int is_result(const char *name, size_t length)
 {
     return length == NAME_LENGTH && strspn(name, "0123456789abcdef") == UMBB_TILE_KEY_TEXT - 1 &&
@@ -34,7 +34,7 @@ static int is_result(const char *name, size_t length)
                0;
 }
 
-/* 1 if it is the temporary of a result (tool/output.h). */
+/* 1 if the name is a result's temporary (tool/output.h). */
 static int is_temporary(const char *name)
 {
     return strncmp(name, ".tmp.", 5) == 0 && strlen(name) > 5 + NAME_LENGTH &&
@@ -61,7 +61,7 @@ static enum umb_status remember(struct entries *entries, const char *name, const
     return UMB_OK;
 }
 
-/* Longest unused first; by name where times are equal. */
+/* Order of removal: least recently used first; by name for equal times. */
 static int by_use(const void *a, const void *b)
 {
     const struct entry *one = a, *two = b;

@@ -9,17 +9,18 @@
 #include "bake/depth/tile.h"
 #include "bake/interrupt.h"
 
-/* About half of the points look away from a light and do not count: 2000 that do tell the mean of
- * something that happens to 1 % of them to a fifth of it. */
+/* Number of points. About half of them face away from a light and do not count. The other 2000 tell
+ * the mean of an event with 1 % probability to a fifth of it. */
 #define POINTS     4096U
 #define POINTS_MIN 128U
-#define POINTS_ALL (16U * POINTS) /* of all lights together, where that leaves enough for each */
+/* Points of all lights together, if that leaves enough for each. */
+#define POINTS_ALL (16U * POINTS)
 
 struct drawn {
     double (*positions)[3]; /* [count] world */
     float (*outward)[3]; /* [count] unit normals of the winding, turned outward for closed parts */
-    uint8_t *open;       /* [count] 1: no part that is baked closed: lit from both sides */
-    float (*normals)[3]; /* [count] as one light sees them */
+    uint8_t *open;       /* [count] 1: not in a part baked as closed: lit from both sides */
+    float (*normals)[3]; /* [count] normals for one light */
     uint32_t count;
 };
 
@@ -34,7 +35,7 @@ static void units(uint64_t k, double out[2])
     }
 }
 
-/* Normal of a triangle, as long as twice its area; returns that length. */
+/* Normal of a triangle with twice its area as its length; returns that length. */
 static double area_normal(const double c[3][3], double n[3])
 {
     double u[3], v[3];
@@ -66,7 +67,7 @@ static void add_point(const struct umbb_analysis *analysis, size_t t, const doub
     drawn->open[k] = !analysis->closed_rule || analysis->kinds[t] == UMBB_CASTER_OPEN;
 }
 
-/* Draws `wanted` points at the middles of equal shares of the surface's area. */
+/* Draws `wanted` points in the middle of equal shares of the surface's area. */
 static void draw(const struct umbb_analysis *analysis, uint32_t wanted, struct drawn *drawn)
 {
     double total = 0, before = 0, normal[3];

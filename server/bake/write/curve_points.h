@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_WRITE_CURVE_POINTS_H
 #define UMBRAGE_SERVER_BAKE_WRITE_CURVE_POINTS_H
 /*
- * The accuracy curve of a bake: points on the scene's surfaces, asked with every setting
- * (curve/curve_measure.h). Points are drawn by area, at fixed shares of it, so that they follow
- * from the triangles alone and equal scenes give equal curves.
+ * The accuracy curve of a bake: points on the scene's surfaces, queried with every setting
+ * (curve/curve_measure.h). Points are drawn by area, at fixed shares of it. So they depend on the
+ * triangles alone, and equal scenes give equal curves.
  */
 #include "bake/analysis/analysis.h"
 #include "curve/curve_measure.h"

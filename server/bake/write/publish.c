@@ -10,7 +10,7 @@
 #include "bake/bake_progress.h"
 #include "common/sha256.h"
 
-/* Seed of the points compared: fixed, so that a failure can be repeated. */
+/* Seed of the compared points: fixed, so that a failure can be repeated. */
 #define VERIFY_SEED 1
 
 #define LIGHT_POINTS_MIN 20000U
@@ -23,7 +23,7 @@ enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *pat
     return umbu_output_begin(path, 0, &publish->file, error);
 }
 
-/* A sink that counts, looks for signals, and hands on to the file's. */
+/* A sink that counts bytes, checks for signals, and passes bytes on to the file's sink. */
 struct counter {
     struct umb_sink file;
     uint64_t bytes;
@@ -99,7 +99,7 @@ static enum umb_status judge(const struct umbb_check *check, uint32_t light,
                     (unsigned long long)result->points, p[0], p[1], p[2]);
 }
 
-/* Points for each light: its share of what was asked for, but enough to see a wrong matrix. */
+/* Points for each light: its share of the total, but enough to reveal a wrong matrix. */
 static uint64_t points_a_light(const struct umbb_check *check, uint32_t lights)
 {
     const uint64_t share = check->points / lights;
@@ -110,7 +110,7 @@ static uint64_t points_a_light(const struct umbb_check *check, uint32_t lights)
 /* Progress over all lights. */
 struct compared {
     struct umbb_progress progress;
-    uint64_t before; /* points of the lights before */
+    uint64_t before; /* points of the earlier lights */
 };
 
 static void show_compared(void *user, uint64_t points)
@@ -160,8 +160,8 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     return status;
 }
 
-/* Opens what was written. Its nodes grow without copies, as in the bake: else looking at them would
- * take more memory than making them. */
+/* Opens the written file. Its nodes grow without copies, as in the bake: otherwise checking them
+ * would take more memory than building them. */
 static enum umb_status reopen(const struct umbb_publish *publish, uint64_t max_memory_bytes,
                               struct umb_asset **asset, struct umb_error *error)
 {

@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
 #define UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
 /*
- * From octree to file: write a temporary, open it again as a stranger would, compare it with traced
- * rays, and only then give it its name. What fails a check never appears under the name.
+ * From octree to file: write a temporary, open it again without trusting it, compare it with traced
+ * rays, and only then give it its name. A file that fails a check never appears under the name.
  *
- *     umbb_publish_begin(&publish, "city.umb", &error);      early: refuses an unwritable place
+ *     umbb_publish_begin(&publish, "city.umb", &error);     early: shows an unwritable place
  *     umbb_publish_write(&publish, &content, &octree, &error);
  *     umbb_publish_check(&publish, &check, &error);
  *     umbb_publish_commit(&publish, &error);
- *     umbb_publish_abandon(&publish);                        harmless after commit
+ *     umbb_publish_abandon(&publish);                       no effect after commit
  */
 #include "tool/output.h"
 #include "scene/scene_alpha.h"
@@ -18,21 +18,21 @@
 
 struct umbb_publish {
     struct umbu_output file;
-    unsigned threads; /* that write may use: 1 after begin, the caller's to raise */
+    unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
     uint8_t id[UMB_ID_BYTES];
-    uint64_t bytes;                     /* of the file */
-    struct umb_asset_info info;         /* after check; its strings are gone */
-    struct umbr_verify_result verified; /* after check, sums; zero if not asked for */
+    uint64_t bytes;                     /* size of the file */
+    struct umb_asset_info info;         /* set by check; its strings are freed */
+    struct umbr_verify_result verified; /* sums, set by check; zero if it was not requested */
 };
 
-/* What the written asset is compared with. */
+/* Reference for the written asset. */
 struct umbb_check {
     const double (*corners)[3][3]; /* world */
     const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
     const struct umbs_cuts *cuts;  /* `of`: [count] */
     size_t count;
-    size_t open_on_word; /* parts that --closed on takes for closed and that are not */
-    uint64_t points;     /* of all lights together; 0 = open and validate only */
+    size_t open_on_word; /* parts that --closed on treats as closed and that are open */
+    uint64_t points;     /* points of all lights together; 0 = open and validate only */
     unsigned threads;
     int quiet; /* no progress on a terminal */
     uint64_t max_memory_bytes;
@@ -51,11 +51,11 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
 /*
  * Opens the temporary with full validation, compares its identity, and traces rays.
  *
- * Many lights get fewer points each, but not below 20000 of those that were asked for.
- * Fails: E_INTERNAL if the file is not what was written or disagrees with rays outside the band
- *        of one voxel (how many, and where), E_BAD_SCENE if it disagrees with open_on_word parts;
- *        E_LIMIT if opening takes more than max_memory_bytes; what else opening and tracing fail
- *        with.
+ * With many lights each gets fewer points, but not fewer than 20000 (or the requested number).
+ * Fails: E_INTERNAL if the file differs from what was written, or disagrees with rays outside the
+ *        band of one voxel (how many, and where), E_BAD_SCENE if it disagrees with open_on_word
+ *        parts; E_LIMIT if opening takes more than max_memory_bytes; other failures of opening and
+ *        tracing.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
                                                const struct umbb_check *check,
