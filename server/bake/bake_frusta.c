@@ -19,7 +19,7 @@ struct series {
     const struct umbb_frusta_job *job;
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory;
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb__occluder_depth *occluder_depths; /* [frustum_count]; NULL: not wanted */
     struct umbb_progress progress;
     uint64_t texels_total;
@@ -235,7 +235,7 @@ static int is_unwanted(const struct series *series, uint32_t frustum)
     return series->options->task == UMBB_TASK_TILE && begin >= end;
 }
 
-enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_octree *octree,
+enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb__octree *octree,
                                  struct umbb_bake_figures *figures, struct umb_error *error)
 {
     struct umbb_analysis *analysis = job->analysis;
@@ -244,7 +244,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     struct series series = {.job = job, .options = options, .memory = job->memory};
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
-    umb_pool_init(&series.pool, &umb__page_alloc, job->memory->octree_max_bytes);
+    umb__pool_init(&series.pool, &umb__page_alloc, job->memory->octree_max_bytes);
     const uint64_t tiles = options->only_given ? options->only_last - options->only_first + 1
                                                : umbb_tile_count(analysis, job->memory->tile_log2);
     series.tiles_total = tiles;
@@ -270,7 +270,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
     }
     umbb_progress_end(&series.progress);
     if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
-        status = umb_pool_take(&series.pool, roots, levels, count, octree, error);
+        status = umb__pool_take(&series.pool, roots, levels, count, octree, error);
     }
     if (status == UMB_OK && job->occluder_depth != NULL && options->task != UMBB_TASK_TILE) {
         status =
@@ -278,7 +278,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb_o
                                      &job->occluder_depth->count, error);
     }
     close_occluder_depths(&series);
-    umb_pool_finish(&series.pool);
+    umb__pool_finish(&series.pool);
     free(roots);
     free(levels);
     *figures = series.figures;

@@ -43,7 +43,7 @@ uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log
  *        (tile_folder.h).
  */
 UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
-                                             struct umb_octree *octree,
+                                             struct umb__octree *octree,
                                              struct umbb_bake_figures *figures,
                                              struct umb_error *error);
 

@@ -42,7 +42,7 @@ struct run {
     struct umbb_bake_sandbox sandbox;
     struct umbb_analysis analysis;
     char *plan, *settings;
-    struct umb_octree octree;
+    struct umb__octree octree;
     struct umbb_occluder_depth_words occluder_depth;
     struct umb__transmittance_bytes transmittance;
     uint64_t
@@ -305,9 +305,9 @@ static enum umb_status open_static(struct run *run, struct umb_error *error)
 }
 
 /* Content of the asset so far. */
-static struct umb_content content_of(const struct run *run)
+static struct umb__content content_of(const struct run *run)
 {
-    return (struct umb_content){
+    return (struct umb__content){
         .light_count = run->analysis.choice.count,
         .frustum_count = run->analysis.frustum_count,
         .lights = run->analysis.choice.lights,
@@ -326,7 +326,7 @@ static struct umb_content content_of(const struct run *run)
 static enum umb_status divide_head(const struct run *run, size_t *occluder_depth_bytes,
                                    struct umb_error *error)
 {
-    const struct umb_content content = content_of(run);
+    const struct umb__content content = content_of(run);
     return umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
                                           occluder_depth_bytes, error);
 }
@@ -403,7 +403,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     const double start = umbu_clock_s();
     umbb_progress_phase("write");
     write_notes(run, notes, sizeof notes);
-    struct umb_content content = content_of(run);
+    struct umb__content content = content_of(run);
     content.notes = notes;
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
@@ -416,7 +416,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
         status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     }
     free(content.curve);
-    umb_octree_finish(&run->octree);
+    umb__octree_finish(&run->octree);
     run->report.seconds_write = umbu_clock_s() - start;
     return status;
 }
@@ -558,7 +558,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
         status = umb_fail(error, UMB_E_IO, "cannot write to standard output");
     }
     umbb_publish_abandon(&run.publish);
-    umb_octree_finish(&run.octree);
+    umb__octree_finish(&run.octree);
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
     free(run.receiver_mask_cells);
     umb__transmittance_bytes_finish(&run.transmittance);

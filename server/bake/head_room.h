@@ -17,7 +17,7 @@
  *        follow.
  * Fails: E_BAD_SCENE: so many lights and frusta do not fit even without an occluder depth map.
  */
-UMB_CHECKED enum umb_status umbb_head_occluder_depth_bytes(const struct umb_content *content,
+UMB_CHECKED enum umb_status umbb_head_occluder_depth_bytes(const struct umb__content *content,
                                                            int translucent, size_t *bytes,
                                                            struct umb_error *error);
 

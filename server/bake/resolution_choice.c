@@ -54,11 +54,11 @@ static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
 }
 
 /* Packs an octree without writing it, for its size. */
-static enum umb_status pack(const struct umbb_resolution_job *job, const struct umb_octree *octree,
+static enum umb_status pack(const struct umbb_resolution_job *job, const struct umb__octree *octree,
                             double *packed_bytes, struct umb_error *error)
 {
     static char nothing[] = "";
-    const struct umb_content content = {
+    const struct umb__content content = {
         .light_count = job->analysis->choice.count,
         .frustum_count = job->analysis->frustum_count,
         .lights = job->analysis->choice.lights,
@@ -69,7 +69,7 @@ static enum umb_status pack(const struct umbb_resolution_job *job, const struct 
     };
     const struct umb_sink sink = {count_bytes, packed_bytes};
     uint8_t id[UMB_ID_BYTES];
-    return umb_pack_write(&content, octree, &umbs_sha256, &sink, id, error);
+    return umb__pack_write(&content, octree, &umbs_sha256, &sink, id, error);
 }
 
 /* Bakes at a small resolution. */
@@ -78,7 +78,7 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
 {
     struct umbb_options options = *job->options;
     struct umbb_memory_plan memory;
-    struct umb_octree octree = {0};
+    struct umb__octree octree = {0};
     struct umbb_bake_figures figures = {0};
     const double start = umbu_process_cpu_s();
     memset(sample, 0, sizeof *sample);
@@ -98,7 +98,7 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
     if (status == UMB_OK) {
         status = pack(job, &octree, &sample->packed_bytes, error);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     sample->seconds = umbu_process_cpu_s() - start;
     sample->octree_bytes = (double)figures.octree_bytes;
     return status;

@@ -180,9 +180,23 @@ int64_t umbj_sql_changes(const struct umbj_sql *sql)
     return sqlite3_changes(sql->database);
 }
 
+/* Rolls an open transaction back. Without memory it stays open, and the next begin tries again. */
+static void roll_back(struct umbj_sql *sql)
+{
+    struct umb_error ignored; /* the caller reports the failure that led here */
+    if (!sqlite3_get_autocommit(sql->database)) {
+        (void)(umbj_sql_run(sql, &ignored, NULL, NULL, "ROLLBACK", "") == UMB_OK);
+    }
+}
+
 enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error)
 {
-    return umbj_sql_run(sql, error, NULL, NULL, "BEGIN IMMEDIATE", "");
+    roll_back(sql);
+    enum umb_status status = umbj_sql_run(sql, error, NULL, NULL, "BEGIN IMMEDIATE", "");
+    if (status != UMB_OK) {
+        roll_back(sql);
+    }
+    return status;
 }
 
 enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status, struct umb_error *error)
@@ -190,11 +204,8 @@ enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status, struc
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL, "COMMIT", "");
     }
-    if (status != UMB_OK && !sqlite3_get_autocommit(sql->database)) {
-        struct umb_error ignored; /* the first failure is the one to report */
-        if (umbj_sql_run(sql, &ignored, NULL, NULL, "ROLLBACK", "") != UMB_OK) {
-            return status;
-        }
+    if (status != UMB_OK) {
+        roll_back(sql);
     }
     return status;
 }

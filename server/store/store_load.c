@@ -149,7 +149,7 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
     status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
         struct umb_sink sink = {.write = hash_and_write, .user = &hashing};
-        status = umb_mapped_write(asset, &sink, error);
+        status = umb__mapped_write(asset, &sink, error);
     }
     umb_asset_close(asset);
     umbs_sha256_end(&hashing.run, digest);

@@ -182,11 +182,11 @@ static void deep(void)
     }
 }
 
-static uint64_t octree_digest(const struct umb_octree *octree)
+static uint64_t octree_digest(const struct umb__octree *octree)
 {
     uint64_t digest = XXH3_64bits(octree->bricks, octree->brick_count * sizeof octree->bricks[0]);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
-        const struct umb_octree_level *of = &octree->level[level];
+        const struct umb__octree_level *of = &octree->level[level];
         const size_t children = of->count > 0 ? of->first[of->count] : 0;
         digest = XXH3_64bits_withSeed(of->masks, of->count * sizeof of->masks[0], digest);
         digest = XXH3_64bits_withSeed(of->children, children * sizeof of->children[0], digest);
@@ -205,14 +205,14 @@ static uint64_t bake(const struct soup *soup, int closed_rule, int plain)
                                               .closed_rule = closed_rule,
                                               .octree_max_bytes = (size_t)1 << 30};
     struct umbb_depth depth;
-    struct umb_octree octree;
+    struct umb__octree octree;
     if (umbb_depth_raster_create(&casters, &how, &depth, NULL) != UMB_OK ||
         umbb_bake_frustum(&depth, &options, &octree, NULL, NULL) != UMB_OK) {
         abort();
     }
     const uint64_t digest = octree_digest(&octree);
     depth.destroy(depth.state);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return digest;
 }
 

@@ -41,7 +41,7 @@ static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
 
 /* From casters to an octree. */
 static void octree_make(const struct bench_scene *scene, int closed_rule, unsigned threads,
-                        struct umb_octree *octree)
+                        struct umb__octree *octree)
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
     const struct umbb_depth_options depth_options = {.tile_log2 = TILE_LOG2, .threads = threads};
@@ -60,7 +60,7 @@ static void octree_make(const struct bench_scene *scene, int closed_rule, unsign
 }
 
 static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, unsigned threads,
-                            const struct umb_octree *octree)
+                            const struct umb__octree *octree)
 {
     struct umb_error error;
     uint8_t id[UMB_ID_BYTES];
@@ -70,7 +70,7 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
     struct umb_frustum_info frustum = scene->frustum;
     struct umbu_threads *jobs;
     frustum.closed = closed_rule;
-    struct umb_content content = {
+    struct umb__content content = {
         .light_count = 1,
         .frustum_count = 1,
         .lights = &light,
@@ -84,8 +84,8 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
     bench_must(umbu_threads_create(threads, &jobs, &error), &error, "threads");
     const struct umb_sink sink = {count_bytes, &bytes};
     const struct umb_workers workers = umbu_threads_workers(jobs);
-    const struct umb_pack_job job = {&content, octree, &umbs_sha256, &sink, &workers, NULL};
-    bench_must(umb_pack_run(&job, id, &error), &error, "pack");
+    const struct umb__pack_job job = {&content, octree, &umbs_sha256, &sink, &workers, NULL};
+    bench_must(umb__pack_run(&job, id, &error), &error, "pack");
     umbu_threads_destroy(jobs);
     return bytes;
 }
@@ -112,7 +112,7 @@ struct task {
 
 static void bake_here(struct task *task)
 {
-    struct umb_octree octree;
+    struct umb__octree octree;
     struct rusage usage;
     struct run *run = &task->run;
     const double before = resident_mib(), wall = bench_wall_s(), cpu = bench_cpu_s();
@@ -120,7 +120,7 @@ static void bake_here(struct task *task)
     run->packed_bytes = octree_pack(task->scene, task->closed_rule, task->threads, &octree);
     run->cpu_s = bench_cpu_s() - cpu;
     run->wall_s = bench_wall_s() - wall;
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     getrusage(RUSAGE_SELF, &usage);
     run->peak_mib = (double)usage.ru_maxrss / 1024.0 - before;
 }

@@ -154,7 +154,7 @@ static enum umb_status bytes_count(void *user, const void *data, size_t count)
     return UMB_OK;
 }
 
-static void octree_bake(const struct bench_scene *scene, int closed_rule, struct umb_octree *octree)
+static void octree_bake(const struct bench_scene *scene, int closed_rule, struct umb__octree *octree)
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
     const unsigned threads = umbu_processor_count();
@@ -178,7 +178,7 @@ static void octree_bake(const struct bench_scene *scene, int closed_rule, struct
 /* Bakes a scene into packed bytes. */
 static void packed_bake(const struct bench_scene *scene, int closed_rule, struct bytes *bytes)
 {
-    struct umb_octree octree;
+    struct umb__octree octree;
     struct umb_error error;
     uint8_t id[UMB_ID_BYTES];
     char nothing[] = "";
@@ -188,7 +188,7 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     octree_bake(scene, closed_rule, &octree);
     const double baked = bench_wall_s();
     frustum.closed = closed_rule;
-    struct umb_content content = {
+    struct umb__content content = {
         .light_count = 1,
         .frustum_count = 1,
         .lights = &light,
@@ -203,10 +203,10 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     struct umbu_threads *jobs;
     bench_must(umbu_threads_create(umbu_processor_count(), &jobs, &error), &error, "threads");
     const struct umb_workers workers = umbu_threads_workers(jobs);
-    const struct umb_pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
-    bench_must(umb_pack_run(&job, id, &error), &error, "pack");
+    const struct umb__pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
+    bench_must(umb__pack_run(&job, id, &error), &error, "pack");
     umbu_threads_destroy(jobs);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bench_say("%s %s: baked in %.2f s, packed to %zu bytes in %.2f s", scene->name,
               closed_rule ? "closed" : "open", baked - start, bytes->size, bench_wall_s() - baked);
 }
@@ -258,7 +258,7 @@ void bench_asset_make(const struct bench_scene *scene, int closed_rule, int meas
                "open");
     if (measure_mapped) {
         const struct umb_sink counter = {bytes_count, &asset->mapped_bytes};
-        bench_must(umb_mapped_write(asset->asset, &counter, &error), &error, "map");
+        bench_must(umb__mapped_write(asset->asset, &counter, &error), &error, "map");
     }
 }
 

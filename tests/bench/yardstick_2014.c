@@ -13,7 +13,7 @@
 #define LEAF_BYTES    8U
 
 struct build {
-    struct umb_pool pool;
+    struct umb__pool pool;
     uint32_t log2_size;
     uint32_t across;   /* tiles a side */
     uint32_t *columns; /* [across^3] the tiles' cubes: x + across * (y + across * z) */
@@ -44,7 +44,7 @@ static uint32_t brick_make(struct build *build, const struct umbb_tile *tile, si
     for (size_t z = 0; z < 8; z++) {
         slices[z] = slice_fill(visible[z], allowed[z]);
     }
-    must(umb_pool_brick(&build->pool, slices, &ref, &error), &error);
+    must(umb__pool_brick(&build->pool, slices, &ref, &error), &error);
     return ref;
 }
 
@@ -55,10 +55,10 @@ static uint32_t cube_make(struct build *build, const struct umbb_tile *tile, uin
     const size_t square = y * ((size_t)1 << (tile->log2_size - level)) + x;
     const int64_t z0 = (int64_t)(z << level), z1 = (int64_t)((z + 1) << level);
     if (z0 >= tile->max_lit[level][square]) {
-        return UMB_REF_SHADOWED; /* or undefined: the neighbours behind are shadowed */
+        return UMB__REF_SHADOWED; /* or undefined: the neighbours behind are shadowed */
     }
     if (z1 <= tile->min_end[level][square]) {
-        return UMB_REF_LIT;
+        return UMB__REF_LIT;
     }
     if (level == UMB_LEVEL_BRICK) {
         return brick_make(build, tile, square, (int32_t)z0);
@@ -69,7 +69,7 @@ static uint32_t cube_make(struct build *build, const struct umbb_tile *tile, uin
         children[c] = cube_make(build, tile, level - 1, 2 * x + (c & 1), 2 * y + (c >> 1 & 1),
                                 2 * z + (c >> 2));
     }
-    must(umb_pool_node(&build->pool, level, children, &ref, &error), &error);
+    must(umb__pool_node(&build->pool, level, children, &ref, &error), &error);
     return ref;
 }
 
@@ -99,7 +99,7 @@ static uint32_t root_make(struct build *build)
                 children[c] =
                     build->columns[x + (c & 1) + n * (y + (c >> 1 & 1) + n * (z + (c >> 2)))];
             }
-            must(umb_pool_node(&build->pool, level, children, &build->columns[i], &error), &error);
+            must(umb__pool_node(&build->pool, level, children, &build->columns[i], &error), &error);
         }
     }
     return build->columns[0];
@@ -111,7 +111,7 @@ static int compare_words(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static void bricks_count(const struct umb_octree *octree, struct yardstick_2014 *result)
+static void bricks_count(const struct umb__octree *octree, struct yardstick_2014 *result)
 {
     uint64_t *leaves = calloc((size_t)octree->brick_count * 8 + 1, sizeof *leaves);
     size_t count = 0;
@@ -137,11 +137,11 @@ static void bricks_count(const struct umb_octree *octree, struct yardstick_2014 
 struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int closed_rule)
 {
     struct yardstick_2014 result = {0};
-    struct umb_octree octree;
+    struct umb__octree octree;
     struct umb_error error;
     struct build build = {.log2_size = scene->frustum.log2_size};
     build.across = 1U << (build.log2_size - BENCH_TILE_LOG2);
-    umb_pool_init(&build.pool, NULL, SIZE_MAX);
+    umb__pool_init(&build.pool, NULL, SIZE_MAX);
     build.columns =
         calloc((size_t)build.across * build.across * build.across, sizeof *build.columns);
     if (build.columns == NULL) {
@@ -149,9 +149,9 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
     }
     bench_tiles(scene, closed_rule, tile_take, &build);
     const uint32_t root = root_make(&build);
-    must(umb_pool_take(&build.pool, &root, &build.log2_size, 1, &octree, &error), &error);
+    must(umb__pool_take(&build.pool, &root, &build.log2_size, 1, &octree, &error), &error);
     for (uint32_t level = 4; level <= UMB_LEVEL_MAX; level++) {
-        const struct umb_octree_level *l = &octree.level[level];
+        const struct umb__octree_level *l = &octree.level[level];
         result.nodes += l->count;
         if (l->count > 0) {
             result.bytes +=
@@ -159,8 +159,8 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
         }
     }
     bricks_count(&octree, &result);
-    umb_octree_finish(&octree);
-    umb_pool_finish(&build.pool);
+    umb__octree_finish(&octree);
+    umb__pool_finish(&build.pool);
     free(build.columns);
     bench_say("%s %s: %llu bytes in the encoding of 2014 (%llu nodes, %llu bricks, %llu leaves)",
               scene->name, closed_rule ? "closed" : "open", (unsigned long long)result.bytes,

@@ -107,19 +107,19 @@ static void walk_everywhere(const struct umb_asset *asset)
 /* What opened must survive exporting, packing and opening again. */
 static void round_trip(const struct umb_asset *asset)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes again = {0};
     struct umb_sink sink = bytes_sink(&again);
     uint8_t id[UMB_ID_BYTES];
     struct umb_asset *reopened;
-    if (umb_asset_export(asset, &octree, &content, NULL) == UMB_OK) {
-        FUZZ_DEMAND(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK);
+    if (umb__asset_export(asset, &octree, &content, NULL) == UMB_OK) {
+        FUZZ_DEMAND(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK);
         FUZZ_DEMAND(umb_asset_open_bytes(again.data, again.size, NULL, &reopened, NULL) == UMB_OK);
         umb_asset_close(reopened);
         bytes_finish(&again);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 static void try_file(const uint8_t *bytes, size_t size)

@@ -44,15 +44,15 @@ static void write_asset(const char *path)
     static const uint32_t log2_size = 6;
     const struct voxels voxels = {random_voxel, &log2_size, log2_size, 1};
     struct bytes packed = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
     make_content(&voxels, 1, origin, &content);
     struct umb_sink sink = bytes_sink(&packed);
-    FUZZ_DEMAND(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL) == UMB_OK);
+    FUZZ_DEMAND(umb__pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL) == UMB_OK);
     fuzz_write(path, packed.data, packed.size);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&packed);
 }
 

@@ -88,7 +88,7 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
                  const struct umbs_scene_view *view)
 {
     struct umbb_memory_plan memory;
-    struct umb_octree octree = {0};
+    struct umb__octree octree = {0};
     struct umbb_bake_figures figures = {0};
     struct umbb_occluder_depth_words occluder_depth = {0};
     struct umb__transmittance_bytes transmittance = {0};
@@ -113,7 +113,7 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
             umbb_analysis_orient(analysis);
         }
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb__occluder_depth_words_free(NULL, occluder_depth.words);
     umb__transmittance_bytes_finish(&transmittance);
     free(receiver_mask_cells);

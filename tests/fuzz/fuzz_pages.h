@@ -54,7 +54,7 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
     static const double origin[3] = {0, 0, 0};
     struct bytes stored = {0};
     uint8_t entries[FUZZ_PAGES_MAX * UMB__PAGE_ENTRY] = {0}, block_entry[UMB__BLOCK_ENTRY];
-    struct umb__packed_root root = {UMB_NODE_MIXED, 0, 0};
+    struct umb__packed_root root = {UMB__NODE_MIXED, 0, 0};
     struct umb__canonical canonical = {.roots = &root};
     uint32_t log2_size = size > 0 ? 6 + data[0] % 5 : 6, pages = 0;
     struct voxels voxels = {NULL, NULL, log2_size, 1};

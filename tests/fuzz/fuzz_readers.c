@@ -109,7 +109,7 @@ static struct umb_asset *open_mapped(const struct umb_asset *packed, struct byte
 {
     struct umb_asset *mapped;
     struct umb_sink sink = bytes_sink(file);
-    FUZZ_DEMAND(umb_mapped_write(packed, &sink, NULL) == UMB_OK);
+    FUZZ_DEMAND(umb__mapped_write(packed, &sink, NULL) == UMB_OK);
     FUZZ_DEMAND(umb_asset_open_bytes(file->data, file->size, NULL, &mapped, NULL) == UMB_OK);
     return mapped;
 }

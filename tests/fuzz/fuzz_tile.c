@@ -17,12 +17,12 @@ static uint8_t *again(const struct umbb_tile_shape *plain, int with_depths, cons
 {
     struct umbb_tile_shape own = *plain, *shape = &own;
     struct umb__occluder_depth occluder_depth = {0};
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb_error error = {0};
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
     uint8_t *out = NULL;
-    umb_pool_init(&pool, NULL, BUDGET);
+    umb__pool_init(&pool, NULL, BUDGET);
     if (with_depths) {
         FUZZ_DEMAND(umb__occluder_depth_init(&occluder_depth, NULL, own.log2_size, BUDGET,
                                              &error) == UMB_OK);
@@ -40,7 +40,7 @@ static uint8_t *again(const struct umbb_tile_shape *plain, int with_depths, cons
     }
     umb__occluder_depth_finish(&occluder_depth);
     umbb_runs_finish(&runs);
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     return out;
 }
 

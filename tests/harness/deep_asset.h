@@ -49,7 +49,7 @@ static inline uint32_t deep_child(const struct deep *deep, uint32_t level, uint3
 }
 
 static inline void deep_fill_level(const struct deep *deep, uint32_t number, uint64_t *seed,
-                                   struct umb_octree_level *level)
+                                   struct umb__octree_level *level)
 {
     level->count = deep_count(deep, number);
     level->masks = calloc(level->count, sizeof *level->masks);
@@ -63,7 +63,7 @@ static inline void deep_fill_level(const struct deep *deep, uint32_t number, uin
             if (child == UINT32_MAX) {
                 mask |= (unsigned)(next_random(seed) & 1) << (2 * c);
             } else {
-                mask |= (unsigned)UMB_NODE_MIXED << (2 * c);
+                mask |= (unsigned)UMB__NODE_MIXED << (2 * c);
                 level->children[next++] = child;
             }
         }
@@ -72,7 +72,7 @@ static inline void deep_fill_level(const struct deep *deep, uint32_t number, uin
     }
 }
 
-static inline void deep_octree(const struct deep *deep, struct umb_octree *octree)
+static inline void deep_octree(const struct deep *deep, struct umb__octree *octree)
 {
     uint64_t seed = deep->seed;
     memset(octree, 0, sizeof *octree);
@@ -86,7 +86,7 @@ static inline void deep_octree(const struct deep *deep, struct umb_octree *octre
     }
     octree->root_count = 1;
     octree->roots = calloc(1, sizeof *octree->roots);
-    *octree->roots = (struct umb_octree_root){UMB_NODE_MIXED, deep->log2_size, 0};
+    *octree->roots = (struct umb__octree_root){UMB__NODE_MIXED, deep->log2_size, 0};
 }
 
 /* The packed file; side_m: metres that the frustum is wide. */
@@ -94,19 +94,19 @@ static inline struct bytes deep_asset(const struct deep *deep, double side_m)
 {
     static const double origin[3] = {0, 0, 0};
     const struct voxels voxels = {.log2_size = deep->log2_size, .frustum_count = 1};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     uint8_t id[UMB_ID_BYTES];
     deep_octree(deep, &octree);
     make_content(&voxels, side_m / (double)(1U << deep->log2_size), origin, &content);
     struct umb_error error = {0};
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
         (void)fprintf(stderr, "deep asset: %s\n", error.message);
         abort();
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return file;
 }
 

@@ -102,7 +102,7 @@ struct cube {
     uint32_t frustum, level, x, y, z; /* in voxels */
 };
 
-static void build(const struct voxels *voxels, struct umb_pool *pool, struct cube cube,
+static void build(const struct voxels *voxels, struct umb__pool *pool, struct cube cube,
                   uint32_t *ref)
 {
     if (cube.level == UMB_LEVEL_BRICK) {
@@ -113,7 +113,7 @@ static void build(const struct voxels *voxels, struct umb_pool *pool, struct cub
                 voxels->lit(voxels->user, cube.frustum, cube.x + x, cube.y + y, cube.z + z) != 0;
             brick[z] |= lit << (x + 8 * y);
         }
-        demand(umb_pool_brick(pool, brick, ref, NULL) == UMB_OK, "brick");
+        demand(umb__pool_brick(pool, brick, ref, NULL) == UMB_OK, "brick");
         return;
     }
     uint32_t children[8];
@@ -123,30 +123,30 @@ static void build(const struct voxels *voxels, struct umb_pool *pool, struct cub
                             cube.y + (c >> 1 & 1) * half, cube.z + (c >> 2) * half};
         build(voxels, pool, part, &children[c]);
     }
-    demand(umb_pool_node(pool, cube.level, children, ref, NULL) == UMB_OK, "node");
+    demand(umb__pool_node(pool, cube.level, children, ref, NULL) == UMB_OK, "node");
 }
 
 enum {
     HARNESS_LIGHTS = 16
 };
 
-void make_octree(const struct voxels *voxels, struct umb_octree *octree)
+void make_octree(const struct voxels *voxels, struct umb__octree *octree)
 {
-    struct umb_pool pool;
+    struct umb__pool pool;
     uint32_t refs[HARNESS_LIGHTS], levels[HARNESS_LIGHTS];
     demand(voxels->frustum_count <= HARNESS_LIGHTS, "too many lights");
-    umb_pool_init(&pool, NULL, SIZE_MAX);
+    umb__pool_init(&pool, NULL, SIZE_MAX);
     for (uint32_t i = 0; i < voxels->frustum_count; i++) {
         struct cube whole = {i, voxels->log2_size, 0, 0, 0};
         levels[i] = voxels->log2_size;
         build(voxels, &pool, whole, &refs[i]);
     }
-    demand(umb_pool_take(&pool, refs, levels, voxels->frustum_count, octree, NULL) == UMB_OK,
+    demand(umb__pool_take(&pool, refs, levels, voxels->frustum_count, octree, NULL) == UMB_OK,
            "roots");
 }
 
 void make_content(const struct voxels *voxels, double voxel_m, const double origin[3],
-                  struct umb_content *content)
+                  struct umb__content *content)
 {
     static struct umb_light_info lights[HARNESS_LIGHTS];
     static struct umb_frustum_info frusta[HARNESS_LIGHTS];
@@ -185,16 +185,16 @@ void make_content(const struct voxels *voxels, double voxel_m, const double orig
 struct bytes make_packed(const struct voxels *voxels, double voxel_m, const double origin[3])
 {
     struct bytes bytes = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     make_octree(voxels, &octree);
     make_content(voxels, voxel_m, origin, &content);
     struct umb_sink sink = bytes_sink(&bytes);
-    enum umb_status status = umb_pack_write(&content, &octree, &test_digest, &sink, id, &error);
+    enum umb_status status = umb__pack_write(&content, &octree, &test_digest, &sink, id, &error);
     demand(status == UMB_OK, error.message);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return bytes;
 }
 
@@ -206,7 +206,7 @@ struct bytes make_mapped(const struct bytes *packed)
     struct umb_sink sink = bytes_sink(&bytes);
     demand(umb_asset_open_bytes(packed->data, packed->size, NULL, &asset, &error) == UMB_OK,
            error.message);
-    demand(umb_mapped_write(asset, &sink, &error) == UMB_OK, error.message);
+    demand(umb__mapped_write(asset, &sink, &error) == UMB_OK, error.message);
     umb_asset_close(asset);
     return bytes;
 }

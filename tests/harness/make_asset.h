@@ -48,15 +48,15 @@ int short_count(int n, int few);
 /* A seed that differs from round to round of a long run, UMBRAGE_ROUND; printed. */
 uint64_t round_seed(uint64_t seed);
 
-/* Builds the octree of `voxels`; finish with umb_octree_finish. Aborts the test on failure. */
-void make_octree(const struct voxels *voxels, struct umb_octree *octree);
+/* Builds the octree of `voxels`; finish with umb__octree_finish. Aborts the test on failure. */
+void make_octree(const struct voxels *voxels, struct umb__octree *octree);
 
 /*
  * Content whose light i travels along +z of a frame where one voxel is voxel_m metres, with the
  * scene origin at `origin`; voxel space is (world - origin) / voxel_m. Static storage inside.
  */
 void make_content(const struct voxels *voxels, double voxel_m, const double origin[3],
-                  struct umb_content *content);
+                  struct umb__content *content);
 
 /* Packs voxels; returns the file's bytes. */
 struct bytes make_packed(const struct voxels *voxels, double voxel_m, const double origin[3]);

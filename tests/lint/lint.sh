@@ -29,6 +29,8 @@ report "function over 80 lines" "$(echo "$sources" | tr ' ' '\n' | grep '\.c$' |
 report "test that cannot be executed" "$(git ls-files -s 'tests/*/test_*.py' 'tests/*/test_*.sh' | awk '$1 != "100755" { print $4 }')"
 report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
 
+report "name outside of the legend of prefixes (docs/ARCHITECTURE.md)" "$(python3 tests/lint/names.py || true)"
+
 # Another version lays out otherwise.
 version=$(clang-format --version 2>/dev/null | sed -n 's/.*version \([0-9]*\)\..*/\1/p')
 if [ "$version" = 14 ]; then

@@ -102,7 +102,7 @@ static double settings_bound(const struct umb_frustum_info *frustum,
 
 double umb_query_bound_m(const struct umb_asset *asset, const struct umb_query_settings *settings)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     struct umb_query query;
     if (settings->filter == UMB_FILTER_PENUMBRA || settings->filter == UMB_FILTER_FOOTPRINT ||
         umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {

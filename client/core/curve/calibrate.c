@@ -210,7 +210,7 @@ static enum umb_status time_sample(struct job *job, struct sample *sample, doubl
 /* Finds the light and the curve to calibrate. */
 static enum umb_status find_rows(struct job *job, struct umb_error *error)
 {
-    const struct umb_content *content = &job->asset->canonical.content;
+    const struct umb__content *content = &job->asset->canonical.content;
     if (job->light >= content->light_count) {
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", job->light,
                         content->light_count);

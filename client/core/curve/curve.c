@@ -9,8 +9,8 @@
 #include "format/asset_parts.h"
 
 /* Returns the largest bound of a light's frusta. */
-static double light_bound_m(const struct umb_content *content,
-                            const struct umb_curve_record *record)
+static double light_bound_m(const struct umb__content *content,
+                            const struct umb__curve_record *record)
 {
     const struct umb_light_info *light = &content->lights[record->light];
     double bound = 0;
@@ -22,7 +22,7 @@ static double light_bound_m(const struct umb_content *content,
 }
 
 /* Returns the first row of a light or of a later one; rows are sorted (content_check.c). */
-static uint32_t first_row(const struct umb_content *content, uint32_t light)
+static uint32_t first_row(const struct umb__content *content, uint32_t light)
 {
     uint32_t low = 0, high = content->curve_count;
     while (low < high) {
@@ -39,11 +39,11 @@ static uint32_t first_row(const struct umb_content *content, uint32_t light)
 enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t light,
                                     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], size_t *count)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     *count = 0;
     for (uint32_t i = first_row(content, light);
          i < content->curve_count && *count < UMB_CURVE_ROWS_MAX; i++) {
-        const struct umb_curve_record *record = &content->curve[i];
+        const struct umb__curve_record *record = &content->curve[i];
         const double points = record->points;
         if (record->light != light) {
             break;
@@ -52,7 +52,7 @@ enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t ligh
             .level = record->level,
             .taps = record->taps,
             .bound_m = light_bound_m(content, record),
-            .visibility_error = sqrt((double)record->squares / (points * UMB_CURVE_SQUARE)),
+            .visibility_error = sqrt((double)record->squares / (points * UMB__CURVE_SQUARE)),
             .nodes = (double)record->nodes / points,
             .lines = (double)record->lines / points,
         };

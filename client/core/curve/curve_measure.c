@@ -20,7 +20,7 @@ struct setting {
     struct umb__query query;  /* as asked */
     struct umb__query fine;   /* Second look-up: the same window, at full resolution */
     struct umb__query beside; /* Places the second look-up: with the bias of one texel more */
-    struct umb_curve_record sums;
+    struct umb__curve_record sums;
 };
 
 /* Mixes a counter into bits (splitmix64, Steele et al. 2014). */
@@ -56,8 +56,8 @@ static bool place(const struct umb__query *q, const struct umb_points *points, s
 }
 
 /* Answers a look-up; space beyond the frustum is lit and reads nothing. */
-static uint32_t look_up(const struct umb__query *q, const struct umb_content *content,
-                        const struct umb_octree *octree, uint32_t frustum, const double voxel[3],
+static uint32_t look_up(const struct umb__query *q, const struct umb__content *content,
+                        const struct umb__octree *octree, uint32_t frustum, const double voxel[3],
                         struct umb__octree_window *read)
 {
     struct umb__query sized = *q;
@@ -80,8 +80,8 @@ static uint32_t look_up(const struct umb__query *q, const struct umb_content *co
 }
 
 /* Adds point i to a setting's sums. */
-static void add_point(struct setting *s, const struct umb_content *content,
-                      const struct umb_octree *octree, const struct umb_points *points, size_t i)
+static void add_point(struct setting *s, const struct umb__content *content,
+                      const struct umb__octree *octree, const struct umb_points *points, size_t i)
 {
     const struct umb__query *q = &s->query;
     struct umb__octree_window read;
@@ -102,7 +102,7 @@ static void add_point(struct setting *s, const struct umb_content *content,
     uint64_t other = look_up(&s->fine, content, octree, frustum, aside, &read);
     other *= q->level > 0 ? 2 : 1; /* one tap against halves */
     const uint64_t difference = lit > other ? lit - other : other - lit;
-    s->sums.squares += difference * difference * UMB_CURVE_SQUARE / (total * total);
+    s->sums.squares += difference * difference * UMB__CURVE_SQUARE / (total * total);
 }
 
 static enum umb_status prepare(const struct umb_asset *bare, struct umb_query_settings settings,
@@ -120,7 +120,7 @@ static enum umb_status prepare(const struct umb_asset *bare, struct umb_query_se
     memcpy(&s->fine, query.opaque, sizeof s->fine);
     s->beside = s->fine;
     s->beside.taps++;
-    s->sums = (struct umb_curve_record){
+    s->sums = (struct umb__curve_record){
         .light = settings.light, .level = s->query.level, .taps = settings.taps};
     return status;
 }
@@ -148,14 +148,14 @@ static enum umb_status list_settings(const struct umb_asset *bare, uint32_t ligh
     return status;
 }
 
-_Static_assert(UMB_CURVE_TAPS_COUNT + (UMB_LEVEL_MAX - UMB__GRID_LOG2_MAX + 1) / 2 <=
+_Static_assert(UMB__CURVE_TAPS_COUNT + (UMB_LEVEL_MAX - UMB__GRID_LOG2_MAX + 1) / 2 <=
                    UMB_CURVE_ROWS_MAX,
                "rows of a light");
 
-enum umb_status umb_curve_measure(const struct umb_content *content,
-                                  const struct umb_octree *octree, uint32_t light,
+enum umb_status umb__curve_measure(const struct umb__content *content,
+                                  const struct umb__octree *octree, uint32_t light,
                                   const struct umb_points *points,
-                                  struct umb_curve_record records[UMB_CURVE_ROWS_MAX],
+                                  struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
                                   uint32_t *count, struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;

@@ -12,22 +12,22 @@
 #include "umbrage/curve.h"
 
 /* Most rows of one light: nine filters, and levels 3, 5, ... 13. */
-#define UMB_CURVE_TAPS_COUNT 9U
+#define UMB__CURVE_TAPS_COUNT 9U
 
 /*
  * Measures the rows of one light.
  *
  * In:    content: lights, frusta and origin are read. octree: canonical, a root for each frustum.
- *        points: on surfaces, with normals towards the light; at most UMB_CURVE_POINTS_MAX, finite.
+ *        points: on surfaces, with normals towards the light; at most UMB__CURVE_POINTS_MAX, finite.
  *        Points whose normal faces away do not count.
  * Out:   records: [UMB_CURVE_ROWS_MAX], ascending. count: number of records, 0 if no point counts.
  * Fails: E_NO_MEMORY, E_NOT_FOUND (light).
  * Cost:  about 20 us a point at 16384 voxels a side.
  */
-UMB_API UMB_CHECKED enum umb_status
-umb_curve_measure(const struct umb_content *content, const struct umb_octree *octree,
+UMB_CHECKED enum umb_status
+umb__curve_measure(const struct umb__content *content, const struct umb__octree *octree,
                   uint32_t light, const struct umb_points *points,
-                  struct umb_curve_record records[UMB_CURVE_ROWS_MAX], uint32_t *count,
+                  struct umb__curve_record records[UMB_CURVE_ROWS_MAX], uint32_t *count,
                   struct umb_error *error);
 
 #endif

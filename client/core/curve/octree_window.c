@@ -8,7 +8,7 @@
 
 /* A node or uniform cube during the descent. */
 struct cube {
-    enum umb_node_state state;
+    enum umb__node_state state;
     uint32_t level, index;
     int32_t x, y, z; /* first voxel */
 };
@@ -33,18 +33,18 @@ static struct range cut(int32_t low, int32_t high, int32_t first, uint32_t level
     return (struct range){larger(low, first), smaller(high, first + ((int32_t)1 << level) - 1)};
 }
 
-static struct cube child_of(const struct umb_octree *octree, const struct cube *cube, unsigned c)
+static struct cube child_of(const struct umb__octree *octree, const struct cube *cube, unsigned c)
 {
-    const struct umb_octree_level *level = &octree->level[cube->level];
+    const struct umb__octree_level *level = &octree->level[cube->level];
     const uint16_t mask = level->masks[cube->index];
-    const unsigned before = umb_mask_mixed_count((uint16_t)(mask & ((1U << (2 * c)) - 1U)));
+    const unsigned before = umb__mask_mixed_count((uint16_t)(mask & ((1U << (2 * c)) - 1U)));
     const int32_t half = (int32_t)1 << (cube->level - 1);
-    struct cube child = {.state = umb_mask_state(mask, c),
+    struct cube child = {.state = umb__mask_state(mask, c),
                          .level = cube->level - 1,
                          .x = cube->x + (c & 1 ? half : 0),
                          .y = cube->y + (c & 2 ? half : 0),
                          .z = cube->z + (c & 4 ? half : 0)};
-    if (child.state == UMB_NODE_MIXED) {
+    if (child.state == UMB__NODE_MIXED) {
         child.index = level->children[level->first[cube->index] + before];
     }
     return child;
@@ -77,10 +77,10 @@ static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
     if (x.low > x.high || y.low > y.high) {
         return 0;
     }
-    if (cube.state != UMB_NODE_MIXED) {
+    if (cube.state != UMB__NODE_MIXED) {
         const uint32_t texels = (uint32_t)((x.high - x.low + 1) * (y.high - y.low + 1));
         const uint32_t each = w->level > 0 ? 2 : 1;
-        return cube.state == UMB_NODE_LIT ? each * texels : 0;
+        return cube.state == UMB__NODE_LIT ? each * texels : 0;
     }
     if (cube.level <= w->level) {
         return 1; /* half of a coarse cell */
@@ -101,7 +101,7 @@ static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
 
 uint32_t umb__octree_window_count(struct umb__octree_window *window)
 {
-    const struct umb_octree_root *root = &window->octree->roots[window->root];
+    const struct umb__octree_root *root = &window->octree->roots[window->root];
     window->lines++;
     return count_cube(window, (struct cube){root->state, root->level, root->index, 0, 0, 0});
 }

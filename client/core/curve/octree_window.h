@@ -10,7 +10,7 @@
 #include "format/octree.h"
 
 struct umb__octree_window {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     uint32_t root;          /* whose voxels */
     uint32_t level;         /* 0, or the level at which the look-up of a single voxel stops */
     int32_t x0, x1, y0, y1; /* inclusive, inside the frustum */

@@ -46,7 +46,7 @@ static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes
                                    const struct umb__head *head, int full, uint64_t max_memory,
                                    struct umb_error *error)
 {
-    struct umb_octree octree;
+    struct umb__octree octree;
     enum umb_status status = umb__pack_read(bytes, head, &asset->canonical, full, max_memory,
                                             asset->alloc, &octree, error);
     if (status != UMB_OK) {
@@ -54,7 +54,7 @@ static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes
     }
     status =
         umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped, error);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     asset->view = asset->mapped.view;
     return status;
 }
@@ -166,7 +166,7 @@ void umb_asset_close(struct umb_asset *asset)
 
 void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *info)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     memset(info, 0, sizeof *info);
     memcpy(info->id, asset->id, UMB_ID_BYTES);
     info->encoding = asset->encoding;

@@ -13,7 +13,7 @@
 
 struct exporter {
     const struct umb_asset *asset;
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb_error *error;
     uint32_t *brick_of; /* Octree number of each brick of the view, + MADE; 0 = not yet made */
     uint32_t *node_of;  /* Octree number for each word where a wide node starts, + MADE */
@@ -28,7 +28,7 @@ struct exporter {
 
 static uint32_t uniform(int lit)
 {
-    return lit ? UMB_REF_LIT : UMB_REF_SHADOWED;
+    return lit ? UMB__REF_LIT : UMB__REF_SHADOWED;
 }
 
 /* Returns the pool's number for brick `number` of the view; adds the brick if needed. */
@@ -38,7 +38,7 @@ static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_
         *ref = e->brick_of[number] - MADE;
         return UMB_OK;
     }
-    enum umb_status status = umb_pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
+    enum umb_status status = umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
     if (status == UMB_OK) {
         e->brick_of[number] = *ref + MADE;
     }
@@ -76,11 +76,11 @@ static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t 
             }
         }
         if (status == UMB_OK) {
-            status = umb_pool_node(&e->pool, level - 1, inner, &children[c], e->error);
+            status = umb__pool_node(&e->pool, level - 1, inner, &children[c], e->error);
         }
     }
     if (status == UMB_OK) {
-        status = umb_pool_node(&e->pool, level, children, ref, e->error);
+        status = umb__pool_node(&e->pool, level, children, ref, e->error);
     }
     if (status == UMB_OK) {
         e->node_of[word] = *ref + MADE;
@@ -117,12 +117,12 @@ static enum umb_status export_part(struct exporter *e, uint32_t frustum, struct 
             return status;
         }
     }
-    return umb_pool_node(&e->pool, part.level, children, ref, e->error);
+    return umb__pool_node(&e->pool, part.level, children, ref, e->error);
 }
 
-static enum umb_status export_roots(struct exporter *e, struct umb_octree *octree)
+static enum umb_status export_roots(struct exporter *e, struct umb__octree *octree)
 {
-    const struct umb_content *content = &e->asset->canonical.content;
+    const struct umb__content *content = &e->asset->canonical.content;
     const struct umb_alloc *alloc = e->asset->alloc;
     uint32_t *refs = umb__alloc(alloc, content->frustum_count, sizeof *refs);
     uint32_t *levels = umb__alloc(alloc, content->frustum_count, sizeof *levels);
@@ -134,21 +134,21 @@ static enum umb_status export_roots(struct exporter *e, struct umb_octree *octre
         status = export_part(e, i, whole, &refs[i]);
     }
     if (status == UMB_OK) {
-        status = umb_pool_take(&e->pool, refs, levels, content->frustum_count, octree, e->error);
+        status = umb__pool_take(&e->pool, refs, levels, content->frustum_count, octree, e->error);
     }
     umb__free(alloc, refs);
     umb__free(alloc, levels);
     return status;
 }
 
-enum umb_status umb_asset_export(const struct umb_asset *asset, struct umb_octree *octree,
-                                 struct umb_content *content, struct umb_error *error)
+enum umb_status umb__asset_export(const struct umb_asset *asset, struct umb__octree *octree,
+                                 struct umb__content *content, struct umb_error *error)
 {
     const struct umb_alloc *alloc = asset->alloc;
     struct exporter e = {.asset = asset, .error = error};
     memset(octree, 0, sizeof *octree);
     memset(content, 0, sizeof *content);
-    umb_pool_init(&e.pool, alloc, SIZE_MAX);
+    umb__pool_init(&e.pool, alloc, SIZE_MAX);
     e.brick_of = umb__alloc_zeroed(alloc, (size_t)asset->view.brick_count, sizeof *e.brick_of);
     e.node_of = umb__alloc_zeroed(alloc, (size_t)asset->view.node_words, sizeof *e.node_of);
     enum umb_status status = e.brick_of && e.node_of
@@ -156,7 +156,7 @@ enum umb_status umb_asset_export(const struct umb_asset *asset, struct umb_octre
                                  : umb_fail(error, UMB_E_NO_MEMORY, "exporting: out of memory");
     umb__free(alloc, e.brick_of);
     umb__free(alloc, e.node_of);
-    umb_pool_finish(&e.pool);
+    umb__pool_finish(&e.pool);
     if (status == UMB_OK) {
         *content = asset->canonical.content;
         content->notes = asset->notes;

@@ -18,18 +18,18 @@ static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
 static enum umb_status pack_again(const struct umb_asset *asset, const struct umb_sha256 *sha256,
                                   const struct umb_sink *sink, struct umb_error *error)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
     if (!sha256) {
         return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, packing needs one");
     }
-    enum umb_status status = umb_asset_export(asset, &octree, &content, error);
+    enum umb_status status = umb__asset_export(asset, &octree, &content, error);
     if (status != UMB_OK) {
         return status;
     }
-    status = umb_pack_write(&content, &octree, sha256, sink, id, error);
-    umb_octree_finish(&octree);
+    status = umb__pack_write(&content, &octree, sha256, sink, id, error);
+    umb__octree_finish(&octree);
     if (status == UMB_OK && memcmp(id, asset->id, sizeof id) != 0) {
         char made[UMB_ID_TEXT_SIZE], claimed[UMB_ID_TEXT_SIZE];
         umb_id_to_text(id, made);
@@ -50,7 +50,7 @@ enum umb_status umb_asset_write(const struct umb_asset *asset, enum umb_encoding
     case UMB_ENCODING_PACKED:
         return pack_again(asset, sha256, sink, error);
     case UMB_ENCODING_MAPPED:
-        return umb_mapped_write(asset, sink, error);
+        return umb__mapped_write(asset, sink, error);
     }
     return umb_fail(error, UMB_E_ARGUMENT,
                     "encoding: %d is unknown, give UMB_ENCODING_PACKED or "

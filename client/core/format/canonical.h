@@ -10,7 +10,7 @@
 
 /* Place of a frustum's root in a packed file. */
 struct umb__packed_root {
-    uint32_t state;    /* enum umb_node_state */
+    uint32_t state;    /* enum umb__node_state */
     uint32_t page;     /* if mixed */
     uint32_t position; /* Position among the page's nodes of the root's level, if mixed */
 };
@@ -18,7 +18,7 @@ struct umb__packed_root {
 /* A decoded canonical block: the content, and the parts that only a reader needs. Owns
  * everything. */
 struct umb__canonical {
-    struct umb_content content;         /* notes stay NULL here */
+    struct umb__content content;         /* notes stay NULL here */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* Node counts; after decoding each is below UINT32_MAX */
     struct umb__packed_root *roots;     /* [frustum_count] */
     struct umb__trans trans;            /* The content's transmittance, expanded by decoding */
@@ -47,10 +47,10 @@ void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_al
  * In:    content: only read, since threads share the content of an open asset.
  * Fails: E_CORRUPT, E_VERSION (a kind of light this version does not know).
  */
-UMB_CHECKED enum umb_status umb__content_check(const struct umb_content *content,
+UMB_CHECKED enum umb_status umb__content_check(const struct umb__content *content,
                                                struct umb_error *error);
 
 /* Fills voxel_step of every frustum of a checked content. */
-void umb__content_derive(struct umb_content *content);
+void umb__content_derive(struct umb__content *content);
 
 #endif

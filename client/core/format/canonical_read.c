@@ -137,7 +137,7 @@ static void read_root(const uint8_t *at, struct umb__packed_root *root)
     root->position = umb__load32(at + 8);
 }
 
-static void read_curve(const uint8_t *at, struct umb_curve_record *record)
+static void read_curve(const uint8_t *at, struct umb__curve_record *record)
 {
     record->light = umb__load32(at);
     record->level = umb__load32(at + 4);
@@ -198,7 +198,7 @@ static enum umb_status read_transmittance(const struct entries *entries,
                                           const struct umb_alloc *alloc,
                                           struct umb__canonical *canonical, struct umb_error *error)
 {
-    struct umb_content *content = &canonical->content;
+    struct umb__content *content = &canonical->content;
     const uint8_t *bytes = entries->bytes[ENTRY_TRANSMITTANCE];
     const uint64_t length = entries->lengths[ENTRY_TRANSMITTANCE];
     if (!bytes) {
@@ -219,7 +219,7 @@ static enum umb_status read_transmittance(const struct entries *entries,
 }
 
 static enum umb_status read_near(const struct entries *entries, const struct umb_alloc *alloc,
-                                 struct umb_content *content, struct umb_error *error)
+                                 struct umb__content *content, struct umb_error *error)
 {
     const uint8_t *bytes = entries->bytes[ENTRY_RECEIVER_MASK];
     const size_t words = content->frustum_count * UMB__RECEIVER_MASK_WORDS;
@@ -239,7 +239,7 @@ static enum umb_status read_near(const struct entries *entries, const struct umb
 static enum umb_status read_entries(const struct entries *entries, const struct umb_alloc *alloc,
                                     struct umb__canonical *canonical, struct umb_error *error)
 {
-    struct umb_content *content = &canonical->content;
+    struct umb__content *content = &canonical->content;
     const uint8_t *scene = entries->bytes[ENTRY_SCENE];
     for (size_t i = 0; i < 3; i++) {
         content->origin[i] = umb__load_f64(scene + 8 * i);
@@ -274,8 +274,8 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
         read_frustum(entries->bytes[ENTRY_FRUSTA] + (size_t)i * UMB__FRUSTUM_SIZE,
                      &content->frusta[i]);
         read_root(entries->bytes[ENTRY_ROOTS] + (size_t)i * UMB__ROOT_SIZE, root);
-        if (root->state > UMB_NODE_MIXED ||
-            (root->state != UMB_NODE_MIXED && (root->page != 0 || root->position != 0))) {
+        if (root->state > UMB__NODE_MIXED ||
+            (root->state != UMB__NODE_MIXED && (root->page != 0 || root->position != 0))) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "roots[%u]: state %u, allowed 0 to 2, a place (page %u, position %u) "
                             "only with 2",

@@ -9,7 +9,7 @@
 #include "format/canonical_parts.h"
 #include "format/receiver_mask.h"
 
-static void write_scene(uint8_t *at, const struct umb_content *content)
+static void write_scene(uint8_t *at, const struct umb__content *content)
 {
     for (size_t i = 0; i < 3; i++) {
         umb__store_f64(at + 8 * i, content->origin[i]);
@@ -51,7 +51,7 @@ static void write_counts(uint8_t *at, const struct umb__canonical *canonical)
     umb__store64(at + UMB__COUNTS_SIZE - 8, canonical->content.bytes_2014);
 }
 
-static void write_curve(uint8_t *at, const struct umb_curve_record *record)
+static void write_curve(uint8_t *at, const struct umb__curve_record *record)
 {
     umb__store32(at, record->light);
     umb__store32(at + 4, record->level);
@@ -64,7 +64,7 @@ static void write_curve(uint8_t *at, const struct umb_curve_record *record)
 
 static void write_entry(uint8_t *at, enum umb__entry entry, const struct umb__canonical *canonical)
 {
-    const struct umb_content *content = &canonical->content;
+    const struct umb__content *content = &canonical->content;
     switch (entry) {
     case ENTRY_SCENE:
         write_scene(at, content);
@@ -144,7 +144,7 @@ static uint64_t entry_length(size_t entry, uint64_t length)
 }
 
 /* Lengths of all entries, and of the whole. */
-static enum umb_status measure(const struct umb_content *content, uint64_t lengths[ENTRY_COUNT],
+static enum umb_status measure(const struct umb__content *content, uint64_t lengths[ENTRY_COUNT],
                                uint64_t *length, struct umb_error *error)
 {
     const uint64_t frusta = content->frustum_count;
@@ -174,7 +174,7 @@ static enum umb_status measure(const struct umb_content *content, uint64_t lengt
     return status;
 }
 
-enum umb_status umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes,
+enum umb_status umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes,
                                        struct umb_error *error)
 {
     uint64_t lengths[ENTRY_COUNT];

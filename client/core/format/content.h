@@ -11,19 +11,19 @@
 #include "umbrage/workers.h"
 
 /* One row of an accuracy curve: sums over the points that the bake queried (umbrage/curve.h). */
-struct umb_curve_record {
+struct umb__curve_record {
     uint32_t light;
     uint32_t level, taps; /* Setting of the row; level is 0 or taps is 1 */
-    uint32_t points;      /* Number of points queried, 1 to UMB_CURVE_POINTS_MAX */
+    uint32_t points;      /* Number of points queried, 1 to UMB__CURVE_POINTS_MAX */
     uint64_t nodes;       /* Distinct mixed nodes above bricks in the points' windows */
     uint64_t lines;       /* Cache lines read, as docs/reference/umb-format.md counts them */
     uint64_t squares;     /* Sum of squared differences, in units of 1 / 2^20, each rounded down */
 };
 
-#define UMB_CURVE_POINTS_MAX (1U << 20)
-#define UMB_CURVE_SQUARE     (1U << 20)
+#define UMB__CURVE_POINTS_MAX (1U << 20)
+#define UMB__CURVE_SQUARE     (1U << 20)
 
-struct umb_content {
+struct umb__content {
     uint32_t light_count;
     uint32_t frustum_count;
     struct umb_light_info *lights;   /* [light_count] */
@@ -36,7 +36,7 @@ struct umb_content {
     char *plan;                     /* NUL-terminated UTF-8, one line an effect */
     char *settings;                 /* NUL-terminated key=value lines */
     char *notes;                    /* outside the identity */
-    struct umb_curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
+    struct umb__curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
     uint32_t *occluder_depth;      /* [occluder_depth_words] format/occluder_depth.h, or NULL */
     uint64_t occluder_depth_words; /* 0 if not kept */
@@ -74,8 +74,8 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
  *        UTF-8).
  * Cost:  the length of the texts.
  */
-UMB_API UMB_CHECKED enum umb_status
-umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struct umb_error *error);
+UMB_CHECKED enum umb_status
+umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes, struct umb_error *error);
 
 /*
  * Writes a packed asset (.umb) of a canonical octree.
@@ -88,15 +88,15 @@ umb_content_head_bytes(const struct umb_content *content, uint64_t *bytes, struc
  * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
  * Guaranteed: equal content and octree (up to numbering) give equal bytes, except for the notes.
  */
-UMB_API UMB_CHECKED enum umb_status
-umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
+UMB_CHECKED enum umb_status
+umb__pack_write(const struct umb__content *content, const struct umb__octree *octree,
                const struct umb_sha256 *sha256, const struct umb_sink *sink,
                uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
-/* Arguments of umb_pack_write, and its helpers. */
-struct umb_pack_job {
-    const struct umb_content *content;
-    const struct umb_octree *octree; /* With workers, its allocator must be thread-safe */
+/* Arguments of umb__pack_write, and its helpers. */
+struct umb__pack_job {
+    const struct umb__content *content;
+    const struct umb__octree *octree; /* With workers, its allocator must be thread-safe */
     const struct umb_sha256 *sha256; /* with workers, called from several threads */
     const struct umb_sink *sink;
     const struct umb_workers *workers; /* Helper threads; NULL: the calling thread does
@@ -106,9 +106,9 @@ struct umb_pack_job {
     int (*cancelled)(void);
 };
 
-/* Does what umb_pack_write does, with helpers that encode and compress pages. The bytes are the
+/* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the
  * same for any number of helpers. */
-UMB_API UMB_CHECKED enum umb_status umb_pack_run(const struct umb_pack_job *job,
+UMB_CHECKED enum umb_status umb__pack_run(const struct umb__pack_job *job,
                                                  uint8_t id[UMB_ID_BYTES], struct umb_error *error);
 
 /*
@@ -117,7 +117,7 @@ UMB_API UMB_CHECKED enum umb_status umb_pack_run(const struct umb_pack_job *job,
  * Fails: E_NO_MEMORY, or what the sink returns.
  * Cost:  one pass of the sink and of XXH3 over the file; allocates its head.
  */
-UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *asset,
+UMB_CHECKED enum umb_status umb__mapped_write(const struct umb_asset *asset,
                                                      const struct umb_sink *sink,
                                                      struct umb_error *error);
 
@@ -125,15 +125,15 @@ UMB_API UMB_CHECKED enum umb_status umb_mapped_write(const struct umb_asset *ass
  * Exports the octree and content of an open asset of either encoding.
  *
  * Out:   octree: canonical (merged, uniform nodes dissolved); its numbering is unspecified. Finish
- *        with umb_octree_finish. content: arrays and strings borrowed from the asset. Both are
+ *        with umb__octree_finish. content: arrays and strings borrowed from the asset. Both are
  *        zeroed on failure.
  * Fails: E_NO_MEMORY, E_LIMIT (2^32 nodes in one level).
  * Threads: any number may export one asset at once, if its allocator allows.
  * Cost:  linear in the nodes and the grids' cells.
  */
-UMB_API UMB_CHECKED enum umb_status umb_asset_export(const struct umb_asset *asset,
-                                                     struct umb_octree *octree,
-                                                     struct umb_content *content,
+UMB_CHECKED enum umb_status umb__asset_export(const struct umb_asset *asset,
+                                                     struct umb__octree *octree,
+                                                     struct umb__content *content,
                                                      struct umb_error *error);
 
 #endif

@@ -97,7 +97,7 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
     return is_sound;
 }
 
-static enum umb_status check_light(const struct umb_content *content, uint32_t i,
+static enum umb_status check_light(const struct umb__content *content, uint32_t i,
                                    struct umb_error *error)
 {
     const struct umb_light_info *light = &content->lights[i];
@@ -144,7 +144,7 @@ static enum umb_status check_light(const struct umb_content *content, uint32_t i
     return UMB_OK;
 }
 
-static enum umb_status check_frustum(const struct umb_content *content, uint32_t i,
+static enum umb_status check_frustum(const struct umb__content *content, uint32_t i,
                                      struct umb_error *error)
 {
     const struct umb_frustum_info *frustum = &content->frusta[i];
@@ -181,7 +181,7 @@ static enum umb_status check_frustum(const struct umb_content *content, uint32_t
 }
 
 /* Returns the highest level of coarse look-ups in all frusta of a light; 0 if it allows none. */
-static uint32_t coarse_level_max(const struct umb_content *content, uint32_t light)
+static uint32_t coarse_level_max(const struct umb__content *content, uint32_t light)
 {
     const struct umb_light_info *info = &content->lights[light];
     return info->kind == UMB_LIGHT_DIRECTIONAL
@@ -189,22 +189,22 @@ static uint32_t coarse_level_max(const struct umb_content *content, uint32_t lig
                : 0;
 }
 
-static bool record_in_range(const struct umb_content *content,
-                            const struct umb_curve_record *record)
+static bool record_in_range(const struct umb__content *content,
+                            const struct umb__curve_record *record)
 {
     const uint64_t points = record->points;
-    return record->light < content->light_count && points >= 1 && points <= UMB_CURVE_POINTS_MAX &&
+    return record->light < content->light_count && points >= 1 && points <= UMB__CURVE_POINTS_MAX &&
            (record->level == 0 ||
             (record->level % 2 == 1 && record->level >= UMB_LEVEL_BRICK && record->taps == 1 &&
              record->level <= coarse_level_max(content, record->light))) &&
            record->taps % 2 == 1 && record->taps <= UMB_TAPS_MAX &&
            record->nodes <= points * UMB__CURVE_READS_MAX && record->lines >= points &&
            record->lines <= points * UMB__CURVE_READS_MAX &&
-           record->squares <= points * UMB_CURVE_SQUARE;
+           record->squares <= points * UMB__CURVE_SQUARE;
 }
 
 /* Returns 1 if a record precedes another. */
-static bool record_before(const struct umb_curve_record *a, const struct umb_curve_record *b)
+static bool record_before(const struct umb__curve_record *a, const struct umb__curve_record *b)
 {
     const uint32_t x[3] = {a->light, a->level, a->taps}, y[3] = {b->light, b->level, b->taps};
     for (int i = 0; i < 3; i++) {
@@ -215,10 +215,10 @@ static bool record_before(const struct umb_curve_record *a, const struct umb_cur
     return false;
 }
 
-static enum umb_status check_curve(const struct umb_content *content, struct umb_error *error)
+static enum umb_status check_curve(const struct umb__content *content, struct umb_error *error)
 {
     for (uint32_t i = 0; i < content->curve_count; i++) {
-        const struct umb_curve_record *record = &content->curve[i];
+        const struct umb__curve_record *record = &content->curve[i];
         if (!record_in_range(content, record) ||
             (i > 0 && !record_before(&content->curve[i - 1], record))) {
             return umb_fail(error, UMB_E_CORRUPT,
@@ -230,7 +230,7 @@ static enum umb_status check_curve(const struct umb_content *content, struct umb
     return UMB_OK;
 }
 
-enum umb_status umb__content_check(const struct umb_content *content, struct umb_error *error)
+enum umb_status umb__content_check(const struct umb__content *content, struct umb_error *error)
 {
     if (content->light_count < 1 || content->light_count > UMB_LIGHTS_MAX) {
         return umb_fail(error, UMB_E_CORRUPT, "lights: %u, allowed 1 to %d", content->light_count,
@@ -269,7 +269,7 @@ enum umb_status umb__content_check(const struct umb_content *content, struct umb
                : status;
 }
 
-void umb__content_derive(struct umb_content *content)
+void umb__content_derive(struct umb__content *content)
 {
     for (uint32_t i = 0; i < content->frustum_count; i++) {
         (void)derive_voxel_step(&content->frusta[i], content->frusta[i].voxel_step);

@@ -34,8 +34,8 @@ struct umb__mapped {
  *        words of nodes). The octree then keeps its bricks.
  * Cost:  linear in the octree.
  */
-UMB_CHECKED enum umb_status umb__mapped_build(struct umb_octree *octree,
-                                              const struct umb_content *content,
+UMB_CHECKED enum umb_status umb__mapped_build(struct umb__octree *octree,
+                                              const struct umb__content *content,
                                               uint64_t max_memory_bytes, struct umb__mapped *mapped,
                                               struct umb_error *error);
 void umb__mapped_finish(struct umb__mapped *mapped);
@@ -50,12 +50,12 @@ void umb__mapped_finish(struct umb__mapped *mapped);
  * Fails: E_NO_MEMORY.
  * Cost:  linear in the bytes allowed.
  */
-UMB_CHECKED enum umb_status umb__columns_build(const struct umb_content *content,
+UMB_CHECKED enum umb_status umb__columns_build(const struct umb__content *content,
                                                struct umb__mapped *mapped, struct umb_error *error);
 
 /* Returns the most bytes that making columns holds at once. In: mapped: grids are sized, nodes and
  * bricks counted. */
-uint64_t umb__columns_bytes_max(const struct umb_content *content,
+uint64_t umb__columns_bytes_max(const struct umb__content *content,
                                 const struct umb__mapped *mapped);
 
 /*
@@ -70,7 +70,7 @@ uint64_t umb__columns_bytes_max(const struct umb_content *content,
  * Trust: with full, safe on hostile bytes. Without, only on bytes that passed with full before.
  */
 UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
-                                             const struct umb_content *content, int full,
+                                             const struct umb__content *content, int full,
                                              struct umb__mapped *mapped, struct umb_error *error);
 
 #endif

@@ -15,8 +15,8 @@
 #define GRID_LOG2_TOP 6U  /* Finer grids gain nothing beside columns */
 
 struct builder {
-    const struct umb_octree *octree;
-    const struct umb_content *content;
+    const struct umb__octree *octree;
+    const struct umb__content *content;
     struct umb__mapped *mapped;
     struct umb_error *error;
     uint32_t level_highest;               /* Highest level of the cells of all grids */
@@ -37,28 +37,28 @@ static unsigned wide_bit(unsigned child, unsigned grandchild)
     return x + 4 * y + 16 * z;
 }
 
-static void widen(const struct umb_octree *octree, uint32_t level, uint32_t index,
+static void widen(const struct umb__octree *octree, uint32_t level, uint32_t index,
                   struct wide *wide)
 {
-    const struct umb_octree_level *upper = &octree->level[level];
-    const struct umb_octree_level *lower = &octree->level[level - 1];
+    const struct umb__octree_level *upper = &octree->level[level];
+    const struct umb__octree_level *lower = &octree->level[level - 1];
     const uint32_t *child = upper->children + upper->first[index];
     uint32_t number_at[64];
     wide->mixed = 0;
     wide->lit = 0;
     for (unsigned c = 0; c < 8; c++) {
-        enum umb_node_state state = umb_mask_state(upper->masks[index], c);
-        uint32_t node = state == UMB_NODE_MIXED ? *child++ : 0;
+        enum umb__node_state state = umb__mask_state(upper->masks[index], c);
+        uint32_t node = state == UMB__NODE_MIXED ? *child++ : 0;
         const uint32_t *grandchild =
-            state == UMB_NODE_MIXED ? lower->children + lower->first[node] : NULL;
+            state == UMB__NODE_MIXED ? lower->children + lower->first[node] : NULL;
         for (unsigned g = 0; g < 8; g++) {
-            enum umb_node_state inner = grandchild ? umb_mask_state(lower->masks[node], g) : state;
+            enum umb__node_state inner = grandchild ? umb__mask_state(lower->masks[node], g) : state;
             unsigned bit = wide_bit(c, g);
-            if (inner == UMB_NODE_MIXED) {
+            if (inner == UMB__NODE_MIXED) {
                 wide->mixed |= (uint64_t)1 << bit;
                 number_at[bit] = *grandchild++;
             } else {
-                wide->lit |= (uint64_t)(inner == UMB_NODE_LIT) << bit;
+                wide->lit |= (uint64_t)(inner == UMB__NODE_LIT) << bit;
             }
         }
     }
@@ -74,10 +74,10 @@ static enum umb_status no_memory(const struct builder *b)
 }
 
 /* Returns the words of an octree node's wide node: one number for each mixed grandchild. */
-static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32_t index)
+static uint64_t words_of(const struct umb__octree *octree, uint32_t level, uint32_t index)
 {
-    const struct umb_octree_level *upper = &octree->level[level];
-    const struct umb_octree_level *lower = &octree->level[level - 1];
+    const struct umb__octree_level *upper = &octree->level[level];
+    const struct umb__octree_level *lower = &octree->level[level - 1];
     uint64_t mixed = 0;
     for (uint32_t c = upper->first[index]; c < upper->first[index + 1]; c++) {
         mixed += lower->first[upper->children[c] + 1] - lower->first[upper->children[c]];
@@ -86,7 +86,7 @@ static uint64_t words_of(const struct umb_octree *octree, uint32_t level, uint32
 }
 
 /* Returns the bytes of the wide nodes of all levels and of the bricks, which limit the grids. */
-static uint64_t content_bytes(const struct umb_octree *octree)
+static uint64_t content_bytes(const struct umb__octree *octree)
 {
     uint64_t bytes = (uint64_t)octree->brick_count * 64;
     for (uint32_t level = UMB__WIDE_FIRST; level <= UMB_LEVEL_MAX; level += 2) {
@@ -214,14 +214,14 @@ struct cube {
 
 /* Fills the cells under one octree node (or uniform state). */
 static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cube,
-                       enum umb_node_state state, uint32_t index)
+                       enum umb__node_state state, uint32_t index)
 {
     const struct umb__top *top = &b->mapped->tops[frustum];
     uint32_t g = top->grid_log2;
     uint32_t cell_level = b->content->frusta[frustum].log2_size - g;
     uint32_t *grid = b->mapped->grid + top->first_cell;
-    if (cube.level == cell_level || state != UMB_NODE_MIXED) {
-        uint32_t value = state == UMB_NODE_MIXED ? number_of(b, cube.level, index) + UMB__CELL_FIRST
+    if (cube.level == cell_level || state != UMB__NODE_MIXED) {
+        uint32_t value = state == UMB__NODE_MIXED ? number_of(b, cube.level, index) + UMB__CELL_FIRST
                                                  : (uint32_t)state;
         uint32_t side = 1U << (cube.level - cell_level);
         for (uint32_t z = cube.z; z < cube.z + side; z++) {
@@ -233,14 +233,14 @@ static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cu
         }
         return;
     }
-    const struct umb_octree_level *level = &b->octree->level[cube.level];
+    const struct umb__octree_level *level = &b->octree->level[cube.level];
     const uint32_t *child = level->children + level->first[index];
     uint32_t half = 1U << (cube.level - 1 - cell_level);
     for (unsigned c = 0; c < 8; c++) {
-        enum umb_node_state inner = umb_mask_state(level->masks[index], c);
+        enum umb__node_state inner = umb__mask_state(level->masks[index], c);
         struct cube part = {cube.level - 1, cube.x + (c & 1) * half, cube.y + (c >> 1 & 1) * half,
                             cube.z + (c >> 2) * half};
-        fill_cells(b, frustum, part, inner, inner == UMB_NODE_MIXED ? *child++ : 0);
+        fill_cells(b, frustum, part, inner, inner == UMB__NODE_MIXED ? *child++ : 0);
     }
 }
 
@@ -279,14 +279,14 @@ static void fill_grids(const struct builder *b)
 /* Refuses an octree and mapped layout that exceed the memory limit together. */
 static enum umb_status check_memory(const struct builder *b, uint64_t max_memory_bytes)
 {
-    const struct umb_octree *octree = b->octree;
+    const struct umb__octree *octree = b->octree;
     const struct umb__view *view = &b->mapped->view;
     uint64_t bytes =
         (uint64_t)octree->brick_count * 64 + view->node_words * 8 +
         view->grid_count * sizeof(uint32_t) + umb__columns_bytes_max(b->content, b->mapped) +
-        (uint64_t)octree->root_count * (sizeof(struct umb_octree_root) + sizeof(struct umb__top));
+        (uint64_t)octree->root_count * (sizeof(struct umb__octree_root) + sizeof(struct umb__top));
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
-        const struct umb_octree_level *level = &octree->level[l];
+        const struct umb__octree_level *level = &octree->level[l];
         if (level->count == 0) {
             continue;
         }
@@ -301,7 +301,7 @@ static enum umb_status check_memory(const struct builder *b, uint64_t max_memory
                           (unsigned long long)bytes, (unsigned long long)max_memory_bytes);
 }
 
-enum umb_status umb__mapped_build(struct umb_octree *octree, const struct umb_content *content,
+enum umb_status umb__mapped_build(struct umb__octree *octree, const struct umb__content *content,
                                   uint64_t max_memory_bytes, struct umb__mapped *mapped,
                                   struct umb_error *error)
 {

@@ -179,7 +179,7 @@ static enum umb_status choose_level(struct walk *w, const struct umb_alloc *allo
 }
 
 /* Joins the measured columns of all frusta, and fills their lists. */
-static enum umb_status join(const struct umb_content *content, const struct measured *measured,
+static enum umb_status join(const struct umb__content *content, const struct measured *measured,
                             struct umb__mapped *mapped)
 {
     struct umb__view *view = &mapped->view;
@@ -218,13 +218,13 @@ static enum umb_status join(const struct umb_content *content, const struct meas
 
 /* Returns the budget in bytes of the columns of one frustum, unless they are as wide as the grid's
  * cells. A thirty-second of the bytes of 2^32 bricks and words holds fewer than 2^32 pieces. */
-static uint64_t budget_of(const struct umb_content *content, const struct umb__view *view)
+static uint64_t budget_of(const struct umb__content *content, const struct umb__view *view)
 {
     return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
            content->frustum_count;
 }
 
-uint64_t umb__columns_bytes_max(const struct umb_content *content, const struct umb__mapped *mapped)
+uint64_t umb__columns_bytes_max(const struct umb__content *content, const struct umb__mapped *mapped)
 {
     const uint64_t budget = budget_of(content, &mapped->view);
     uint64_t bytes = budget; /* Budget of the level that is tried */
@@ -239,7 +239,7 @@ uint64_t umb__columns_bytes_max(const struct umb_content *content, const struct 
     return bytes;
 }
 
-enum umb_status umb__columns_build(const struct umb_content *content, struct umb__mapped *mapped,
+enum umb_status umb__columns_build(const struct umb__content *content, struct umb__mapped *mapped,
                                    struct umb_error *error)
 {
     const struct umb__view *view = &mapped->view;

@@ -93,7 +93,7 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
 }
 
 /* Returns the end of frustum i's pieces: the next frustum's first. */
-static uint64_t pieces_of(const struct umb__view *view, const struct umb_content *content,
+static uint64_t pieces_of(const struct umb__view *view, const struct umb__content *content,
                           uint32_t i)
 {
     uint64_t end =
@@ -102,7 +102,7 @@ static uint64_t pieces_of(const struct umb__view *view, const struct umb_content
 }
 
 /* Checks that grids and columns follow one another, each of the size that its frustum requires. */
-static enum umb_status check_tops(const struct umb_content *content, const struct umb__view *view,
+static enum umb_status check_tops(const struct umb__content *content, const struct umb__view *view,
                                   struct umb_error *error)
 {
     uint64_t cells = 0, columns = 0, pieces = 0;
@@ -137,7 +137,7 @@ static enum umb_status check_tops(const struct umb_content *content, const struc
     return UMB_OK;
 }
 
-static enum umb_status check_shapes(const struct sections *s, const struct umb_content *content,
+static enum umb_status check_shapes(const struct sections *s, const struct umb__content *content,
                                     struct umb__top *tops, struct umb__view *view,
                                     struct umb_error *error)
 {
@@ -230,7 +230,7 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
 /* Checks that every list lies within the frustum's pieces, and that every piece has a valid
  * value. */
 static bool check_columns(const struct umb__view *view, const uint64_t *starts,
-                          const struct umb_content *content, uint32_t frustum)
+                          const struct umb__content *content, uint32_t frustum)
 {
     const struct umb__top *top = &view->tops[frustum];
     const struct umb__column *columns = view->columns + top->first_column;
@@ -254,7 +254,7 @@ static bool check_columns(const struct umb__view *view, const uint64_t *starts,
 }
 
 static enum umb_status check_structure(const struct umb__view *view,
-                                       const struct umb_content *content,
+                                       const struct umb__content *content,
                                        const struct umb_alloc *alloc, struct umb_error *error)
 {
     uint64_t *starts = umb__alloc_zeroed(alloc, (size_t)(view->node_words / 64 + 1), 8);
@@ -289,7 +289,7 @@ static enum umb_status check_structure(const struct umb__view *view,
 }
 
 enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,
-                                 const struct umb_content *content, int full,
+                                 const struct umb__content *content, int full,
                                  struct umb__mapped *mapped, struct umb_error *error)
 {
     struct sections sections;

@@ -18,24 +18,24 @@ static uint64_t secret_seed(void)
     return bytes != NULL ? XXH3_64bits(bytes, 16) : (uint64_t)(uintptr_t)getauxval;
 }
 
-void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
+void umb__pool_init(struct umb__pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
 {
     const uint64_t seed = secret_seed();
     memset(pool, 0, sizeof *pool);
     pool->alloc = alloc;
     pool->max_bytes = max_bytes;
-    for (uint64_t i = 0; i < UMB_POOL_KEYS; i++) {
+    for (uint64_t i = 0; i < UMB__POOL_KEYS; i++) {
         pool->keys[i] = XXH3_64bits_withSeed(&i, sizeof i, seed);
     }
 }
 
-void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
+void umb__pool_init_loose(struct umb__pool *pool, const struct umb_alloc *alloc, size_t max_bytes)
 {
-    umb_pool_init(pool, alloc, max_bytes);
+    umb__pool_init(pool, alloc, max_bytes);
     pool->is_loose = 1;
 }
 
-void umb_pool_finish(struct umb_pool *pool)
+void umb__pool_finish(struct umb__pool *pool)
 {
     umb__free(pool->alloc, pool->brick_slots.words);
     umb__free(pool->alloc, pool->bricks);
@@ -49,19 +49,19 @@ void umb_pool_finish(struct umb_pool *pool)
     memset(pool, 0, sizeof *pool);
 }
 
-static void slots_clear(struct umb_hash_slots *slots)
+static void slots_clear(struct umb__hash_slots *slots)
 {
     if (slots->words != NULL) {
         memset(slots->words, 0, ((size_t)1 << slots->log2_size) * sizeof *slots->words);
     }
 }
 
-void umb_pool_clear(struct umb_pool *pool)
+void umb__pool_clear(struct umb__pool *pool)
 {
     slots_clear(&pool->brick_slots);
     pool->brick_count = 0;
     for (uint32_t i = 0; i <= UMB_LEVEL_MAX; i++) {
-        struct umb_pool_level *level = &pool->level[i];
+        struct umb__pool_level *level = &pool->level[i];
         if (level->count > 0) {
             slots_clear(&level->slots);
         }
@@ -69,10 +69,10 @@ void umb_pool_clear(struct umb_pool *pool)
     }
 }
 
-enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slices[8], uint32_t tag,
+enum umb_status umb__pool_brick_from(struct umb__pool *pool, const uint64_t slices[8], uint32_t tag,
                                      size_t place, uint32_t *ref, struct umb_error *error)
 {
-    struct umb_hash_slots *slots = &pool->brick_slots;
+    struct umb__hash_slots *slots = &pool->brick_slots;
     const uint32_t log2_size = slots->log2_size;
     uint64_t word = slots->words == NULL ? EMPTY : slots->words[place];
     while (word != EMPTY) {
@@ -98,7 +98,7 @@ enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slice
 }
 
 /* Looks up a brick in a loose pool: looks at one slot only. */
-static enum umb_status find_late_brick(struct umb_pool *pool, const uint64_t slices[8],
+static enum umb_status find_late_brick(struct umb__pool *pool, const uint64_t slices[8],
                                        uint32_t *ref, struct umb_error *error)
 {
     const uint32_t tag = umb__brick_tag(pool, slices);
@@ -122,7 +122,7 @@ static enum umb_status find_late_brick(struct umb_pool *pool, const uint64_t sli
     return UMB_OK;
 }
 
-enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], uint32_t *ref,
+enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64_t slices[8], uint32_t *ref,
                                struct umb_error *error)
 {
     const uint64_t any = (slices[0] | slices[1] | slices[2] | slices[3]) |
@@ -130,7 +130,7 @@ enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8], 
     const uint64_t all = (slices[0] & slices[1] & slices[2] & slices[3]) &
                          (slices[4] & slices[5] & slices[6] & slices[7]);
     if (any == 0 || all == UINT64_MAX) {
-        *ref = any == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+        *ref = any == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
         return UMB_OK;
     }
     if (pool->is_loose) {
@@ -146,8 +146,8 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
     uint32_t mask = 0, count = 0;
     *key = (struct umb__node_key){0};
     for (unsigned c = 0; c < 8; c++) {
-        const enum umb_node_state state = umb_ref_state(children[c]);
-        if (state == UMB_NODE_MIXED) {
+        const enum umb__node_state state = umb__ref_state(children[c]);
+        if (state == UMB__NODE_MIXED) {
             key->words[++count] = children[c];
         }
         mask |= (uint32_t)state << (2 * c);
@@ -157,7 +157,7 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
 }
 
 /* Adds a node that is new, or that needs no look-up. The pool has room for it. */
-static uint32_t node_add(struct umb_pool_level *level, const struct umb__node_key *key)
+static uint32_t node_add(struct umb__pool_level *level, const struct umb__node_key *key)
 {
     const uint32_t number = level->count++;
     level->masks[number] = (uint16_t)key->words[0];
@@ -168,12 +168,12 @@ static uint32_t node_add(struct umb_pool_level *level, const struct umb__node_ke
     return number;
 }
 
-enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t level_number,
+enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t level_number,
                                     const struct umb__node_key *key, uint32_t tag, size_t place,
                                     uint32_t *ref, struct umb_error *error)
 {
-    struct umb_pool_level *level = &pool->level[level_number];
-    struct umb_hash_slots *slots = &level->slots;
+    struct umb__pool_level *level = &pool->level[level_number];
+    struct umb__hash_slots *slots = &level->slots;
     const uint32_t log2_size = slots->log2_size;
     uint64_t word = slots->words == NULL ? EMPTY : slots->words[place];
     while (word != EMPTY) {
@@ -198,11 +198,11 @@ enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t level_number
 }
 
 /* Adds a node to a loose pool, without a look-up. */
-static enum umb_status add_late_node(struct umb_pool *pool, uint32_t level_number,
+static enum umb_status add_late_node(struct umb__pool *pool, uint32_t level_number,
                                      const struct umb__node_key *key, uint32_t *ref,
                                      struct umb_error *error)
 {
-    struct umb_pool_level *level = &pool->level[level_number];
+    struct umb__pool_level *level = &pool->level[level_number];
     if (level->count == level->capacity || level->child_capacity - level->child_count < 8) {
         const enum umb_status status = umb__pool_node_room(pool, level, error);
         if (status != UMB_OK) {
@@ -213,13 +213,13 @@ static enum umb_status add_late_node(struct umb_pool *pool, uint32_t level_numbe
     return UMB_OK;
 }
 
-enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
+enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
                               const uint32_t children[8], uint32_t *ref, struct umb_error *error)
 {
     struct umb__node_key key;
     umb__key_from_children(children, &key);
     if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
-        *ref = key.words[0] == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+        *ref = key.words[0] == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
         return UMB_OK;
     }
     if (pool->is_loose) {
@@ -230,30 +230,30 @@ enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level_number,
     return umb__pool_node_from(pool, level_number, &key, tag, place, ref, error);
 }
 
-enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const uint32_t *levels,
-                              uint32_t root_count, struct umb_octree *octree,
+enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs, const uint32_t *levels,
+                              uint32_t root_count, struct umb__octree *octree,
                               struct umb_error *error)
 {
     memset(octree, 0, sizeof *octree);
     octree->alloc = pool->alloc;
     octree->roots = umb__alloc_zeroed(pool->alloc, root_count, sizeof *octree->roots);
     if (octree->roots == NULL) {
-        umb_pool_finish(pool);
+        umb__pool_finish(pool);
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: memory for the roots refused");
     }
     octree->root_count = root_count;
     for (uint32_t i = 0; i < root_count; i++) {
-        struct umb_octree_root *root = &octree->roots[i];
+        struct umb__octree_root *root = &octree->roots[i];
         root->level = levels[i];
-        root->state = umb_ref_state(refs[i]);
-        root->index = root->state == UMB_NODE_MIXED ? refs[i] : 0;
+        root->state = umb__ref_state(refs[i]);
+        root->index = root->state == UMB__NODE_MIXED ? refs[i] : 0;
     }
     octree->brick_count = pool->brick_count;
     octree->bricks = pool->bricks;
     pool->bricks = NULL;
     for (uint32_t i = UMB_LEVEL_BRICK + 1; i <= UMB_LEVEL_MAX; i++) {
-        struct umb_pool_level *from = &pool->level[i];
-        octree->level[i] = (struct umb_octree_level){
+        struct umb__pool_level *from = &pool->level[i];
+        octree->level[i] = (struct umb__octree_level){
             .count = from->count,
             .masks = from->masks,
             .first = from->first,
@@ -263,6 +263,6 @@ enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs, const
         from->first = NULL;
         from->children = NULL;
     }
-    umb_pool_finish(pool);
+    umb__pool_finish(pool);
     return UMB_OK;
 }

@@ -4,11 +4,11 @@
 /*
  * The merged octree under construction: equal bricks and equal nodes exist once a level.
  *
- *     umb_pool_init(&pool, NULL, max_bytes);
- *     umb_pool_brick(&pool, slices, &ref, &error);            level 3
- *     umb_pool_node(&pool, level, children, &ref, &error);    levels 4..
- *     umb_pool_take(&pool, &root, &level, 1, &octree, &error);   the pool is empty afterwards
- *     umb_pool_finish(&pool);
+ *     umb__pool_init(&pool, NULL, max_bytes);
+ *     umb__pool_brick(&pool, slices, &ref, &error);            level 3
+ *     umb__pool_node(&pool, level, children, &ref, &error);    levels 4..
+ *     umb__pool_take(&pool, &root, &level, 1, &octree, &error);   the pool is empty afterwards
+ *     umb__pool_finish(&pool);
  *
  * A reference names a node of the level below or one of the two uniform states. Uniform nodes and
  * bricks are never stored. Keys are compared in full: a hash only says where to look. Numbers
@@ -21,27 +21,27 @@
 #include "umbrage/status.h"
 
 /* A child: one of these two, or the number of a node in the level below. */
-#define UMB_REF_LIT       UINT32_MAX
-#define UMB_REF_SHADOWED  (UINT32_MAX - 1U)
-#define UMB_REF_INDEX_MAX (UINT32_MAX - 2U) /* largest number of a node or brick */
+#define UMB__REF_LIT       UINT32_MAX
+#define UMB__REF_SHADOWED  (UINT32_MAX - 1U)
+#define UMB__REF_INDEX_MAX (UINT32_MAX - 2U) /* largest number of a node or brick */
 
 /* Returns the state that a reference stands for. */
-static inline enum umb_node_state umb_ref_state(uint32_t ref)
+static inline enum umb__node_state umb__ref_state(uint32_t ref)
 {
-    return ref == UMB_REF_LIT        ? UMB_NODE_LIT
-           : ref == UMB_REF_SHADOWED ? UMB_NODE_SHADOWED
-                                     : UMB_NODE_MIXED;
+    return ref == UMB__REF_LIT        ? UMB__NODE_LIT
+           : ref == UMB__REF_SHADOWED ? UMB__NODE_SHADOWED
+                                     : UMB__NODE_MIXED;
 }
 
 /* An open-addressing table: tag and number plus one in one word; zero is empty. Its size is a
  * power of two. */
-struct umb_hash_slots {
+struct umb__hash_slots {
     uint64_t *words;
     uint32_t log2_size; /* 0 while words is NULL */
 };
 
-struct umb_pool_level {
-    struct umb_hash_slots slots;
+struct umb__pool_level {
+    struct umb__hash_slots slots;
     uint32_t count, capacity; /* nodes */
     uint32_t child_count, child_capacity;
     uint16_t *masks;
@@ -49,35 +49,35 @@ struct umb_pool_level {
     uint32_t *children;
 };
 
-#define UMB_POOL_KEYS 16U
+#define UMB__POOL_KEYS 16U
 
-struct umb_pool {
+struct umb__pool {
     const struct umb_alloc *alloc;
-    int is_loose;                 /* see umb_pool_init_loose */
-    uint64_t keys[UMB_POOL_KEYS]; /* Secret keys of its hashes, the same in all pools of a
+    int is_loose;                 /* see umb__pool_init_loose */
+    uint64_t keys[UMB__POOL_KEYS]; /* Secret keys of its hashes, the same in all pools of a
                                      process */
     size_t bytes, max_bytes;      /* in use; allowed */
-    struct umb_hash_slots brick_slots;
+    struct umb__hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];
     uint32_t *brick_tags; /* Tags of a loose pool's bricks, so that its merge need not compute them
                              again */
-    struct umb_pool_level level[UMB_LEVEL_MAX + 1];
+    struct umb__pool_level level[UMB_LEVEL_MAX + 1];
 };
 
 /* Starts an empty pool. In: alloc: NULL = malloc. max_bytes: memory limit; SIZE_MAX for none. */
-void umb_pool_init(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
-void umb_pool_finish(struct umb_pool *pool);
+void umb__pool_init(struct umb__pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
+void umb__pool_finish(struct umb__pool *pool);
 
 /*
  * Starts a loose pool, which is to be merged into another. It finds an equal brick only among the
  * latest, in a table of a fixed size that stays in the L1 cache; other equal bricks are stored
  * again. It never looks for nodes, few of which have equals nearby.
  */
-void umb_pool_init_loose(struct umb_pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
+void umb__pool_init_loose(struct umb__pool *pool, const struct umb_alloc *alloc, size_t max_bytes);
 
 /* Removes all bricks and nodes; keeps the memory for new ones. */
-void umb_pool_clear(struct umb_pool *pool);
+void umb__pool_clear(struct umb__pool *pool);
 
 /*
  * Finds or adds a brick.
@@ -86,22 +86,22 @@ void umb_pool_clear(struct umb_pool *pool);
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes, or 7/8 of 2^32 bricks). The pool is then unchanged.
  * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
  */
-UMB_CHECKED enum umb_status umb_pool_brick(struct umb_pool *pool, const uint64_t slices[8],
+UMB_CHECKED enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64_t slices[8],
                                            uint32_t *ref, struct umb_error *error);
 
 /*
  * Finds or adds a node of a level from its eight children (x + 2 * y + 4 * z).
  *
  * Out:   ref: its number, or the children's state if all are uniform and the same.
- * Fails: as umb_pool_brick.
+ * Fails: as umb__pool_brick.
  */
-UMB_CHECKED enum umb_status umb_pool_node(struct umb_pool *pool, uint32_t level,
+UMB_CHECKED enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level,
                                           const uint32_t children[8], uint32_t *ref,
                                           struct umb_error *error);
 
 /* Map from a pool's numbers to those of another pool; its memory is kept from one merge to the
  * next. Start zeroed. */
-struct umb_pool_numbers {
+struct umb__pool_numbers {
     uint32_t *refs;  /* References of the requested level: [number in the merged pool] */
     uint32_t *below; /* working memory */
     size_t refs_capacity, below_capacity;
@@ -111,15 +111,15 @@ struct umb_pool_numbers {
  * Adds all that another pool holds up to a level.
  *
  * In:    pool: not a loose one, whose look-ups would not end. from: any.
- * Out:   numbers: refs of that level. With malloc; free with umb_pool_numbers_finish.
- * Fails: as umb_pool_brick. The pool may hold part of the other.
+ * Out:   numbers: refs of that level. With malloc; free with umb__pool_numbers_finish.
+ * Fails: as umb__pool_brick. The pool may hold part of the other.
  * Cost:  linear in the nodes added. Memory is prefetched many look-ups ahead, so the cost is a
  *        fraction of that of single additions.
  */
-UMB_CHECKED enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *from,
-                                           uint32_t level, struct umb_pool_numbers *numbers,
+UMB_CHECKED enum umb_status umb__pool_merge(struct umb__pool *pool, const struct umb__pool *from,
+                                           uint32_t level, struct umb__pool_numbers *numbers,
                                            struct umb_error *error);
-void umb_pool_numbers_finish(struct umb_pool_numbers *numbers);
+void umb__pool_numbers_finish(struct umb__pool_numbers *numbers);
 
 /*
  * Hands the arrays over as an octree.
@@ -128,8 +128,8 @@ void umb_pool_numbers_finish(struct umb_pool_numbers *numbers);
  * Out:   octree: canonical if all nodes are reachable from the roots; the caller finishes it.
  * Fails: E_NO_MEMORY. The pool is left empty either way.
  */
-UMB_CHECKED enum umb_status umb_pool_take(struct umb_pool *pool, const uint32_t *refs,
+UMB_CHECKED enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs,
                                           const uint32_t *levels, uint32_t root_count,
-                                          struct umb_octree *octree, struct umb_error *error);
+                                          struct umb__octree *octree, struct umb_error *error);
 
 #endif

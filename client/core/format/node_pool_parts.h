@@ -21,12 +21,12 @@
 #define UMB__SLOT_EMPTY UINT64_C(0) /* as fresh pages are */
 
 /* In: slots: log2_size is 0 while there are none. */
-static inline size_t umb__slot_place(const struct umb_hash_slots *slots, uint32_t tag)
+static inline size_t umb__slot_place(const struct umb__hash_slots *slots, uint32_t tag)
 {
     return (size_t)(((uint64_t)tag << slots->log2_size) >> 32);
 }
 
-static inline size_t umb__slot_after(const struct umb_hash_slots *slots, size_t place)
+static inline size_t umb__slot_after(const struct umb__hash_slots *slots, size_t place)
 {
     return (place + 1) & (((size_t)1 << slots->log2_size) - 1);
 }
@@ -48,7 +48,7 @@ static inline uint32_t umb__slot_number(uint64_t word)
 }
 
 /* Returns the first empty slot on a tag's probe sequence. */
-static inline size_t umb__slot_free(const struct umb_hash_slots *slots, uint32_t tag)
+static inline size_t umb__slot_free(const struct umb__hash_slots *slots, uint32_t tag)
 {
     size_t place = umb__slot_place(slots, tag);
     while (slots->words[place] != UMB__SLOT_EMPTY) {
@@ -58,7 +58,7 @@ static inline size_t umb__slot_free(const struct umb_hash_slots *slots, uint32_t
 }
 
 /* Returns the first slot on a tag's probe sequence that has this tag or is empty. */
-static inline size_t umb__slot_like(const struct umb_hash_slots *slots, uint32_t tag)
+static inline size_t umb__slot_like(const struct umb__hash_slots *slots, uint32_t tag)
 {
     size_t place = umb__slot_place(slots, tag);
     uint64_t word;
@@ -86,7 +86,7 @@ static inline uint64_t umb__pair_product(uint64_t pair, const uint64_t keys[2])
     return ((uint32_t)pair + keys[0]) * ((pair >> 32) + keys[1]);
 }
 
-static inline uint32_t umb__brick_tag(const struct umb_pool *pool, const uint64_t slices[8])
+static inline uint32_t umb__brick_tag(const struct umb__pool *pool, const uint64_t slices[8])
 {
     const uint64_t *keys = pool->keys;
     const uint64_t a = umb__pair_product(slices[0], keys) + umb__pair_product(slices[1], keys + 2);
@@ -99,7 +99,7 @@ static inline uint32_t umb__brick_tag(const struct umb_pool *pool, const uint64_
     return umb__sum_tag((a + b) + (c + d));
 }
 
-static inline uint32_t umb__key_tag(const struct umb_pool *pool, const struct umb__node_key *key)
+static inline uint32_t umb__key_tag(const struct umb__pool *pool, const struct umb__node_key *key)
 {
     const uint64_t *keys = pool->keys;
     const uint32_t *words = key->words;
@@ -115,7 +115,7 @@ static inline int umb__brick_equals(const uint64_t a[8], const uint64_t b[8])
             ((a[4] ^ b[4]) | (a[5] ^ b[5]) | (a[6] ^ b[6]) | (a[7] ^ b[7]))) == 0;
 }
 
-static inline int umb__node_equals(const struct umb_pool_level *level, uint32_t node,
+static inline int umb__node_equals(const struct umb__pool_level *level, uint32_t node,
                                    const struct umb__node_key *key)
 {
     if (level->masks[node] != key->words[0]) {
@@ -130,25 +130,25 @@ static inline int umb__node_equals(const struct umb_pool_level *level, uint32_t 
     return differing == 0;
 }
 
-/* In: children: as umb_pool_node takes them. */
+/* In: children: as umb__pool_node takes them. */
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
 /*
  * Make room for one more brick or node: in the arrays, and in the table if it must grow. Loose
- * pools have no table for nodes, and one of fixed size for bricks. Fails: as umb_pool_brick.
+ * pools have no table for nodes, and one of fixed size for bricks. Fails: as umb__pool_brick.
  */
-UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_node_room(struct umb_pool *pool, struct umb_pool_level *level,
+UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level,
                                                 struct umb_error *error);
 
 /*
- * Find or add a brick or node that is not uniform; else as umb_pool_brick and umb_pool_node. Not
+ * Find or add a brick or node that is not uniform; else as umb__pool_brick and umb__pool_node. Not
  * for loose pools. In: place: on the tag's probe sequence, with nothing equal before it.
  */
-UMB_CHECKED enum umb_status umb__pool_brick_from(struct umb_pool *pool, const uint64_t slices[8],
+UMB_CHECKED enum umb_status umb__pool_brick_from(struct umb__pool *pool, const uint64_t slices[8],
                                                  uint32_t tag, size_t place, uint32_t *ref,
                                                  struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_node_from(struct umb_pool *pool, uint32_t level,
+UMB_CHECKED enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t level,
                                                 const struct umb__node_key *key, uint32_t tag,
                                                 size_t place, uint32_t *ref,
                                                 struct umb_error *error);
@@ -166,12 +166,12 @@ struct umb__node_group {
 
 /*
  * Find or add bricks, or a group of nodes. Each step prefetches the memory that a later step reads.
- * In: count: of nodes at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb_pool_brick.
+ * In: count: of nodes at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb__pool_brick.
  */
-UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb_pool *pool,
+UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb__pool *pool,
                                                   const uint64_t (*bricks)[8], uint32_t count,
                                                   uint32_t *refs, struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
+UMB_CHECKED enum umb_status umb__pool_find_nodes(struct umb__pool *pool, uint32_t level,
                                                  struct umb__node_group *group, uint32_t count,
                                                  uint32_t *refs, struct umb_error *error);
 

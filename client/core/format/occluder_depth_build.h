@@ -36,13 +36,13 @@ struct umb__occluder_depth {
  *        included.
  * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth, const struct umb_alloc *alloc,
                          uint32_t log2_size, size_t max_bytes, struct umb_error *error);
-UMB_API void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth);
+void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth);
 
 /* Returns the bytes that an occluder depth map takes now. */
-UMB_API size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_depth);
+size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_depth);
 
 /*
  * Adds the square at (x, y), counted in squares of 64 texels; does nothing if end = lit everywhere.
@@ -51,14 +51,14 @@ UMB_API size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occlu
  *        0 <= lit <= end <= 2^log2_size.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth, uint32_t x, uint32_t y,
                         const int32_t (*lit)[64], const int32_t (*end)[64],
                         struct umb_error *error);
 
 /* Returns the words of a square: their number, its reference, its records, numbered from 0. NULL:
  * it has none. Borrowed until the occluder depth map changes. */
-UMB_API const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
+const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
                                                    uint32_t x, uint32_t y);
 
 /*
@@ -68,7 +68,7 @@ UMB_API const uint32_t *umb__occluder_depth_square(const struct umb__occluder_de
  * In:    words: uint32[count].
  * Trust: safe on hostile words. Cost: linear, no allocation.
  */
-UMB_API int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words,
+int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words,
                                             size_t count);
 
 /*
@@ -77,7 +77,7 @@ UMB_API int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *
  * In:    words: uint32[words[0]], that fit.
  * Fails: as umb__occluder_depth_add.
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth, uint32_t x, uint32_t y,
                                const uint32_t *words, struct umb_error *error);
 
@@ -89,9 +89,9 @@ umb__occluder_depth_add_square(struct umb__occluder_depth *occluder_depth, uint3
  * Fails: E_NO_MEMORY, E_LIMIT (more than the max_bytes of all maps, or more words than references
  *        reach).
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__occluder_depth_join(const struct umb__occluder_depth *occluder_depths, uint32_t count,
                          uint32_t **words, uint64_t *word_count, struct umb_error *error);
-UMB_API void umb__occluder_depth_words_free(const struct umb_alloc *alloc, uint32_t *words);
+void umb__occluder_depth_words_free(const struct umb_alloc *alloc, uint32_t *words);
 
 #endif

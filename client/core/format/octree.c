@@ -6,7 +6,7 @@
 
 #include "base/memory.h"
 
-void umb_octree_finish(struct umb_octree *octree)
+void umb__octree_finish(struct umb__octree *octree)
 {
     const struct umb_alloc *alloc = octree->alloc;
     umb__free(alloc, octree->bricks);

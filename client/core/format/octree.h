@@ -17,48 +17,48 @@
 #include <stdint.h>
 #include "umbrage/asset.h"
 
-enum umb_node_state {
-    UMB_NODE_SHADOWED = 0,
-    UMB_NODE_LIT = 1,
-    UMB_NODE_MIXED = 2, /* 3 is never valid */
+enum umb__node_state {
+    UMB__NODE_SHADOWED = 0,
+    UMB__NODE_LIT = 1,
+    UMB__NODE_MIXED = 2, /* 3 is never valid */
 };
 
 /* The unique nodes of one level, 4 and up; arrays may be NULL if there are none. */
-struct umb_octree_level {
+struct umb__octree_level {
     uint32_t count;
     uint16_t *masks;    /* [count], 2 bits a child */
     uint32_t *first;    /* [count + 1], index in children of a node's first mixed child */
     uint32_t *children; /* [first[count]], node numbers in the level below (bricks for level 4) */
 };
 
-struct umb_octree_root {
-    enum umb_node_state state;
+struct umb__octree_root {
+    enum umb__node_state state;
     uint32_t level; /* log2 of the frustum's size */
     uint32_t index; /* in that level if state is mixed, else 0 */
 };
 
-struct umb_octree {
+struct umb__octree {
     uint32_t brick_count;
     uint64_t (*bricks)[8];                                 /* [brick_count][z] */
-    struct umb_octree_level level[UMB_LEVEL_MAX + 1];      /* 0..3 unused */
+    struct umb__octree_level level[UMB_LEVEL_MAX + 1];      /* 0..3 unused */
     uint32_t root_count;
-    struct umb_octree_root *roots;                         /* [root_count], one a frustum */
+    struct umb__octree_root *roots;                         /* [root_count], one a frustum */
     const struct umb_alloc *alloc;                         /* owns all arrays; NULL = malloc */
 };
 
 /* Frees the arrays and zeroes the struct; a zeroed struct is allowed. */
-UMB_API void umb_octree_finish(struct umb_octree *octree);
+void umb__octree_finish(struct umb__octree *octree);
 
 /* Number of mixed children of a mask (0..8). */
-static inline unsigned umb_mask_mixed_count(uint16_t mask)
+static inline unsigned umb__mask_mixed_count(uint16_t mask)
 {
     return (unsigned)__builtin_popcount(mask & 0xaaaaU);
 }
 
 /* State of child c (0..7). */
-static inline enum umb_node_state umb_mask_state(uint16_t mask, unsigned c)
+static inline enum umb__node_state umb__mask_state(uint16_t mask, unsigned c)
 {
-    return (enum umb_node_state)(((unsigned)mask >> (2 * c)) & 3U);
+    return (enum umb__node_state)(((unsigned)mask >> (2 * c)) & 3U);
 }
 
 #endif

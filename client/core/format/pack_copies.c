@@ -136,11 +136,11 @@ static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
 }
 
 /* True if no root stands below another, and no two are equal. */
-static bool roots_are_apart(const struct umb_octree *octree)
+static bool roots_are_apart(const struct umb__octree *octree)
 {
     bool apart = true;
     for (uint32_t i = 0; i < octree->root_count; i++) {
-        apart = apart && (octree->roots[i].state != UMB_NODE_MIXED ||
+        apart = apart && (octree->roots[i].state != UMB__NODE_MIXED ||
                           octree->roots[i].level >= UMB__LOWEST_END);
     }
     return apart;

@@ -68,11 +68,11 @@ static enum umb_status visit_band(struct umb__pack_walk *t, const struct umb__no
 }
 
 /* True if the canonical block names nodes of the lowest band: the last copy of each. */
-static bool has_low_roots(const struct umb_octree *octree)
+static bool has_low_roots(const struct umb__octree *octree)
 {
     bool has = false;
     for (uint32_t i = 0; i < octree->root_count; i++) {
-        has = has || (octree->roots[i].state == UMB_NODE_MIXED &&
+        has = has || (octree->roots[i].state == UMB__NODE_MIXED &&
                       octree->roots[i].level < UMB__LOWEST_END - 1);
     }
     return has;
@@ -125,8 +125,8 @@ static enum umb_status find_roots(struct umb__pack_walk *t, uint32_t band_high,
 {
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < t->octree->root_count && status == UMB_OK; i++) {
-        const struct umb_octree_root *root = &t->octree->roots[i];
-        if (root->state == UMB_NODE_MIXED && root->level >= t->band_low &&
+        const struct umb__octree_root *root = &t->octree->roots[i];
+        if (root->state == UMB__NODE_MIXED && root->level >= t->band_low &&
             root->level <= band_high) {
             status = umb__node_list_add(t, roots, (struct umb__node_ref){root->level, root->index});
         }
@@ -196,7 +196,7 @@ struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint
     return (struct umb__node_place){low, ordinal - order->begins[level][low]};
 }
 
-enum umb_status umb__pack_order_begin(const struct umb_octree *octree,
+enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
                                       const struct umb_workers *workers,
                                       struct umb__pack_order *order,
                                       struct umb__pack_ordering **out, struct umb_error *error)

@@ -65,7 +65,7 @@ struct umb__pack_ordering; /* opaque */
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
  *        or copies).
  */
-UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb_octree *octree,
+UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
                                                   const struct umb_workers *workers,
                                                   struct umb__pack_order *order,
                                                   struct umb__pack_ordering **out,

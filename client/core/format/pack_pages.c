@@ -61,7 +61,7 @@ struct umb__page_worker {
 
 /* What the workers share. */
 struct packing {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     const struct umb_sha256 *sha256;
     int (*cancelled)(void); /* or NULL */
     struct umb__pack_pages *pages;
@@ -310,7 +310,7 @@ static enum umb_status make_pages(struct packing *p, const struct umb_workers *w
     return status;
 }
 
-enum umb_status umb__pack_pages(const struct umb_pack_job *job, struct umb__pack_pages *pages,
+enum umb_status umb__pack_pages(const struct umb__pack_job *job, struct umb__pack_pages *pages,
                                 struct umb_error *error)
 {
     struct packing p = {

@@ -32,7 +32,7 @@ struct umb__pack_pages {
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages, or
  *        copies), E_CANCELLED.
  */
-UMB_CHECKED enum umb_status umb__pack_pages(const struct umb_pack_job *job,
+UMB_CHECKED enum umb_status umb__pack_pages(const struct umb__pack_job *job,
                                             struct umb__pack_pages *pages, struct umb_error *error);
 void umb__pack_pages_finish(struct umb__pack_pages *pages);
 

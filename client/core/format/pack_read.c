@@ -41,7 +41,7 @@ struct reader {
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
     uint32_t *others; /* Pool numbers of the nodes in other pages that a level of a page leads to */
     uint64_t *leaves; /* Leaves of a page; both arrays have room for those of any page */
-    struct umb_pool pool;
+    struct umb__pool pool;
 };
 
 /* True if an entry still lies in the file and its page fits the `room` bytes left for it. */
@@ -269,7 +269,7 @@ static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *
 
 /* Turns the pool into the octree with its roots. */
 static enum umb_status take_octree(struct reader *r, const struct umb__canonical *canonical,
-                                   struct umb_octree *octree)
+                                   struct umb__octree *octree)
 {
     const uint32_t count = canonical->content.frustum_count;
     enum umb_status status = UMB_OK;
@@ -280,13 +280,13 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         const struct umb__packed_root *root = &canonical->roots[i];
         refs[count + i] = canonical->content.frusta[i].log2_size;
-        refs[i] = root->state == UMB_NODE_LIT ? UMB_REF_LIT : UMB_REF_SHADOWED;
-        if (root->state == UMB_NODE_MIXED) {
+        refs[i] = root->state == UMB__NODE_LIT ? UMB__REF_LIT : UMB__REF_SHADOWED;
+        if (root->state == UMB__NODE_MIXED) {
             status = resolve(r, refs[count + i], root->page, root->position, &refs[i]);
         }
     }
     if (status == UMB_OK) {
-        status = umb_pool_take(&r->pool, refs, refs + count, count, octree, r->error);
+        status = umb__pool_take(&r->pool, refs, refs + count, count, octree, r->error);
     }
     umb__free(r->alloc, refs);
     return status;
@@ -306,7 +306,7 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
         longest = entry.raw_length > longest ? entry.raw_length : longest;
     }
     bytes += (sizeof(uint32_t) + sizeof(uint64_t)) * (uint64_t)longest;
-    return bytes + root_count * (sizeof(struct umb_octree_root) + 2 * (uint64_t)sizeof(uint32_t));
+    return bytes + root_count * (sizeof(struct umb__octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
 /* Returns the bytes of nodes of eight children each, the most. The counts are below 2^32 each, so
@@ -331,13 +331,13 @@ static enum umb_status plan_memory(struct reader *r, const struct umb__canonical
                         "asset: expanding takes up to %llu bytes, the limit is %llu",
                         (unsigned long long)(pages + nodes), (unsigned long long)max_memory_bytes);
     }
-    umb_pool_init(&r->pool, r->alloc, (size_t)(max_memory_bytes - pages));
+    umb__pool_init(&r->pool, r->alloc, (size_t)(max_memory_bytes - pages));
     return UMB_OK;
 }
 
 static void reader_finish(struct reader *r)
 {
-    umb_pool_finish(&r->pool);
+    umb__pool_finish(&r->pool);
     ZSTD_freeDCtx(r->zstd);
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(r->alloc, r->numbers[level]);
@@ -352,7 +352,7 @@ static void reader_finish(struct reader *r)
 enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
                                const struct umb__canonical *canonical, int check,
                                uint64_t max_memory_bytes, const struct umb_alloc *alloc,
-                               struct umb_octree *octree, struct umb_error *error)
+                               struct umb__octree *octree, struct umb_error *error)
 {
     struct reader r = {
         .file = file, .head = head, .alloc = alloc, .error = error, .pool = {.alloc = alloc}};

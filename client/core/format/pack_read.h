@@ -11,14 +11,14 @@
  *
  * In:    check: verify each page's XXH3 as well (structure is always checked).
  *        max_memory_bytes: of pages and octree together. Copies of a node become one.
- * Out:   octree: numbered in the file's order; finish with umb_octree_finish.
+ * Out:   octree: numbered in the file's order; finish with umb__octree_finish.
  * Fails: E_CORRUPT, E_TRUNCATED, E_TOO_LARGE, E_NO_MEMORY.
  * Trust: safe on hostile bytes.
  */
 UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
                                            const struct umb__canonical *canonical, int check,
                                            uint64_t max_memory_bytes, const struct umb_alloc *alloc,
-                                           struct umb_octree *octree, struct umb_error *error);
+                                           struct umb__octree *octree, struct umb_error *error);
 
 /* Compares each block of the directory with its hash in the head, and each page's uncompressed
  * bytes with its hash in the block. */

@@ -7,13 +7,13 @@
 #include "base/memory.h"
 
 struct surveyor {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     struct umb__pack_survey *survey;
     struct umb_error *error;
     uint64_t *reached[UMB_LEVEL_MAX + 1]; /* bits */
 };
 
-uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level)
+uint32_t umb__octree_level_count(const struct umb__octree *octree, uint32_t level)
 {
     return level == UMB_LEVEL_BRICK ? octree->brick_count : octree->level[level].count;
 }
@@ -27,8 +27,8 @@ static enum umb_status no_memory(struct umb_error *error)
 static enum umb_status mark_roots(struct surveyor *s)
 {
     for (uint32_t i = 0; i < s->octree->root_count; i++) {
-        const struct umb_octree_root *root = &s->octree->roots[i];
-        if (root->state != UMB_NODE_MIXED) {
+        const struct umb__octree_root *root = &s->octree->roots[i];
+        if (root->state != UMB__NODE_MIXED) {
             continue;
         }
         const uint32_t count = umb__octree_level_count(s->octree, root->level);
@@ -45,11 +45,11 @@ static enum umb_status mark_roots(struct surveyor *s)
 /* Checks that a node has a possible mask and leads to existing nodes, and marks those. */
 static enum umb_status survey_node(struct surveyor *s, uint32_t number, uint32_t node)
 {
-    const struct umb_octree_level *level = &s->octree->level[number];
+    const struct umb__octree_level *level = &s->octree->level[number];
     const uint16_t mask = level->masks[node];
     const uint32_t first = level->first[node], end = level->first[node + 1];
     if ((mask & (mask >> 1) & 0x5555U) != 0 || end < first ||
-        end - first != umb_mask_mixed_count(mask)) {
+        end - first != umb__mask_mixed_count(mask)) {
         return umb_fail(s->error, UMB_E_ARGUMENT,
                         "octree: node %u of level %u: mask 0x%04x does not fit its children %u to "
                         "%u",
@@ -102,7 +102,7 @@ static void survey_bricks(struct surveyor *s)
     }
 }
 
-enum umb_status umb__pack_survey(const struct umb_octree *octree, struct umb__pack_survey *survey,
+enum umb_status umb__pack_survey(const struct umb__octree *octree, struct umb__pack_survey *survey,
                                  struct umb_error *error)
 {
     struct surveyor s = {.octree = octree, .survey = survey, .error = error};

@@ -27,7 +27,7 @@ static inline void umb__bits_add(uint64_t *bits, uint32_t number)
 }
 
 /* Returns the number of unique nodes of a level (bricks for level 3). */
-uint32_t umb__octree_level_count(const struct umb_octree *octree, uint32_t level);
+uint32_t umb__octree_level_count(const struct umb__octree *octree, uint32_t level);
 
 /* Estimates the bytes of a node with so many mixed children in a page, without references to other
  * pages. */
@@ -47,7 +47,7 @@ struct umb__pack_survey {
  * Surveys an octree. Unreached nodes are not checked, except bricks, of which any bytes are valid.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range, an impossible mask).
  */
-UMB_CHECKED enum umb_status umb__pack_survey(const struct umb_octree *octree,
+UMB_CHECKED enum umb_status umb__pack_survey(const struct umb__octree *octree,
                                              struct umb__pack_survey *survey,
                                              struct umb_error *error);
 void umb__pack_survey_finish(struct umb__pack_survey *survey);

@@ -157,8 +157,8 @@ struct stack {
  */
 static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, struct stack *stack)
 {
-    const struct umb_octree_level *level = &t->octree->level[node.level];
-    const struct umb_octree_level *below = &t->octree->level[node.level - 1];
+    const struct umb__octree_level *level = &t->octree->level[node.level];
+    const struct umb__octree_level *below = &t->octree->level[node.level - 1];
     const uint32_t first = level->first[node.index], end = level->first[node.index + 1];
     const bool visits = node.level > t->band_low && node.level > UMB_LEVEL_BRICK + 1;
     const enum node_state stands = t->alone ? HERE : BEFORE;
@@ -198,7 +198,7 @@ static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *br
 /* Handles the children that do not go on the stack: bricks, and roots of the next band. */
 static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref node)
 {
-    const struct umb_octree_level *level = &t->octree->level[node.level];
+    const struct umb__octree_level *level = &t->octree->level[node.level];
     const uint32_t *children = level->children + level->first[node.index];
     const uint32_t count = level->first[node.index + 1] - level->first[node.index];
     enum umb_status status = UMB_OK;
@@ -214,7 +214,7 @@ static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref nod
 /* Prefetches the states of the children of the node that is visited after the next. */
 static void ask_for_states(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
-    const struct umb_octree_level *level = &t->octree->level[node.level];
+    const struct umb__octree_level *level = &t->octree->level[node.level];
     for (uint32_t i = level->first[node.index]; i < level->first[node.index + 1]; i++) {
         __builtin_prefetch(t->states[node.level - 1] + level->children[i] / 32);
     }

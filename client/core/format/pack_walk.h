@@ -16,7 +16,7 @@ struct umb__node_list {
 };
 
 struct umb__pack_walk {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     const struct umb__pack_survey *survey;
     struct umb__pack_order *order;
     struct umb_error *error;

@@ -16,7 +16,7 @@
 #include "format/pack_read.h"
 
 struct writer {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     const struct umb_sha256 *sha256;
     const struct umb_alloc *alloc;
     struct umb_error *error;
@@ -29,7 +29,7 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: out of memory");
 }
 
-static enum umb_status write_pages(struct writer *w, const struct umb_pack_job *job)
+static enum umb_status write_pages(struct writer *w, const struct umb__pack_job *job)
 {
     enum umb_status status = umb__pack_pages(job, &w->pages, w->error);
     if (status != UMB_OK) {
@@ -47,7 +47,7 @@ static void writer_finish(struct writer *w)
 }
 
 /* The content with the roots' places, as the canonical block needs them. */
-static enum umb_status encode_canonical(struct writer *w, const struct umb_content *content,
+static enum umb_status encode_canonical(struct writer *w, const struct umb__content *content,
                                         uint8_t **bytes, uint64_t *length)
 {
     struct umb__canonical canonical = {.content = *content};
@@ -57,9 +57,9 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb_conte
         return no_memory(w->error);
     }
     for (uint32_t i = 0; i < content->frustum_count; i++) {
-        const struct umb_octree_root *root = &w->octree->roots[i];
+        const struct umb__octree_root *root = &w->octree->roots[i];
         canonical.roots[i].state = (uint32_t)root->state;
-        if (root->state == UMB_NODE_MIXED) {
+        if (root->state == UMB__NODE_MIXED) {
             const struct umb__node_place place = umb__pack_place(
                 &w->pages.order, root->level, w->pages.order.ordinals[root->level][root->index]);
             canonical.roots[i].page = place.page;
@@ -115,7 +115,7 @@ static enum umb_status write_blocks_and_pages(const struct writer *w, const stru
     return status;
 }
 
-static enum umb_status write_file(struct writer *w, const struct umb_content *content,
+static enum umb_status write_file(struct writer *w, const struct umb__content *content,
                                   const uint8_t *canonical, uint64_t canonical_length,
                                   const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES])
 {
@@ -154,7 +154,7 @@ static enum umb_status write_file(struct writer *w, const struct umb_content *co
 }
 
 /* A content that a reader would refuse is the caller's mistake. */
-static enum umb_status check_content(const struct umb_content *content, struct umb_error *error)
+static enum umb_status check_content(const struct umb__content *content, struct umb_error *error)
 {
     size_t length = content->notes ? strlen(content->notes) : 0;
     if (length > UMB__INFO_MAX || !umb__utf8_valid((const uint8_t *)content->notes, length)) {
@@ -172,8 +172,8 @@ static enum umb_status check_content(const struct umb_content *content, struct u
     return UMB_E_ARGUMENT;
 }
 
-static enum umb_status check_roots(const struct umb_content *content,
-                                   const struct umb_octree *octree, struct umb_error *error)
+static enum umb_status check_roots(const struct umb__content *content,
+                                   const struct umb__octree *octree, struct umb_error *error)
 {
     if (octree->root_count != content->frustum_count) {
         return umb_fail(error, UMB_E_ARGUMENT, "roots: %u, the content has %u frusta",
@@ -184,7 +184,7 @@ static enum umb_status check_roots(const struct umb_content *content,
             return umb_fail(error, UMB_E_ARGUMENT, "roots[%u].level: %u, its frustum has %u", i,
                             octree->roots[i].level, content->frusta[i].log2_size);
         }
-        if ((unsigned)octree->roots[i].state > UMB_NODE_MIXED) {
+        if ((unsigned)octree->roots[i].state > UMB__NODE_MIXED) {
             return umb_fail(error, UMB_E_ARGUMENT, "roots[%u].state: %d, allowed 0 to 2", i,
                             (int)octree->roots[i].state);
         }
@@ -192,10 +192,10 @@ static enum umb_status check_roots(const struct umb_content *content,
     return UMB_OK;
 }
 
-enum umb_status umb_pack_run(const struct umb_pack_job *job, uint8_t id[UMB_ID_BYTES],
+enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID_BYTES],
                              struct umb_error *error)
 {
-    const struct umb_octree *octree = job->octree;
+    const struct umb__octree *octree = job->octree;
     struct writer w = {
         .octree = octree, .sha256 = job->sha256, .alloc = octree->alloc, .error = error};
     uint8_t *canonical = NULL;
@@ -218,13 +218,13 @@ enum umb_status umb_pack_run(const struct umb_pack_job *job, uint8_t id[UMB_ID_B
     return status;
 }
 
-enum umb_status umb_pack_write(const struct umb_content *content, const struct umb_octree *octree,
+enum umb_status umb__pack_write(const struct umb__content *content, const struct umb__octree *octree,
                                const struct umb_sha256 *sha256, const struct umb_sink *sink,
                                uint8_t id[UMB_ID_BYTES], struct umb_error *error)
 {
-    const struct umb_pack_job job = {
+    const struct umb__pack_job job = {
         .content = content, .octree = octree, .sha256 = sha256, .sink = sink};
-    return umb_pack_run(&job, id, error);
+    return umb__pack_run(&job, id, error);
 }
 
 enum umb_status umb_packed_prove(const void *bytes, size_t size, const uint8_t *id,

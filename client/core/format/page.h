@@ -193,7 +193,7 @@ struct umb__page_encoder {
  * Threads: any number of encoders may work on one order, if its allocator allows.
  */
 UMB_CHECKED enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
-                                             const struct umb_octree *octree,
+                                             const struct umb__octree *octree,
                                              const struct umb__pack_order *order, uint32_t page,
                                              struct umb_error *error);
 void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc);

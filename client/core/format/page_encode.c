@@ -12,7 +12,7 @@
 
 /* The open page. */
 struct writer {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     const struct umb__pack_order *order;
     struct umb__page_encoder *e;
     uint32_t page;
@@ -114,7 +114,7 @@ static bool sort_table(struct writer *w)
 /* Lists the children of a level's nodes, in their order, and returns their number. */
 static size_t list_children(struct writer *w, uint32_t node_level)
 {
-    const struct umb_octree_level *level = &w->octree->level[node_level];
+    const struct umb__octree_level *level = &w->octree->level[node_level];
     const uint32_t *nodes = w->nodes[node_level];
     const uint32_t count = w->node_count[node_level];
     uint32_t *reference = w->e->references;
@@ -323,7 +323,7 @@ static void write_bricks(struct writer *w)
     keep(w, umb__put_list(at + bricks, e->references, count, high_bits));
 }
 
-enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb_octree *octree,
+enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb__octree *octree,
                                  const struct umb__pack_order *order, uint32_t page,
                                  struct umb_error *error)
 {

@@ -15,7 +15,7 @@
 #define GROUP UMB__POOL_GROUP
 
 /* Prefetches the line that a look-up begins with, if there is a table. */
-static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
+static void slot_ahead(const struct umb__hash_slots *slots, uint32_t tag)
 {
     if (slots->words != NULL) {
         __builtin_prefetch(slots->words + umb__slot_place(slots, tag), 1);
@@ -23,7 +23,7 @@ static void slot_ahead(const struct umb_hash_slots *slots, uint32_t tag)
 }
 
 /* Returns the number in a slot; 0 for an empty slot, which is harmless to prefetch. */
-static uint32_t number_in(const struct umb_hash_slots *slots, size_t place)
+static uint32_t number_in(const struct umb__hash_slots *slots, size_t place)
 {
     const uint64_t word = slots->words[place];
     return word == UMB__SLOT_EMPTY ? 0 : umb__slot_number(word);
@@ -46,7 +46,7 @@ struct brick_group {
 };
 
 /* Starts a group with the bricks from `first` on, possibly none; prefetches their slots. */
-static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *from,
+static void brick_slots_ahead(const struct umb__pool *pool, const struct bricks *from,
                               uint32_t first, struct brick_group *group)
 {
     group->count = from->count - first < GROUP ? from->count - first : GROUP;
@@ -59,9 +59,9 @@ static void brick_slots_ahead(const struct umb_pool *pool, const struct bricks *
 }
 
 /* Reads the group's slots; prefetches the bricks that they name. */
-static void bricks_ahead(const struct umb_pool *pool, struct brick_group *group)
+static void bricks_ahead(const struct umb__pool *pool, struct brick_group *group)
 {
-    const struct umb_hash_slots *slots = &pool->brick_slots;
+    const struct umb__hash_slots *slots = &pool->brick_slots;
     group->log2_size = slots->log2_size;
     for (uint32_t i = 0; i < group->count && slots->words != NULL; i++) {
         group->places[i] = umb__slot_like(slots, group->tags[i]);
@@ -69,10 +69,10 @@ static void bricks_ahead(const struct umb_pool *pool, struct brick_group *group)
     }
 }
 
-static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_group *group,
+static enum umb_status find_bricks(struct umb__pool *pool, const struct brick_group *group,
                                    uint32_t *refs, struct umb_error *error)
 {
-    const struct umb_hash_slots *slots = &pool->brick_slots;
+    const struct umb__hash_slots *slots = &pool->brick_slots;
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < group->count && status == UMB_OK; i++) {
         const uint64_t *slices = group->bricks[i];
@@ -90,7 +90,7 @@ static enum umb_status find_bricks(struct umb_pool *pool, const struct brick_gro
     return status;
 }
 
-static enum umb_status merge_bricks(struct umb_pool *pool, const struct bricks *from,
+static enum umb_status merge_bricks(struct umb__pool *pool, const struct bricks *from,
                                     uint32_t *refs, struct umb_error *error)
 {
     struct brick_group groups[2]; /* One group is found while the next is prefetched */
@@ -107,7 +107,7 @@ static enum umb_status merge_bricks(struct umb_pool *pool, const struct bricks *
     return status;
 }
 
-enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*bricks)[8],
+enum umb_status umb__pool_find_bricks(struct umb__pool *pool, const uint64_t (*bricks)[8],
                                       uint32_t count, uint32_t *refs, struct umb_error *error)
 {
     const struct bricks from = {bricks, NULL, count};
@@ -115,7 +115,7 @@ enum umb_status umb__pool_find_bricks(struct umb_pool *pool, const uint64_t (*br
 }
 
 /* Prefetches the slots of a group of nodes. */
-static void node_slots_ahead(const struct umb_pool *pool, uint32_t level,
+static void node_slots_ahead(const struct umb__pool *pool, uint32_t level,
                              struct umb__node_group *group, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
@@ -125,10 +125,10 @@ static void node_slots_ahead(const struct umb_pool *pool, uint32_t level,
 }
 
 /* Reads the group's slots; prefetches the nodes that they name. */
-static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb__node_group *group,
+static void nodes_ahead(const struct umb__pool *pool, uint32_t number, struct umb__node_group *group,
                         uint32_t count)
 {
-    const struct umb_pool_level *level = &pool->level[number];
+    const struct umb__pool_level *level = &pool->level[number];
     group->log2_size = level->slots.log2_size;
     for (uint32_t i = 0; i < count && level->slots.words != NULL; i++) {
         group->places[i] = umb__slot_like(&level->slots, group->tags[i]);
@@ -139,21 +139,21 @@ static void nodes_ahead(const struct umb_pool *pool, uint32_t number, struct umb
 }
 
 /* Prefetches their children. */
-static void children_ahead(const struct umb_pool *pool, uint32_t number,
+static void children_ahead(const struct umb__pool *pool, uint32_t number,
                            const struct umb__node_group *group, uint32_t count)
 {
-    const struct umb_pool_level *level = &pool->level[number];
+    const struct umb__pool_level *level = &pool->level[number];
     for (uint32_t i = 0; i < count && level->slots.words != NULL; i++) {
         const uint32_t node = number_in(&level->slots, group->places[i]);
         __builtin_prefetch(level->children + level->first[node]);
     }
 }
 
-static enum umb_status find_nodes(struct umb_pool *pool, uint32_t level,
+static enum umb_status find_nodes(struct umb__pool *pool, uint32_t level,
                                   const struct umb__node_group *group, uint32_t count,
                                   uint32_t *refs, struct umb_error *error)
 {
-    const struct umb_hash_slots *slots = &pool->level[level].slots;
+    const struct umb__hash_slots *slots = &pool->level[level].slots;
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
         const int as_read = slots->words != NULL && slots->log2_size == group->log2_size;
@@ -164,7 +164,7 @@ static enum umb_status find_nodes(struct umb_pool *pool, uint32_t level,
     return status;
 }
 
-enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
+enum umb_status umb__pool_find_nodes(struct umb__pool *pool, uint32_t level,
                                      struct umb__node_group *group, uint32_t count, uint32_t *refs,
                                      struct umb_error *error)
 {
@@ -175,7 +175,7 @@ enum umb_status umb__pool_find_nodes(struct umb_pool *pool, uint32_t level,
 }
 
 /* Makes keys with the children's new numbers. */
-static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_t n,
+static void read_keys(const struct umb__pool_level *from, uint32_t first, uint32_t n,
                       const uint32_t *below, struct umb__node_group *group)
 {
     for (uint32_t i = 0; i < n; i++) {
@@ -190,11 +190,11 @@ static void read_keys(const struct umb_pool_level *from, uint32_t first, uint32_
 }
 
 /* In: below: new numbers of the level below. */
-static enum umb_status merge_nodes(struct umb_pool *pool, const struct umb_pool *from,
-                                   uint32_t level, struct umb_pool_numbers *numbers,
+static enum umb_status merge_nodes(struct umb__pool *pool, const struct umb__pool *from,
+                                   uint32_t level, struct umb__pool_numbers *numbers,
                                    struct umb_error *error)
 {
-    const struct umb_pool_level *nodes = &from->level[level];
+    const struct umb__pool_level *nodes = &from->level[level];
     struct umb__node_group groups[2]; /* One group is found while the next is prefetched */
     enum umb_status status = UMB_OK;
     uint32_t count = nodes->count < GROUP ? nodes->count : GROUP;
@@ -214,9 +214,9 @@ static enum umb_status merge_nodes(struct umb_pool *pool, const struct umb_pool 
     return status;
 }
 
-static void swap_numbers(struct umb_pool_numbers *numbers)
+static void swap_numbers(struct umb__pool_numbers *numbers)
 {
-    *numbers = (struct umb_pool_numbers){
+    *numbers = (struct umb__pool_numbers){
         .refs = numbers->below,
         .below = numbers->refs,
         .refs_capacity = numbers->below_capacity,
@@ -224,8 +224,8 @@ static void swap_numbers(struct umb_pool_numbers *numbers)
     };
 }
 
-enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *from, uint32_t level,
-                               struct umb_pool_numbers *numbers, struct umb_error *error)
+enum umb_status umb__pool_merge(struct umb__pool *pool, const struct umb__pool *from, uint32_t level,
+                               struct umb__pool_numbers *numbers, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
     for (uint32_t i = UMB_LEVEL_BRICK; i <= level && status == UMB_OK; i++) {
@@ -243,9 +243,9 @@ enum umb_status umb_pool_merge(struct umb_pool *pool, const struct umb_pool *fro
     return status;
 }
 
-void umb_pool_numbers_finish(struct umb_pool_numbers *numbers)
+void umb__pool_numbers_finish(struct umb__pool_numbers *numbers)
 {
     umb__free(NULL, numbers->refs);
     umb__free(NULL, numbers->below);
-    *numbers = (struct umb_pool_numbers){0};
+    *numbers = (struct umb__pool_numbers){0};
 }

@@ -18,7 +18,7 @@
 #define LARGE_BYTES    ((size_t)4 << 20) /* Size from which arrays are worth large pages */
 
 /* Reserves bytes of the budget. */
-static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_error *error)
+static enum umb_status charge(struct umb__pool *pool, size_t more, struct umb_error *error)
 {
     size_t total;
     if (__builtin_add_overflow(pool->bytes, more, &total) || total > pool->max_bytes) {
@@ -32,7 +32,7 @@ static enum umb_status charge(struct umb_pool *pool, size_t more, struct umb_err
 }
 
 /* True if arrays grow without a copy. */
-static int grows_by_pages(const struct umb_pool *pool)
+static int grows_by_pages(const struct umb__pool *pool)
 {
     return pool->alloc == &umb__page_alloc;
 }
@@ -54,7 +54,7 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
 
 /* Grows an array of items to new_count; an old block that is copied stays charged until it is
  * freed. */
-static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, size_t old_count,
+static enum umb_status grow(struct umb__pool *pool, void **block, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
     const size_t copied = grows_by_pages(pool) ? 0 : old_count * item;
@@ -74,13 +74,13 @@ static enum umb_status grow(struct umb_pool *pool, void **block, size_t item, si
     return UMB_OK;
 }
 
-static int can_afford(const struct umb_pool *pool, uint64_t more)
+static int can_afford(const struct umb__pool *pool, uint64_t more)
 {
     return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
 }
 
 /* Returns the capacity after growth, at most `most`. In: item: bytes of each item. */
-static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t item, uint32_t most)
+static uint32_t grown(const struct umb__pool *pool, uint32_t capacity, size_t item, uint32_t most)
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
     const uint64_t more = (uint64_t)capacity + capacity / 8 + 8;
@@ -90,7 +90,7 @@ static uint32_t grown(const struct umb_pool *pool, uint32_t capacity, size_t ite
 }
 
 /* True if a table must grow before it takes one more. */
-static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *slots,
+static int slots_full(const struct umb__pool *pool, const struct umb__hash_slots *slots,
                       uint32_t count)
 {
     if (slots->words == NULL || pool->is_loose) {
@@ -103,7 +103,7 @@ static int slots_full(const struct umb_pool *pool, const struct umb_hash_slots *
 
 /* Replaces a table by one twice as large. Words have the same order in both, so the new table is
  * filled from end to end. */
-static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *slots,
+static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots *slots,
                                   struct umb_error *error)
 {
     const uint32_t log2_size = slots->words == NULL ? SLOTS_LOG2_MIN : slots->log2_size + 1;
@@ -117,7 +117,7 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
     if (status != UMB_OK) {
         return status;
     }
-    struct umb_hash_slots larger = {umb__alloc_large(pool->alloc, bytes, 1), log2_size};
+    struct umb__hash_slots larger = {umb__alloc_large(pool->alloc, bytes, 1), log2_size};
     if (larger.words == NULL) {
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
@@ -138,10 +138,10 @@ static enum umb_status slots_grow(struct umb_pool *pool, struct umb_hash_slots *
 }
 
 /* Grows the arrays for bricks. */
-static enum umb_status bricks_grow(struct umb_pool *pool, struct umb_error *error)
+static enum umb_status bricks_grow(struct umb__pool *pool, struct umb_error *error)
 {
     const uint32_t old = pool->brick_capacity;
-    const uint32_t capacity = grown(pool, old, sizeof *pool->bricks, UMB_REF_INDEX_MAX + 1U);
+    const uint32_t capacity = grown(pool, old, sizeof *pool->bricks, UMB__REF_INDEX_MAX + 1U);
     void *block = pool->bricks;
     enum umb_status status = grow(pool, &block, sizeof *pool->bricks, old, capacity, error);
     pool->bricks = block;
@@ -157,11 +157,11 @@ static enum umb_status bricks_grow(struct umb_pool *pool, struct umb_error *erro
     return status;
 }
 
-enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *error)
+enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *error)
 {
-    if (pool->brick_count > UMB_REF_INDEX_MAX) {
+    if (pool->brick_count > UMB__REF_INDEX_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
-                        UMB_REF_INDEX_MAX);
+                        UMB__REF_INDEX_MAX);
     }
     enum umb_status status = UMB_OK;
     if (pool->is_loose && pool->brick_slots.words == NULL) {
@@ -178,11 +178,11 @@ enum umb_status umb__pool_brick_room(struct umb_pool *pool, struct umb_error *er
     return status;
 }
 
-static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *level,
+static enum umb_status nodes_grow(struct umb__pool *pool, struct umb__pool_level *level,
                                   struct umb_error *error)
 {
     const uint32_t capacity = grown(
-        pool, level->capacity, sizeof *level->masks + sizeof *level->first, UMB_REF_INDEX_MAX + 1U);
+        pool, level->capacity, sizeof *level->masks + sizeof *level->first, UMB__REF_INDEX_MAX + 1U);
     void *block = level->masks;
     enum umb_status status =
         grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);
@@ -207,7 +207,7 @@ static enum umb_status nodes_grow(struct umb_pool *pool, struct umb_pool_level *
 }
 
 /* Grows the array for children. */
-static enum umb_status children_grow(struct umb_pool *pool, struct umb_pool_level *level,
+static enum umb_status children_grow(struct umb__pool *pool, struct umb__pool_level *level,
                                      struct umb_error *error)
 {
     const uint32_t capacity =
@@ -220,13 +220,13 @@ static enum umb_status children_grow(struct umb_pool *pool, struct umb_pool_leve
     return status;
 }
 
-enum umb_status umb__pool_node_room(struct umb_pool *pool, struct umb_pool_level *level,
+enum umb_status umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level,
                                     struct umb_error *error)
 {
-    if (level->count > UMB_REF_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
+    if (level->count > UMB__REF_INDEX_MAX || level->child_count > UINT32_MAX - 8U) {
         return umb_fail(error, UMB_E_LIMIT,
                         "shadow octree: more than %u nodes or children in one level",
-                        UMB_REF_INDEX_MAX);
+                        UMB__REF_INDEX_MAX);
     }
     enum umb_status status =
         level->count == level->capacity ? nodes_grow(pool, level, error) : UMB_OK;

@@ -32,7 +32,7 @@ struct umb__transmittance_bytes {
     uint8_t *data; /* Bytes; free them with umb__transmittance_bytes_finish */
     size_t count, capacity;
 };
-UMB_API void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
+void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
 
 /*
  * Appends a square.
@@ -40,7 +40,7 @@ UMB_API void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *by
  * In:    lists: [64 * 64], row by row.
  * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). After a failure only finish `bytes`.
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__transmittance_square(struct umb__transmittance_bytes *bytes,
                           const struct umb__transmittance_list *lists, size_t max_bytes,
                           struct umb_error *error);
@@ -50,7 +50,7 @@ umb__transmittance_square(struct umb__transmittance_bytes *bytes,
  *
  * Fails: as umb__transmittance_square.
  */
-UMB_API UMB_CHECKED enum umb_status
+UMB_CHECKED enum umb_status
 umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data, size_t count,
                           size_t max_bytes, struct umb_error *error);
 

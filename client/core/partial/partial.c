@@ -75,7 +75,7 @@ static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error
     for (uint32_t i = 0; i < p->canonical.content.frustum_count; i++) {
         const struct umb__packed_root *root = &p->canonical.roots[i];
         const uint32_t level = p->canonical.content.frusta[i].log2_size;
-        if (root->state != UMB_NODE_MIXED) {
+        if (root->state != UMB__NODE_MIXED) {
             continue;
         }
         if (root->page >= p->head.page_count || root->position == UINT32_MAX) {

@@ -27,7 +27,7 @@ void umb__partial_unbuild(struct umb_partial *p)
         p->seen[level] = NULL;
     }
     p->graph.alloc = &p->alloc;
-    umb_octree_finish(&p->graph);
+    umb__octree_finish(&p->graph);
     umb__free(&p->alloc, p->order);
     p->order = NULL;
     p->order_count = 0;
@@ -78,7 +78,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
 /* Allocates the arrays for the nodes; those for children follow when their number is known. */
 static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 {
-    struct umb_octree *g = &p->graph;
+    struct umb__octree *g = &p->graph;
     bool ok = true;
     g->alloc = &p->alloc;
     g->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
@@ -86,7 +86,7 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
     g->bricks = umb__alloc_large(&p->alloc, g->brick_count, sizeof *g->bricks);
     g->roots = umb__alloc_zeroed(&p->alloc, g->root_count, sizeof *g->roots);
     for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
-        struct umb_octree_level *level = &g->level[l];
+        struct umb__octree_level *level = &g->level[l];
         level->masks = umb__alloc(&p->alloc, (size_t)totals[l], sizeof *level->masks);
         level->first = umb__alloc_zeroed(&p->alloc, (size_t)totals[l] + 1, sizeof *level->first);
         level->children = umb__alloc(&p->alloc, 1, sizeof *level->children);
@@ -129,7 +129,7 @@ static bool read_others(struct filling *f, const struct umb__page *page, uint32_
  * False: out of memory. */
 static bool fill_level(struct filling *f, uint32_t number, const struct umb__page *page, uint32_t l)
 {
-    struct umb_octree_level *level = &f->p->graph.level[l];
+    struct umb__octree_level *level = &f->p->graph.level[l];
     const uint32_t own = f->p->pages[number].links->first[l - 1];
     const uint64_t end = level->first[level->count] + page->child_count[l];
     if (end >= UINT32_MAX || !read_others(f, page, l) ||
@@ -212,10 +212,10 @@ static void place_roots(struct umb_partial *p)
 {
     for (uint32_t i = 0; i < p->graph.root_count; i++) {
         const struct umb__packed_root *packed = &p->canonical.roots[i];
-        struct umb_octree_root *root = &p->graph.roots[i];
-        root->state = (enum umb_node_state)packed->state;
+        struct umb__octree_root *root = &p->graph.roots[i];
+        root->state = (enum umb__node_state)packed->state;
         root->level = p->canonical.content.frusta[i].log2_size;
-        if (root->state == UMB_NODE_MIXED) {
+        if (root->state == UMB__NODE_MIXED) {
             root->index = p->pages[packed->page].stored
                               ? p->pages[packed->page].links->first[root->level] + packed->position
                               : UMB__ABSENT | packed->page;
@@ -244,8 +244,8 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
 
 /* Makes one level of the octree: the graph with absent children set to `state`. False: out of
  * memory. */
-static bool settle_level(struct umb_partial *p, const struct umb_octree_level *from,
-                         enum umb_node_state state, struct umb_octree_level *to)
+static bool settle_level(struct umb_partial *p, const struct umb__octree_level *from,
+                         enum umb__node_state state, struct umb__octree_level *to)
 {
     to->masks = umb__alloc(&p->alloc, from->count, sizeof *to->masks);
     to->first = umb__alloc_zeroed(&p->alloc, (size_t)from->count + 1, sizeof *to->first);
@@ -259,7 +259,7 @@ static bool settle_level(struct umb_partial *p, const struct umb_octree_level *f
         const uint32_t *child = from->children + from->first[node];
         uint16_t mask = from->masks[node];
         for (unsigned c = 0; c < 8; c++) {
-            if (umb_mask_state(mask, c) != UMB_NODE_MIXED) {
+            if (umb__mask_state(mask, c) != UMB__NODE_MIXED) {
                 continue;
             }
             if (*child & UMB__ABSENT) {
@@ -277,11 +277,11 @@ static bool settle_level(struct umb_partial *p, const struct umb_octree_level *f
 
 /* Lays out the graph as an octree without absent children. bricks: taken by the layout, or NULL for
  * a layout that will share them. */
-static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
+static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state,
                                uint64_t (*bricks)[8], struct umb__mapped *mapped,
                                struct umb_error *error)
 {
-    struct umb_octree octree = {.alloc = &p->alloc,
+    struct umb__octree octree = {.alloc = &p->alloc,
                                 .brick_count = p->graph.brick_count,
                                 .bricks = bricks,
                                 .root_count = p->graph.root_count};
@@ -294,15 +294,15 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb_node_state state,
     if (ok) {
         memcpy(octree.roots, p->graph.roots, octree.root_count * sizeof *octree.roots);
         for (uint32_t i = 0; i < octree.root_count; i++) {
-            struct umb_octree_root *root = &octree.roots[i];
-            if (root->state == UMB_NODE_MIXED && (root->index & UMB__ABSENT)) {
+            struct umb__octree_root *root = &octree.roots[i];
+            if (root->state == UMB__NODE_MIXED && (root->index & UMB__ABSENT)) {
                 root->state = state;
                 root->index = 0;
             }
         }
         status = umb__mapped_build(&octree, &p->canonical.content, p->meter.limit, mapped, error);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return status == UMB_OK ? UMB_OK : no_memory(error);
 }
 
@@ -327,9 +327,9 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
     }
     uint64_t(*bricks)[8] = p->graph.bricks;
     p->graph.bricks = NULL;
-    status = lay_out(p, UMB_NODE_SHADOWED, bricks, &p->lower.mapped, error);
+    status = lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error);
     if (status == UMB_OK) {
-        status = lay_out(p, UMB_NODE_LIT, NULL, &p->upper.mapped, error);
+        status = lay_out(p, UMB__NODE_LIT, NULL, &p->upper.mapped, error);
     }
     if (status != UMB_OK) {
         return status;

@@ -151,7 +151,7 @@ static double margin_of(const struct umb__space *s, double taps)
     return (s->perspective ? 4 * bias : bias) + (taps / 2 + 1) * diagonal + s->edges[2];
 }
 
-void umb__space_init(struct umb__space *s, const struct umb_content *content, uint32_t frustum,
+void umb__space_init(struct umb__space *s, const struct umb__content *content, uint32_t frustum,
                      const struct umb_partial_view *view)
 {
     const struct umb_frustum_info *f = &content->frusta[frustum];

@@ -41,7 +41,7 @@ UMB_CHECKED enum umb_status umb__sight_init(struct umb__sight *sight,
                                             const struct umb_partial_view *view,
                                             struct umb_error *error);
 
-void umb__space_init(struct umb__space *space, const struct umb_content *content, uint32_t frustum,
+void umb__space_init(struct umb__space *space, const struct umb__content *content, uint32_t frustum,
                      const struct umb_partial_view *view);
 
 /* Returns the longest edge in metres of a cube of voxels whose first is at depth z; in a

@@ -81,7 +81,7 @@ static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, doub
 static void want_marked(struct umb_partial *p)
 {
     for (uint32_t l = UMB_LEVEL_MAX; l > UMB_LEVEL_BRICK; l--) {
-        const struct umb_octree_level *level = &p->graph.level[l];
+        const struct umb__octree_level *level = &p->graph.level[l];
         for (uint32_t node = 0; node < level->count; node++) {
             float *seen = &p->seen[l][node];
             if (!(*seen < 0)) {
@@ -129,10 +129,10 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     if (absent || cube->level == UMB_LEVEL_BRICK) {
         return;
     }
-    const struct umb_octree_level *level = &p->graph.level[cube->level];
+    const struct umb__octree_level *level = &p->graph.level[cube->level];
     const uint32_t *child = level->children + level->first[cube->child];
     for (unsigned c = 0; c < 8; c++) {
-        if (umb_mask_state(level->masks[cube->child], c) == UMB_NODE_MIXED) {
+        if (umb__mask_state(level->masks[cube->child], c) == UMB__NODE_MIXED) {
             const struct cube part = part_of(cube, c, *child++);
             walk_cube(w, &part, seen.benefit);
         }
@@ -151,14 +151,14 @@ uint64_t umb__partial_nodes(const struct umb_partial *p)
 /* Walks every root of the view's lights. */
 static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
 {
-    const struct umb_content *content = &p->canonical.content;
+    const struct umb__content *content = &p->canonical.content;
     const uint32_t light = sight->view->light;
     struct umb__space space;
     const uint64_t limit = STEPS_MIN + STEPS_A_NODE * umb__partial_nodes(p);
     struct walk w = {.p = p, .sight = sight, .space = &space, .steps = limit};
     for (uint32_t i = 0; i < p->graph.root_count; i++) {
-        const struct umb_octree_root *root = &p->graph.roots[i];
-        if (root->state == UMB_NODE_MIXED &&
+        const struct umb__octree_root *root = &p->graph.roots[i];
+        if (root->state == UMB__NODE_MIXED &&
             (light == UINT32_MAX || content->frusta[i].light == light)) {
             const struct cube cube = {root->level, 0, 0, 0, root->index};
             umb__space_init(&space, content, i, sight->view);
@@ -195,7 +195,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     if (!p->built) {
         return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
     }
-    const struct umb_content *content = &p->canonical.content;
+    const struct umb__content *content = &p->canonical.content;
     if (view->light != UINT32_MAX && view->light >= content->light_count) {
         return umb_fail(error, UMB_E_ARGUMENT, "light: %u, the asset has %u", view->light,
                         content->light_count);
@@ -279,7 +279,7 @@ struct look {
 static double occupancy_of(uint16_t mask)
 {
     const unsigned lit = (unsigned)__builtin_popcount(mask & 0x5555U);
-    return (lit + 0.5 * umb_mask_mixed_count(mask)) / 8.0;
+    return (lit + 0.5 * umb__mask_mixed_count(mask)) / 8.0;
 }
 
 /* In: above: occupancy of the cube's parent node. */
@@ -304,11 +304,11 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
     if (cube->level == UMB_LEVEL_BRICK) {
         return;
     }
-    const struct umb_octree_level *level = &l->p->graph.level[cube->level];
+    const struct umb__octree_level *level = &l->p->graph.level[cube->level];
     const uint16_t mask = level->masks[cube->child];
     const uint32_t *child = level->children + level->first[cube->child];
     for (unsigned c = 0; c < 8; c++) {
-        if (umb_mask_state(mask, c) == UMB_NODE_MIXED) {
+        if (umb__mask_state(mask, c) == UMB__NODE_MIXED) {
             const struct cube part = part_of(cube, c, *child++);
             look_cube(l, &part, occupancy_of(mask));
         }
@@ -319,8 +319,8 @@ struct umb__lack umb__partial_look(struct umb_partial *p, uint32_t frustum, cons
                                    const uint32_t high[3], bool want)
 {
     struct look l = {.p = p, .low = low, .high = high, .want = want};
-    const struct umb_octree_root *root = &p->graph.roots[frustum];
-    if (root->state == UMB_NODE_MIXED) {
+    const struct umb__octree_root *root = &p->graph.roots[frustum];
+    if (root->state == UMB__NODE_MIXED) {
         const struct cube cube = {root->level, 0, 0, 0, root->index};
         look_cube(&l, &cube, 0.5);
     }

@@ -98,7 +98,7 @@ static enum umb_status check_penumbra(const struct umb_asset *asset,
                                       const struct umb_query_settings *settings,
                                       struct umb_error *error)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[settings->light];
     if (!(settings->light_extent >= 0 && settings->light_extent <= UMB_EXTENT_MAX)) {
         return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %g rad, must be 0 to %g",
@@ -164,7 +164,7 @@ static enum umb_status check_level(const struct umb_asset *asset,
                                    const struct umb_query_settings *settings,
                                    struct umb_error *error)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[settings->light];
     const uint32_t highest = umb_level_max(content->frusta[light->first_frustum].log2_size);
     if (settings->level == 0) {
@@ -242,7 +242,7 @@ static double tangent(double x)
 static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
                          const struct umb_query_settings *settings)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const double slope = tangent(extent_of(asset, settings) / 2);
     const double depth_m = length3(q->voxel_step[2]);
     for (unsigned axis = 0; axis < 2; axis++) {
@@ -258,7 +258,7 @@ static void set_penumbra(struct umb__query *q, const struct umb_asset *asset,
 static void set_faces(struct umb__query *q, const struct umb_asset *asset,
                       const struct umb_query_settings *settings)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[settings->light];
     q->grid = asset->view.grid;
     q->columns = asset->view.columns;
@@ -367,7 +367,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     if (status != UMB_OK) {
         return status;
     }
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[settings->light];
     const struct umb_frustum_info *frustum = &content->frusta[light->first_frustum];
     const struct umb__top *top = &asset->view.tops[light->first_frustum];

@@ -34,7 +34,7 @@ static void receiver_mask_run(const struct umb__query *q, const struct umb_point
     }
 }
 
-void umb__receiver_mask_set(struct umb__query *q, const struct umb_content *content)
+void umb__receiver_mask_set(struct umb__query *q, const struct umb__content *content)
 {
     q->receiver_mask_cells = content->receiver_mask_cells + q->frustum * UMB__RECEIVER_MASK_WORDS;
     q->receiver_mask_inner = q->run;

@@ -12,7 +12,7 @@
 #include "query/query_parts.h"
 
 /* Puts the stage in front of the query's other stages. In: content: with receiver_mask_cells. */
-void umb__receiver_mask_set(struct umb__query *query, const struct umb_content *content);
+void umb__receiver_mask_set(struct umb__query *query, const struct umb__content *content);
 
 /* Returns whether point i is undefined. In: query: with receiver_mask_cells. */
 bool umb__receiver_mask_is_undefined(const struct umb__query *query,

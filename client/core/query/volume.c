@@ -20,7 +20,7 @@ static int has_translucent(const struct umb_asset *asset, const struct umb_light
 static enum umb_status set_faces(const struct umb_asset *asset, uint32_t index,
                                  struct umb__volume *v, struct umb_error *error)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     const struct umb_light_info *light = &content->lights[index];
     v->faces = &content->frusta[light->first_frustum];
     v->tops = &asset->view.tops[light->first_frustum];
@@ -45,7 +45,7 @@ static enum umb_status set_faces(const struct umb_asset *asset, uint32_t index,
 enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light,
                                    struct umb_volume *volume, struct umb_error *error)
 {
-    const struct umb_content *content = &asset->canonical.content;
+    const struct umb__content *content = &asset->canonical.content;
     memset(volume, 0, sizeof *volume);
     if (light >= content->light_count) {
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,

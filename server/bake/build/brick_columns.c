@@ -12,7 +12,7 @@
 
 /* State of the building of a tile's bricks. */
 struct walk {
-    struct umb_pool *pool;
+    struct umb__pool *pool;
     const struct umbb_tile *tile;
     struct umbb_runs *runs;
     const struct umbb_slicer *slicer;
@@ -29,7 +29,7 @@ static enum umb_status build_brick(const struct walk *walk, const int32_t *const
         walk->slicer->above(end, (int32_t)(8 * z), allowed);
         umbb_slices_fill(visible, allowed, visible);
     }
-    return umb_pool_brick(walk->pool, visible, ref, error);
+    return umb__pool_brick(walk->pool, visible, ref, error);
 }
 
 /* The first brick at or after z that contains some value; `end` if there is none before `end`. */
@@ -151,17 +151,17 @@ static enum umb_status low_quad(const struct walk *walk, const size_t place[2],
     enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < 2 * nodes; i++) {
         for (size_t q = 0; q < 4; q++) {
-            bricks[i][q] = first + i < four[q].mixed_first ? UMB_REF_LIT : UMB_REF_SHADOWED;
+            bricks[i][q] = first + i < four[q].mixed_first ? UMB__REF_LIT : UMB__REF_SHADOWED;
         }
     }
     for (size_t q = 0; q < 4 && status == UMB_OK; q++) {
         const size_t block = (2 * place[1] + (q >> 1)) * width + 2 * place[0] + (q & 1);
         status = low_column(walk, block, &four[q], first, q, bricks, error);
     }
-    uint32_t ref = UMB_REF_LIT;
+    uint32_t ref = UMB__REF_LIT;
     for (uint32_t i = 0; i < nodes && status == UMB_OK; i++) {
         if (i == 0 || memcmp(bricks[2 * i - 2], bricks[2 * i], sizeof bricks[0] * 2) != 0) {
-            status = umb_pool_node(walk->pool, UMB_LEVEL_BRICK + 1, bricks[2 * i], &ref, error);
+            status = umb__pool_node(walk->pool, UMB_LEVEL_BRICK + 1, bricks[2 * i], &ref, error);
         }
         if (status == UMB_OK) {
             status = umbb_runs_push(walk->runs, column->run_first, column->mixed_first + i + 1, ref,
@@ -196,7 +196,7 @@ static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_c
     return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, mark, walk->runs, column, error);
 }
 
-enum umb_status umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
+enum umb_status umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
                                       const struct umbb_square *square, struct umbb_runs *runs,
                                       struct umbb_column *column, struct umb_error *error)
 {

@@ -30,14 +30,14 @@ struct umbb_cached_tiles {
      * In:    max_bytes: limit of its working memory in addition to the pool.
      * Out:   found: 0 if the tile must be baked; result and runs are unchanged then. Else result:
      *        its column's runs are the last of `runs`.
-     * Fails: as umb_pool_brick; any failure that ends the bake. Discard the pool then.
+     * Fails: as umb__pool_brick; any failure that ends the bake. Discard the pool then.
      */
     enum umb_status (*find)(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            struct umb_pool *pool, struct umbb_runs *runs,
+                            struct umb__pool *pool, struct umbb_runs *runs,
                             struct umbb_tile_result *result, int *found, struct umb_error *error);
     /* Stores a copy of a result. Fails: only if the bake must end for it. */
     enum umb_status (*keep)(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            const struct umb_pool *pool, const struct umbb_runs *runs,
+                            const struct umb__pool *pool, const struct umbb_runs *runs,
                             const struct umbb_tile_result *result, struct umb_error *error);
 };
 

@@ -80,11 +80,11 @@ static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs,
     const struct umbb_column *column = cursor->column;
     if (z < column->mixed_first) {
         *end = column->mixed_first;
-        return UMB_REF_LIT;
+        return UMB__REF_LIT;
     }
     if (z >= column->mixed_end) {
         *end = UINT32_MAX;
-        return UMB_REF_SHADOWED;
+        return UMB__REF_SHADOWED;
     }
     while (runs->items[cursor->run].z_end <= z) {
         cursor->run++;
@@ -116,7 +116,7 @@ static uint32_t read_children(struct cursor cursors[4], const struct umbb_runs *
     return next > z + 1 ? next : z + 1;
 }
 
-enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
+enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
                                  const struct umbb_column four[4], size_t runs_mark,
                                  struct umbb_runs *runs, struct umbb_column *column,
                                  struct umb_error *error)
@@ -131,7 +131,7 @@ enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
         uint32_t children[8], ref;
         uint32_t next = read_children(cursors, runs, z, children);
         next = next < column->mixed_end ? next : column->mixed_end;
-        enum umb_status status = umb_pool_node(pool, level, children, &ref, error);
+        enum umb_status status = umb__pool_node(pool, level, children, &ref, error);
         if (status == UMB_OK) {
             status = umbb_runs_push(runs, first, next, ref, error);
         }

@@ -62,7 +62,7 @@ static inline struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_
 
 /* A quadtree of squares, with a function for the columns over its leaves. */
 struct umbb_column_tree {
-    struct umb_pool *pool;
+    struct umb__pool *pool;
     struct umbb_runs *runs;
     uint32_t log2_size; /* size of the whole square */
     uint32_t leaf_level;
@@ -81,7 +81,7 @@ struct umbb_column_tree {
  * Builds the column over square (x, y) of a level by joining the columns of its leaves.
  *
  * Out:   column: its runs are the last of the tree's.
- * Fails: as umb_pool_brick, and as the leaves.
+ * Fails: as umb__pool_brick, and as the leaves.
  */
 UMB_CHECKED enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_t level,
                                                 const size_t place[2], struct umbb_column *column,
@@ -98,10 +98,10 @@ struct umbb_square {
  *
  * In:    tile: texels and pyramid filled. square: of level 3 .. tile->log2_size.
  * Out:   column: its runs are the last of `runs`.
- * Fails: as umb_pool_brick.
+ * Fails: as umb__pool_brick.
  */
 UMB_CHECKED enum umb_status
-umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
+umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
                       const struct umbb_square *square, struct umbb_runs *runs,
                       struct umbb_column *column, struct umb_error *error);
 
@@ -111,7 +111,7 @@ umbb_column_of_square(struct umb_pool *pool, const struct umbb_tile *tile,
  * In:    column: bounds set; the four's runs are the last of `runs`, from runs_mark on.
  * Out:   column: its runs replace the four's.
  */
-UMB_CHECKED enum umb_status umbb_column_join(struct umb_pool *pool, uint32_t level,
+UMB_CHECKED enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
                                              const struct umbb_column four[4], size_t runs_mark,
                                              struct umbb_runs *runs, struct umbb_column *column,
                                              struct umb_error *error);

@@ -25,7 +25,7 @@
 struct loop {
     const struct umbb_depth *depth;
     const struct umbb_bake_options *options;
-    struct umb_pool *pool; /* shared by all frusta */
+    struct umb__pool *pool; /* shared by all frusta */
     struct umbu_threads *jobs;
     struct umbb_tile tiles[2];
     struct umbb_squares *squares;
@@ -210,8 +210,8 @@ static enum umb_status result_keep(struct loop *loop, uint32_t number,
     loop->columns[number] = result->column;
     if (loop->only) { /* the levels above are built elsewhere */
         const struct umb_alloc *alloc = loop->pool->alloc;
-        umb_pool_finish(loop->pool);
-        umb_pool_init(loop->pool, alloc, loop->options->octree_max_bytes);
+        umb__pool_finish(loop->pool);
+        umb__pool_init(loop->pool, alloc, loop->options->octree_max_bytes);
         return UMB_OK;
     }
     return umbb_runs_keep(&loop->kept, &loop->runs, &loop->columns[number], error);
@@ -440,7 +440,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
         return status;
     }
     /* A single node along z: mixed, lit if nothing is shadowed, or shadowed. */
-    *root = column.mixed_end == 0 ? UMB_REF_SHADOWED : UMB_REF_LIT;
+    *root = column.mixed_end == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
     if (column.mixed_first < column.mixed_end) {
         *root = loop->runs.items[column.run_first].ref;
     }
@@ -449,7 +449,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
 }
 
 enum umb_status umbb_bake_into(const struct umbb_depth *depth,
-                               const struct umbb_bake_options *options, struct umb_pool *pool,
+                               const struct umbb_bake_options *options, struct umb__pool *pool,
                                uint32_t *root, struct umbb_bake_figures *figures,
                                struct umb_error *error)
 {
@@ -481,17 +481,17 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
 
 enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
                                   const struct umbb_bake_options *options,
-                                  struct umb_octree *octree, struct umbb_bake_figures *figures,
+                                  struct umb__octree *octree, struct umbb_bake_figures *figures,
                                   struct umb_error *error)
 {
-    struct umb_pool pool;
-    uint32_t root = UMB_REF_LIT;
+    struct umb__pool pool;
+    uint32_t root = UMB__REF_LIT;
     memset(octree, 0, sizeof *octree);
-    umb_pool_init(&pool, &umb__page_alloc, options->octree_max_bytes);
+    umb__pool_init(&pool, &umb__page_alloc, options->octree_max_bytes);
     enum umb_status status = umbb_bake_into(depth, options, &pool, &root, figures, error);
     if (status == UMB_OK) {
-        status = umb_pool_take(&pool, &root, &options->log2_size, 1, octree, error);
+        status = umb__pool_take(&pool, &root, &options->log2_size, 1, octree, error);
     }
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     return status;
 }

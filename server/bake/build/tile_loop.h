@@ -61,7 +61,7 @@ struct umbb_bake_options {
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            const struct umbb_bake_options *options,
-                                           struct umb_pool *pool, uint32_t *root,
+                                           struct umb__pool *pool, uint32_t *root,
                                            struct umbb_bake_figures *figures,
                                            struct umb_error *error);
 
@@ -73,7 +73,7 @@ UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
  */
 UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
                                               const struct umbb_bake_options *options,
-                                              struct umb_octree *octree,
+                                              struct umb__octree *octree,
                                               struct umbb_bake_figures *figures,
                                               struct umb_error *error);
 

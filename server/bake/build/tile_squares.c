@@ -13,7 +13,7 @@
 
 /* Pool and runs in which a square is built. */
 struct work {
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umbb_runs runs;
 };
 
@@ -34,10 +34,10 @@ struct umbb_squares {
     pthread_mutex_t lock; /* guards the next two */
     struct work *idle[UMBB_SQUARE_COUNT];
     unsigned idle_count;
-    struct umb_pool_numbers numbers;
+    struct umb__pool_numbers numbers;
     /* While a column is built: */
     struct umbu_threads *jobs;
-    struct umb_pool *pool;
+    struct umb__pool *pool;
     struct umbb_runs *runs;
 };
 
@@ -54,7 +54,7 @@ enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **ou
     squares->max_bytes = SIZE_MAX;
     pthread_mutex_init(&squares->lock, NULL);
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
-        umb_pool_init_loose(&squares->works[i].pool, NULL, SIZE_MAX);
+        umb__pool_init_loose(&squares->works[i].pool, NULL, SIZE_MAX);
         squares->idle[squares->idle_count++] = &squares->works[i];
     }
     return UMB_OK;
@@ -79,8 +79,8 @@ static void square_give_back(struct umbb_squares *squares, struct square *square
 
 static void work_release(struct work *work)
 {
-    umb_pool_finish(&work->pool);
-    umb_pool_init_loose(&work->pool, NULL, SIZE_MAX);
+    umb__pool_finish(&work->pool);
+    umb__pool_init_loose(&work->pool, NULL, SIZE_MAX);
     umbb_runs_finish(&work->runs);
 }
 
@@ -92,7 +92,7 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     for (uint32_t i = 0; i < UMBB_SQUARE_COUNT; i++) {
         work_release(&squares->works[i]);
     }
-    umb_pool_numbers_finish(&squares->numbers);
+    umb__pool_numbers_finish(&squares->numbers);
     pthread_mutex_destroy(&squares->lock);
     free(squares);
 }
@@ -166,7 +166,7 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job)
     const struct umbb_square place = {squares->level, {even_bits(job), even_bits(job >> 1)}};
     if (is_wanted(squares->tile, &place)) { /* otherwise the square is never taken */
         struct work *work = work_take(squares);
-        umb_pool_clear(&work->pool);
+        umb__pool_clear(&work->pool);
         work->pool.max_bytes = squares->max_bytes / 4 * 3; /* the rest is for runs and numbers */
         work->runs.count = 0;
         square->work = work;
@@ -188,13 +188,13 @@ static enum umb_status square_merge(struct umbb_squares *squares, const struct s
 {
     const struct work *work = square->work;
     enum umb_status status =
-        umb_pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error);
+        umb__pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error);
     *column = square->column;
     column->run_first = squares->runs->count;
     for (size_t i = 0; i < square->column.run_count && status == UMB_OK; i++) {
         const struct umbb_column_run run = work->runs.items[square->column.run_first + i];
         const uint32_t ref =
-            umb_ref_state(run.ref) == UMB_NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
+            umb__ref_state(run.ref) == UMB__NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
         status = umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error);
     }
     column->run_count = squares->runs->count - column->run_first;
@@ -221,7 +221,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
 }
 
 enum umb_status umbb_squares_column(struct umbb_squares *squares, struct umbu_threads *jobs,
-                                    struct umb_pool *pool, struct umbb_runs *runs,
+                                    struct umb__pool *pool, struct umbb_runs *runs,
                                     struct umbb_column *column, struct umb_error *error)
 {
     const struct umbb_tile *tile = squares->tile;

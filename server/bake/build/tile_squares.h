@@ -13,7 +13,7 @@
  *     umbb_squares_destroy(squares);
  *
  * It pays off for one thread too: a square's texels and pool stay in the cache, most equal bricks
- * are neighbours, and the merge prefetches its look-ups (umb_pool_merge). Nodes and even their
+ * are neighbours, and the merge prefetches its look-ups (umb__pool_merge). Nodes and even their
  * numbers depend on the order of squares alone, not on threads.
  */
 #include "bake/build/columns.h"
@@ -48,10 +48,10 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job);
  *
  * In:    jobs: pool in which the squares' slices were started, before any others.
  * Out:   column: its runs are the last of `runs`.
- * Fails: as umb_pool_brick.
+ * Fails: as umb__pool_brick.
  */
 UMB_CHECKED enum umb_status umbb_squares_column(struct umbb_squares *squares,
-                                                struct umbu_threads *jobs, struct umb_pool *pool,
+                                                struct umbu_threads *jobs, struct umb__pool *pool,
                                                 struct umbb_runs *runs, struct umbb_column *column,
                                                 struct umb_error *error);
 

@@ -17,7 +17,7 @@
  *     uint64 slice[8]             for each brick
  *     first occluders             where they are kept (tile_occluder_depth_code.h)
  *
- * A ref is the number of a node of the tile's level, or UMB_REF_LIT or UMB_REF_SHADOWED. Nodes are
+ * A ref is the number of a node of the tile's level, or UMB__REF_LIT or UMB__REF_SHADOWED. Nodes are
  * numbered in the order in which a reader meets them: the runs' nodes first, then their children,
  * and so on down. So equal results give equal bytes, whatever the pool's own numbers were. A reader
  * checks that each new number is the next one; then all numbers are in range, and the runs lead to
@@ -47,7 +47,7 @@ struct umbb_tile_shape {
  * Cost:  linear in the result; 4 bytes of address space a node of the pool, touched where used.
  */
 UMB_CHECKED enum umb_status
-umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *pool,
+umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *pool,
                  const struct umbb_runs *runs, const struct umbb_tile_result *result,
                  size_t max_bytes, uint8_t **bytes, size_t *size, struct umb_error *error);
 
@@ -56,14 +56,14 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *poo
  *
  * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched.
  * Out:   result: its column's runs are the last of `runs`.
- * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb_pool_brick and
+ * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb__pool_brick and
  *        umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
  * Cost:  linear in the bytes.
  */
 UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
                                              const uint8_t *bytes, size_t size,
-                                             struct umb_pool *pool, struct umbb_runs *runs,
+                                             struct umb__pool *pool, struct umbb_runs *runs,
                                              struct umbb_tile_result *result,
                                              struct umb_error *error);
 

@@ -84,7 +84,7 @@ static int runs_fit(const struct decoder *d, const struct umbb_column *column)
         if (z_end <= z || z_end > column->mixed_end) {
             return 0;
         }
-        if (umb_ref_state(ref) == UMB_NODE_MIXED && !meet(ref, &met, d->count[d->top])) {
+        if (umb__ref_state(ref) == UMB__NODE_MIXED && !meet(ref, &met, d->count[d->top])) {
             return 0;
         }
         z = z_end;
@@ -101,7 +101,7 @@ static int level_fits(const struct decoder *d, uint32_t level)
         if ((mask & (mask >> 1) & 0x5555U) != 0) { /* state 3 */
             return 0;
         }
-        children += umb_mask_mixed_count(mask);
+        children += umb__mask_mixed_count(mask);
     }
     if (children != d->children[level]) {
         return 0;
@@ -145,7 +145,7 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
 }
 
 /* Adds all bricks to the pool; keeps their refs. */
-static enum umb_status add_bricks(const struct decoder *d, struct umb_pool *pool, uint32_t *to,
+static enum umb_status add_bricks(const struct decoder *d, struct umb__pool *pool, uint32_t *to,
                                   struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
@@ -154,13 +154,13 @@ static enum umb_status add_bricks(const struct decoder *d, struct umb_pool *pool
         for (size_t z = 0; z < 8; z++) {
             slices[z] = umb__load64(d->bricks + 64 * (size_t)i + 8 * z);
         }
-        status = umb_pool_brick(pool, slices, &to[i], error);
+        status = umb__pool_brick(pool, slices, &to[i], error);
     }
     return status;
 }
 
 /* Adds all nodes of a level to the pool. In: below: refs of the level below. */
-static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct umb_pool *pool,
+static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct umb__pool *pool,
                                  const uint32_t *below, uint32_t *to, struct umb_error *error)
 {
     const uint8_t *next = d->refs[level];
@@ -169,20 +169,20 @@ static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct
         const uint16_t mask = umb__load16(d->masks[level] + 2 * (size_t)i);
         uint32_t children[8];
         for (unsigned c = 0; c < 8; c++) {
-            const enum umb_node_state state = umb_mask_state(mask, c);
-            children[c] = state == UMB_NODE_LIT ? UMB_REF_LIT : UMB_REF_SHADOWED;
-            if (state == UMB_NODE_MIXED) {
+            const enum umb__node_state state = umb__mask_state(mask, c);
+            children[c] = state == UMB__NODE_LIT ? UMB__REF_LIT : UMB__REF_SHADOWED;
+            if (state == UMB__NODE_MIXED) {
                 children[c] = below[umb__load32(next)];
                 next += 4;
             }
         }
-        status = umb_pool_node(pool, level, children, &to[i], error);
+        status = umb__pool_node(pool, level, children, &to[i], error);
     }
     return status;
 }
 
 /* Adds all levels. Out: top: the refs of the tile's level, malloced. */
-static enum umb_status add_all(const struct decoder *d, struct umb_pool *pool, uint32_t **top,
+static enum umb_status add_all(const struct decoder *d, struct umb__pool *pool, uint32_t **top,
                                struct umb_error *error)
 {
     uint32_t *below = NULL;
@@ -205,7 +205,7 @@ static enum umb_status add_all(const struct decoder *d, struct umb_pool *pool, u
 }
 
 enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint8_t *bytes,
-                                 size_t size, struct umb_pool *pool, struct umbb_runs *runs,
+                                 size_t size, struct umb__pool *pool, struct umbb_runs *runs,
                                  struct umbb_tile_result *result, struct umb_error *error)
 {
     struct decoder d = {.top = shape->tile_log2};
@@ -230,7 +230,7 @@ enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint
     for (uint32_t i = 0; i < d.run_count && status == UMB_OK; i++) {
         const uint32_t ref = umb__load32(d.runs + 8 * (size_t)i + 4);
         status = umbb_runs_push(runs, result->column.run_first, umb__load32(d.runs + 8 * (size_t)i),
-                                umb_ref_state(ref) == UMB_NODE_MIXED ? top[ref] : ref, error);
+                                umb__ref_state(ref) == UMB__NODE_MIXED ? top[ref] : ref, error);
     }
     result->column.run_count = runs->count - result->column.run_first;
     free(top);

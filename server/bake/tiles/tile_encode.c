@@ -18,14 +18,14 @@ struct met {
 };
 
 struct encoder {
-    const struct umb_pool *pool;
+    const struct umb__pool *pool;
     const struct umbb_column_run *runs; /* the column's */
     size_t run_count;
     uint32_t top; /* the tile's level */
     struct met met[UMB_LEVEL_MAX + 1];
 };
 
-static uint32_t pool_count(const struct umb_pool *pool, uint32_t level)
+static uint32_t pool_count(const struct umb__pool *pool, uint32_t level)
 {
     return level == UMB_LEVEL_BRICK ? pool->brick_count : pool->level[level].count;
 }
@@ -74,12 +74,12 @@ static void meet(struct met *met, uint32_t ref)
 static void number_nodes(struct encoder *e)
 {
     for (size_t i = 0; i < e->run_count; i++) {
-        if (umb_ref_state(e->runs[i].ref) == UMB_NODE_MIXED) {
+        if (umb__ref_state(e->runs[i].ref) == UMB__NODE_MIXED) {
             meet(&e->met[e->top], e->runs[i].ref);
         }
     }
     for (uint32_t number = e->top; number > UMB_LEVEL_BRICK; number--) {
-        const struct umb_pool_level *level = &e->pool->level[number];
+        const struct umb__pool_level *level = &e->pool->level[number];
         struct met *met = &e->met[number];
         for (uint32_t i = 0; i < met->count; i++) {
             const uint32_t node = met->order[i];
@@ -108,7 +108,7 @@ static uint8_t *put32(uint8_t *at, uint32_t value)
 
 static uint8_t *put_level(const struct encoder *e, uint32_t number, uint8_t *at)
 {
-    const struct umb_pool_level *level = &e->pool->level[number];
+    const struct umb__pool_level *level = &e->pool->level[number];
     const struct met *met = &e->met[number];
     for (uint32_t i = 0; i < met->count; i++, at += 2) {
         umb__store16(at, level->masks[met->order[i]]);
@@ -136,7 +136,7 @@ static void put_all(const struct encoder *e, const struct umbb_tile_result *resu
         const uint32_t ref = e->runs[i].ref;
         at = put32(at, e->runs[i].z_end);
         at =
-            put32(at, umb_ref_state(ref) == UMB_NODE_MIXED ? e->met[e->top].numbers[ref] - 1 : ref);
+            put32(at, umb__ref_state(ref) == UMB__NODE_MIXED ? e->met[e->top].numbers[ref] - 1 : ref);
     }
     for (uint32_t level = e->top; level > UMB_LEVEL_BRICK; level--) {
         at = put_level(e, level, at);
@@ -149,7 +149,7 @@ static void put_all(const struct encoder *e, const struct umbb_tile_result *resu
     }
 }
 
-enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb_pool *pool,
+enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *pool,
                                  const struct umbb_runs *runs,
                                  const struct umbb_tile_result *result, size_t max_bytes,
                                  uint8_t **bytes, size_t *size, struct umb_error *error)

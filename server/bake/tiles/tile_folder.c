@@ -55,7 +55,7 @@ static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile
 
 /* Reads and decodes a result; found stays 0 if there is no whole one. */
 static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t *key,
-                            size_t max_bytes, struct umb_pool *pool, struct umbb_runs *runs,
+                            size_t max_bytes, struct umb__pool *pool, struct umbb_runs *runs,
                             struct umbb_tile_result *result, int *found, struct umb_error *error)
 {
     struct umb_error cause = {0};
@@ -83,7 +83,7 @@ static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t 
 }
 
 static enum umb_status find(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            struct umb_pool *pool, struct umbb_runs *runs,
+                            struct umb__pool *pool, struct umbb_runs *runs,
                             struct umbb_tile_result *result, int *found, struct umb_error *error)
 {
     struct umbb_tile_folder *tile_folder = user;
@@ -114,7 +114,7 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place, siz
 }
 
 static enum umb_status keep(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            const struct umb_pool *pool, const struct umbb_runs *runs,
+                            const struct umb__pool *pool, const struct umbb_runs *runs,
                             const struct umbb_tile_result *result, struct umb_error *error)
 {
     struct umbb_tile_folder *tile_folder = user;

@@ -102,8 +102,8 @@ static void face_light(const struct umb_light_info *light, struct drawn *drawn)
     }
 }
 
-static enum umb_status measure(const struct umb_octree *octree, struct drawn *drawn,
-                               struct umb_content *content, struct umb_error *error)
+static enum umb_status measure(const struct umb__octree *octree, struct drawn *drawn,
+                               struct umb__content *content, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
     for (uint32_t light = 0; light < content->light_count && status == UMB_OK; light++) {
@@ -113,7 +113,7 @@ static enum umb_status measure(const struct umb_octree *octree, struct drawn *dr
                                           .format = UMB_POINT_F64,
                                           .normals = drawn->normals,
                                           .count = drawn->count};
-        status = umb_curve_measure(content, octree, light, &points,
+        status = umb__curve_measure(content, octree, light, &points,
                                    content->curve + content->curve_count, &rows, error);
         content->curve_count += status == UMB_OK ? rows : 0;
         if (status == UMB_OK && umbb_interrupted()) {
@@ -130,7 +130,7 @@ static uint32_t points_a_light(uint32_t lights)
 }
 
 enum umb_status umbb_curve_add(const struct umbb_analysis *analysis,
-                               const struct umb_octree *octree, struct umb_content *content,
+                               const struct umb__octree *octree, struct umb__content *content,
                                struct umb_error *error)
 {
     const uint32_t wanted = points_a_light(content->light_count);

@@ -39,8 +39,8 @@ static enum umb_status counted_write(void *user, const void *bytes, size_t count
     return counter->file.write(counter->file.user, bytes, count);
 }
 
-enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct umb_content *content,
-                                   const struct umb_octree *octree, struct umb_error *error)
+enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct umb__content *content,
+                                   const struct umb__octree *octree, struct umb_error *error)
 {
     struct counter counter = {.file = umbu_output_sink(&publish->file)};
     const struct umb_sink sink = {counted_write, &counter};
@@ -53,13 +53,13 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
         return status;
     }
     const struct umb_workers workers = umbu_threads_workers(jobs);
-    const struct umb_pack_job job = {.content = content,
+    const struct umb__pack_job job = {.content = content,
                                      .octree = octree,
                                      .sha256 = &umbs_sha256,
                                      .sink = &sink,
                                      .workers = &workers,
                                      .cancelled = umbb_interrupted};
-    status = umb_pack_run(&job, publish->id, error);
+    status = umb__pack_run(&job, publish->id, error);
     umbu_threads_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {

@@ -224,7 +224,7 @@ static inline uint32_t soup_log2(const struct soup *soup)
 
 /* Bakes a soup with the rasteriser. */
 static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t tile_log2,
-                             unsigned threads, struct umb_octree *octree)
+                             unsigned threads, struct umb__octree *octree)
 {
     struct umb_error error;
     const struct umbb_casters casters = soup_casters(soup, closed_rule);
@@ -244,26 +244,26 @@ static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t 
 
 /* Which of the eight voxels of a column from z & ~7 on the octree says are lit, a bit each: from
  * the root down, a child at a time. */
-static inline unsigned octree_eight(const struct umb_octree *octree, uint32_t x, uint32_t y,
+static inline unsigned octree_eight(const struct umb__octree *octree, uint32_t x, uint32_t y,
                                     uint32_t z)
 {
-    const struct umb_octree_root *root = &octree->roots[0];
-    if (root->state != UMB_NODE_MIXED) {
-        return root->state == UMB_NODE_LIT ? 0xff : 0;
+    const struct umb__octree_root *root = &octree->roots[0];
+    if (root->state != UMB__NODE_MIXED) {
+        return root->state == UMB__NODE_LIT ? 0xff : 0;
     }
     uint32_t node = root->index;
     for (uint32_t level = root->level; level > UMB_LEVEL_BRICK; level--) {
-        const struct umb_octree_level *l = &octree->level[level];
+        const struct umb__octree_level *l = &octree->level[level];
         const uint32_t bit = level - 1;
         const unsigned child = ((x >> bit) & 1) + 2 * ((y >> bit) & 1) + 4 * ((z >> bit) & 1);
         assert_true(node < l->count);
-        const enum umb_node_state state = umb_mask_state(l->masks[node], child);
-        if (state != UMB_NODE_MIXED) {
-            return state == UMB_NODE_LIT ? 0xff : 0;
+        const enum umb__node_state state = umb__mask_state(l->masks[node], child);
+        if (state != UMB__NODE_MIXED) {
+            return state == UMB__NODE_LIT ? 0xff : 0;
         }
         uint32_t before = 0;
         for (unsigned c = 0; c < child; c++) {
-            before += umb_mask_state(l->masks[node], c) == UMB_NODE_MIXED;
+            before += umb__mask_state(l->masks[node], c) == UMB__NODE_MIXED;
         }
         assert_true(l->first[node] + before < l->first[node + 1]);
         node = l->children[l->first[node] + before];
@@ -277,7 +277,7 @@ static inline unsigned octree_eight(const struct umb_octree *octree, uint32_t x,
 }
 
 /* 1 if the octree says that a voxel is lit. */
-static inline int octree_voxel(const struct umb_octree *octree, uint32_t x, uint32_t y, uint32_t z)
+static inline int octree_voxel(const struct umb__octree *octree, uint32_t x, uint32_t y, uint32_t z)
 {
     return (int)(octree_eight(octree, x, y, z) >> (z & 7) & 1);
 }

@@ -38,7 +38,7 @@ static void fill(struct umbb_tile *tile, uint32_t spread, uint32_t gap)
 }
 
 /* 1 if voxel (x, y, z) is lit. */
-static int voxel_is_lit(const struct umb_pool *pool, const struct umbb_runs *runs,
+static int voxel_is_lit(const struct umb__pool *pool, const struct umbb_runs *runs,
                         const struct umbb_column *column, uint32_t x, uint32_t y, uint32_t z)
 {
     if (z / 16 < column->mixed_first || z / 16 >= column->mixed_end) {
@@ -49,22 +49,22 @@ static int voxel_is_lit(const struct umb_pool *pool, const struct umbb_runs *run
         run++;
     }
     assert_true(run < column->run_first + column->run_count);
-    const struct umb_pool_level *level = &pool->level[UMB_LEVEL_BRICK + 1];
+    const struct umb__pool_level *level = &pool->level[UMB_LEVEL_BRICK + 1];
     const uint32_t node = runs->items[run].ref, c = x / 8 + 2 * (y / 8) + 4 * (z / 8 % 2);
     assert_true(node < level->count);
     uint32_t before = 0; /* mixed children */
     for (uint32_t i = 0; i < c; i++) {
-        before += (level->masks[node] >> (2 * i) & 3) == UMB_NODE_MIXED;
+        before += (level->masks[node] >> (2 * i) & 3) == UMB__NODE_MIXED;
     }
     const unsigned state = level->masks[node] >> (2 * c) & 3;
-    if (state != UMB_NODE_MIXED) {
-        return state == UMB_NODE_LIT;
+    if (state != UMB__NODE_MIXED) {
+        return state == UMB__NODE_LIT;
     }
     const uint32_t brick = level->children[level->first[node] + before];
     return (int)(pool->bricks[brick][z % 8] >> (x % 8 + 8 * (y % 8)) & 1);
 }
 
-static void check_column(const struct umbb_tile *tile, const struct umb_pool *pool,
+static void check_column(const struct umbb_tile *tile, const struct umb__pool *pool,
                          const struct umbb_runs *runs, const struct umbb_column *column)
 {
     for (uint32_t texel = 0; texel < 256; texel++) {
@@ -84,22 +84,22 @@ static void check_columns(int is_loose, int closed_rule)
 {
     for (uint32_t spread = 1; spread < 600; spread += 1 + spread / 6) {
         struct umbb_tile tile;
-        struct umb_pool pool;
+        struct umb__pool pool;
         struct umbb_runs runs = {0};
         struct umbb_column column;
         const struct umbb_square square = {TILE_LOG2, {0, 0}};
         assert_int_equal(umbb_tile_init(&tile, TILE_LOG2, closed_rule, NULL), UMB_OK);
         if (is_loose) {
-            umb_pool_init_loose(&pool, NULL, SIZE_MAX);
+            umb__pool_init_loose(&pool, NULL, SIZE_MAX);
         } else {
-            umb_pool_init(&pool, NULL, SIZE_MAX);
+            umb__pool_init(&pool, NULL, SIZE_MAX);
         }
         fill(&tile, spread, closed_rule ? 1 + spread / 2 : 0);
         assert_int_equal(umbb_column_of_square(&pool, &tile, &square, &runs, &column, NULL),
                          UMB_OK);
         check_column(&tile, &pool, &runs, &column);
         umbb_runs_finish(&runs);
-        umb_pool_finish(&pool);
+        umb__pool_finish(&pool);
         umbb_tile_finish(&tile);
     }
 }

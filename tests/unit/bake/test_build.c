@@ -62,7 +62,7 @@ static void slow_texel(const struct slow_triangle *list, size_t count, int32_t s
 }
 
 static void check_every_voxel(const struct soup *soup, int closed_rule,
-                              const struct umb_octree *octree)
+                              const struct umb__octree *octree)
 {
     size_t count;
     struct slow_triangle *list = slow_prepare(soup, closed_rule, &count);
@@ -92,10 +92,10 @@ static void every_defined_voxel_of_mixtures_is_right(void **state)
         soup_init(&soup, seed % 2 ? 64 : 128, seed);
         soup_mixture(&soup);
         for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
-            struct umb_octree octree;
+            struct umb__octree octree;
             soup_bake(&soup, closed_rule, 6, 1, &octree);
             check_every_voxel(&soup, closed_rule, &octree);
-            umb_octree_finish(&octree);
+            umb__octree_finish(&octree);
         }
         soup_finish(&soup);
     }
@@ -110,15 +110,15 @@ static void every_defined_voxel_of_closed_solids_is_right(void **state)
         soup_random_box(&soup);
         soup_random_ball(&soup);
     }
-    struct umb_octree octree;
+    struct umb__octree octree;
     soup_bake(&soup, 1, 7, 2, &octree);
     check_every_voxel(&soup, 1, &octree);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     soup_finish(&soup);
 }
 
 /* 1 if two nodes of two trees are equal all the way down. */
-static int same_tree(const struct umb_octree *a, const struct umb_octree *b, uint32_t level,
+static int same_tree(const struct umb__octree *a, const struct umb__octree *b, uint32_t level,
                      uint32_t i, uint32_t k, uint32_t *const seen[])
 {
     if (level == UMB_LEVEL_BRICK) {
@@ -127,11 +127,11 @@ static int same_tree(const struct umb_octree *a, const struct umb_octree *b, uin
     if (seen[level][i] != UINT32_MAX) {
         return seen[level][i] == k; /* numbering is one to one in canonical trees */
     }
-    const struct umb_octree_level *la = &a->level[level], *lb = &b->level[level];
+    const struct umb__octree_level *la = &a->level[level], *lb = &b->level[level];
     if (la->masks[i] != lb->masks[k]) {
         return 0;
     }
-    for (unsigned c = 0; c < umb_mask_mixed_count(la->masks[i]); c++) {
+    for (unsigned c = 0; c < umb__mask_mixed_count(la->masks[i]); c++) {
         if (!same_tree(a, b, level - 1, la->children[la->first[i] + c],
                        lb->children[lb->first[k] + c], seen)) {
             return 0;
@@ -141,7 +141,7 @@ static int same_tree(const struct umb_octree *a, const struct umb_octree *b, uin
     return 1;
 }
 
-static void assert_same_octree(const struct umb_octree *a, const struct umb_octree *b)
+static void assert_same_octree(const struct umb__octree *a, const struct umb__octree *b)
 {
     assert_int_equal(a->brick_count, b->brick_count);
     assert_int_equal(a->roots[0].state, b->roots[0].state);
@@ -153,7 +153,7 @@ static void assert_same_octree(const struct umb_octree *a, const struct umb_octr
         assert_non_null(seen[level]);
         memset(seen[level], 0xff, (a->level[level].count + 1) * sizeof *seen[level]);
     }
-    if (a->roots[0].state == UMB_NODE_MIXED) {
+    if (a->roots[0].state == UMB__NODE_MIXED) {
         assert_true(same_tree(a, b, a->roots[0].level, a->roots[0].index, b->roots[0].index, seen));
         for (uint32_t level = 4; level <= a->roots[0].level; level++) {
             for (uint32_t i = 0; i < a->level[level].count; i++) {
@@ -166,7 +166,7 @@ static void assert_same_octree(const struct umb_octree *a, const struct umb_octr
     }
 }
 
-static void assert_canonical(const struct umb_octree *octree)
+static void assert_canonical(const struct umb__octree *octree)
 {
     for (uint32_t i = 0; i < octree->brick_count; i++) {
         int ones = 1, zeros = 1;
@@ -180,10 +180,10 @@ static void assert_canonical(const struct umb_octree *octree)
         }
     }
     for (uint32_t level = 4; level <= octree->roots[0].level; level++) {
-        const struct umb_octree_level *l = &octree->level[level];
+        const struct umb__octree_level *l = &octree->level[level];
         for (uint32_t i = 0; i < l->count; i++) {
             assert_true(l->masks[i] != 0 && l->masks[i] != 0x5555);
-            assert_int_equal(l->first[i + 1] - l->first[i], umb_mask_mixed_count(l->masks[i]));
+            assert_int_equal(l->first[i + 1] - l->first[i], umb__mask_mixed_count(l->masks[i]));
             for (uint32_t k = 0; k < i; k++) {
                 assert_false(l->masks[i] == l->masks[k] &&
                              memcmp(l->children + l->first[i], l->children + l->first[k],
@@ -201,18 +201,18 @@ static void tile_sizes_and_threads_give_the_same_canonical_octree(void **state)
         soup_init(&soup, 512, seed);
         soup_mixture(&soup);
         for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
-            struct umb_octree reference;
+            struct umb__octree reference;
             soup_bake(&soup, closed_rule, 9, 1, &reference);
             if (seed == 301) {
                 assert_canonical(&reference);
             }
             for (uint32_t tile_log2 = 6; tile_log2 <= 9; tile_log2++) {
-                struct umb_octree other;
+                struct umb__octree other;
                 soup_bake(&soup, closed_rule, tile_log2, tile_log2 % 2 ? 1 : 3, &other);
                 assert_same_octree(&other, &reference);
-                umb_octree_finish(&other);
+                umb__octree_finish(&other);
             }
-            umb_octree_finish(&reference);
+            umb__octree_finish(&reference);
         }
         soup_finish(&soup);
     }
@@ -224,7 +224,7 @@ static void order_of_triangles_does_not_matter(void **state)
     struct soup soup;
     soup_init(&soup, 256, 401);
     soup_mixture(&soup);
-    struct umb_octree one, two;
+    struct umb__octree one, two;
     soup_bake(&soup, 1, 8, 1, &one);
     for (size_t i = 0; i < soup.count / 2; i++) {
         double swap[3][3];
@@ -238,8 +238,8 @@ static void order_of_triangles_does_not_matter(void **state)
     }
     soup_bake(&soup, 1, 7, 2, &two);
     assert_same_octree(&one, &two);
-    umb_octree_finish(&one);
-    umb_octree_finish(&two);
+    umb__octree_finish(&one);
+    umb__octree_finish(&two);
     soup_finish(&soup);
 }
 
@@ -251,12 +251,12 @@ static void the_closed_rule_makes_the_octree_smaller(void **state)
     for (int i = 0; i < 12; i++) {
         soup_random_ball(&soup);
     }
-    struct umb_octree closed, open;
+    struct umb__octree closed, open;
     soup_bake(&soup, 1, 8, 1, &closed);
     soup_bake(&soup, 0, 8, 1, &open);
     assert_true(closed.brick_count * 2 < open.brick_count);
-    umb_octree_finish(&closed);
-    umb_octree_finish(&open);
+    umb__octree_finish(&closed);
+    umb__octree_finish(&open);
     soup_finish(&soup);
 }
 
@@ -267,12 +267,12 @@ static void an_empty_scene_is_one_lit_root(void **state)
     soup_init(&soup, 256, 0);
     const double a[3] = {1, 1, 1}, b[3] = {2, 2, 2}, c[3] = {3, 3, 3};
     soup_add(&soup, a, b, c, UMBB_CASTER_OPEN);
-    struct umb_octree octree;
+    struct umb__octree octree;
     soup_bake(&soup, 0, 6, 1, &octree);
     assert_int_equal(octree.root_count, 1);
-    assert_int_equal(octree.roots[0].state, UMB_NODE_LIT);
+    assert_int_equal(octree.roots[0].state, UMB__NODE_LIT);
     assert_int_equal(octree.brick_count, 0);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     soup_finish(&soup);
 }
 
@@ -283,13 +283,13 @@ static void a_lid_over_everything_leaves_a_lit_slab_before_it(void **state)
     soup_init(&soup, 64, 0);
     const double a[3] = {-100, -100, 32}, b[3] = {-100, 300, 32}, c[3] = {300, -100, 32};
     soup_add(&soup, a, b, c, UMBB_CASTER_OPEN);
-    struct umb_octree octree;
+    struct umb__octree octree;
     soup_bake(&soup, 0, 6, 1, &octree);
-    assert_int_equal(octree.roots[0].state, UMB_NODE_MIXED);
+    assert_int_equal(octree.roots[0].state, UMB__NODE_MIXED);
     assert_int_equal(octree.level[6].count, 1);
     assert_int_equal(octree.level[6].masks[0], 0x0055); /* four lit in front, four shadowed */
     assert_int_equal(octree.level[5].count, 0);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     soup_finish(&soup);
 }
 
@@ -306,7 +306,7 @@ static void memory_limit_stops_the_build_with_a_reason(void **state)
     assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, &error), UMB_OK);
     const struct umbb_bake_options options = {
         .log2_size = 9, .tile_log2 = 7, .threads = 2, .octree_max_bytes = 150000};
-    struct umb_octree octree;
+    struct umb__octree octree;
     assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "memory: the shadow octree"));
     assert_null(octree.bricks);
@@ -333,7 +333,7 @@ static void the_shared_limit_counts_columns_and_lists_too(void **state)
                                                   .threads = 2,
                                                   .octree_max_bytes = SIZE_MAX,
                                                   .shared_max_bytes = limits[i]};
-        struct umb_octree octree;
+        struct umb__octree octree;
         assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
         assert_non_null(strstr(error.message, "memory"));
         assert_null(octree.bricks);
@@ -352,12 +352,12 @@ static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
     soup_mixture(&soup);
     const struct umbb_casters casters = soup_casters(&soup, 0);
     const struct umbb_depth_options depth_options = {.tile_log2 = 8, .threads = 2};
-    struct umb_octree reference;
+    struct umb__octree reference;
     soup_bake(&soup, 0, 9, 1, &reference);
     for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
         struct umbb_depth depth;
         struct umb_error error;
-        struct umb_octree octree;
+        struct umb__octree octree;
         assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, &error),
                          UMB_OK);
         const struct umbb_bake_options options = {.log2_size = 9,
@@ -367,10 +367,10 @@ static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
                                                   .shared_max_bytes = limits[i]};
         assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
         assert_same_octree(&octree, &reference);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
         depth.destroy(depth.state);
     }
-    umb_octree_finish(&reference);
+    umb__octree_finish(&reference);
     soup_finish(&soup);
 }
 
@@ -395,7 +395,7 @@ static void a_cancelled_bake_ends_cleanly(void **state)
                                               .threads = 2,
                                               .octree_max_bytes = 1 << 30,
                                               .cancelled = always};
-    struct umb_octree octree;
+    struct umb__octree octree;
     assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_CANCELLED);
     depth.destroy(depth.state);
     soup_finish(&soup);

@@ -14,14 +14,14 @@
 #include "umbrage/curve.h"
 
 /* The longest that a bake may make of lights and frusta, in bytes of the canonical block. */
-static uint64_t filled(struct umb_content content, int translucent, size_t occluder_depth_bytes)
+static uint64_t filled(struct umb__content content, int translucent, size_t occluder_depth_bytes)
 {
     struct umb_error error;
     uint64_t length;
     content.curve_count = content.light_count * UMB_CURVE_ROWS_MAX;
     content.occluder_depth_words = occluder_depth_bytes / 4;
     content.transmittance_bytes = translucent ? UMBB_TRANSMITTANCE_BYTES_MAX : 0;
-    if (umb_content_head_bytes(&content, &length, &error) != UMB_OK) {
+    if (umb__content_head_bytes(&content, &length, &error) != UMB_OK) {
         fail_msg("%u frusta, translucent %d: %s", content.frustum_count, translucent,
                  error.message);
     }
@@ -36,7 +36,7 @@ static void fronts_beside_all_else_fit_a_head(void **state)
     memset(text, 'a', sizeof text - 1);
     for (size_t i = 0; i < 4 * 4; i++) {
         const int translucent = i & 1, wordy = i >> 1 & 1;
-        struct umb_content content = {.light_count = lights[i / 4],
+        struct umb__content content = {.light_count = lights[i / 4],
                                       .frustum_count = 6 * lights[i / 4],
                                       .plan = text + (wordy ? 1 : sizeof text - 9),
                                       .settings = text + (wordy ? 1 : sizeof text - 30)};
@@ -58,7 +58,7 @@ static void more_lights_than_a_head_holds_are_refused_by_their_number(void **sta
 {
     (void)state;
     uint64_t cells;
-    struct umb_content content = {.light_count = 2040,
+    struct umb__content content = {.light_count = 2040,
                                   .frustum_count = 2040,
                                   .plan = (char[]){""},
                                   .settings = (char[]){""},

@@ -100,7 +100,7 @@ static void slow_texel(const struct soup *soup, const struct umbb_coverage *all,
     *end = *lit == near[1] && near[2] < soup->size ? near[2] : *lit;
 }
 
-static void check_voxel(const struct umb_octree *octree, int32_t x, int32_t y, int32_t z,
+static void check_voxel(const struct umb__octree *octree, int32_t x, int32_t y, int32_t z,
                         const int32_t bounds[2])
 {
     if (z < 0 || z >= 1 << octree->roots[0].level || (z >= bounds[0] && z < bounds[1])) {
@@ -112,7 +112,7 @@ static void check_voxel(const struct umb_octree *octree, int32_t x, int32_t y, i
     }
 }
 
-static void check_columns(struct soup *soup, const struct umb_octree *octree)
+static void check_columns(struct soup *soup, const struct umb__octree *octree)
 {
     struct umbb_coverage *all = calloc(soup->count, sizeof *all);
     assert_non_null(all);
@@ -137,7 +137,7 @@ static void check_columns(struct soup *soup, const struct umb_octree *octree)
 }
 
 static void bake(const struct soup *soup, create_fn create, struct umbb_depth_options options,
-                 struct umb_octree *octree)
+                 struct umb__octree *octree)
 {
     struct umb_error error;
     struct umbb_depth depth;
@@ -185,13 +185,13 @@ static void proven_squares_change_no_defined_voxel(void **state)
     size_t proven = 0;
     for (uint64_t seed = 1; seed <= 6; seed++) {
         struct soup soup;
-        struct umb_octree octree;
+        struct umb__octree octree;
         soup_scene(&soup, seed);
         const struct umbb_depth_options options = {
             .tile_log2 = 9, .threads = 2, .prove = UMBB_PROVE_ALWAYS};
         bake(&soup, umbb_depth_raster_create, options, &octree);
         check_columns(&soup, &octree);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
         const size_t here = proven_count(&soup, 9);
         for (uint32_t tile_log2 = 6; tile_log2 < 9; tile_log2++) {
             assert_int_equal(proven_count(&soup, tile_log2), here);
@@ -207,7 +207,7 @@ static void a_sheet_called_closed_ends_in_shadow(void **state)
 {
     (void)state;
     struct soup soup;
-    struct umb_octree octree;
+    struct umb__octree octree;
     soup_init(&soup, 512, 5);
     /* No back face is behind the sheet but where a box stands under it. */
     const double a[3] = {5, 5, 100}, b[3] = {5, 507, 100}, c[3] = {507, 5, 100};
@@ -219,12 +219,12 @@ static void a_sheet_called_closed_ends_in_shadow(void **state)
         .tile_log2 = 9, .threads = 1, .prove = UMBB_PROVE_ALWAYS};
     bake(&soup, umbb_depth_raster_create, options, &octree);
     check_columns(&soup, &octree);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     soup_finish(&soup);
 }
 
 /* Counts and masks of all levels, and all slices: equal for equal trees, whatever their numbers. */
-static uint64_t fingerprint(const struct umb_octree *octree)
+static uint64_t fingerprint(const struct umb__octree *octree)
 {
     uint64_t sum = octree->brick_count;
     for (uint32_t i = 0; i < octree->brick_count; i++) {
@@ -247,7 +247,7 @@ static void every_path_and_tile_size_proves_the_same(void **state)
 {
     (void)state;
     struct soup soup;
-    struct umb_octree octree;
+    struct umb__octree octree;
     soup_scene(&soup, 2);
     uint64_t first = 0;
     for (uint32_t tile_log2 = 6; tile_log2 <= 9; tile_log2++) {
@@ -259,7 +259,7 @@ static void every_path_and_tile_size_proves_the_same(void **state)
              &octree);
         first = tile_log2 == 6 ? fingerprint(&octree) : first;
         assert_true(fingerprint(&octree) == first);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
     }
     soup_finish(&soup);
 }

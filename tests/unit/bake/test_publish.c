@@ -27,8 +27,8 @@ struct fixture {
     double world[14][3][3];
     struct umb_light_info light;
     struct umb_frustum_info frustum;
-    struct umb_content content;
-    struct umb_octree octree;
+    struct umb__content content;
+    struct umb__octree octree;
     char folder[64], path[96];
 };
 
@@ -55,7 +55,7 @@ static int setup(void **state)
                      UMB_OK);
     umbb_light_frame_apply(&f->frustum, origin, f->soup.corners, 14);
     soup_bake(&f->soup, 0, 7, 1, &f->octree);
-    f->content = (struct umb_content){
+    f->content = (struct umb__content){
         .light_count = 1,
         .frustum_count = 1,
         .lights = &f->light,
@@ -91,7 +91,7 @@ static int teardown(void **state)
     struct fixture *f = *state;
     unlink(f->path);
     assert_int_equal(rmdir(f->folder), 0);
-    umb_octree_finish(&f->octree);
+    umb__octree_finish(&f->octree);
     soup_finish(&f->soup);
     free(f);
     return 0;
@@ -134,13 +134,13 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     struct umbb_publish publish;
     struct umb_error error;
     /* Make a lit child of the root's children shadowed: a region far from any boundary is wrong. */
-    struct umb_octree_level *top = &f->octree.level[LOG2_SIZE];
+    struct umb__octree_level *top = &f->octree.level[LOG2_SIZE];
     assert_int_equal(top->count, 1);
-    struct umb_octree_level *next = &f->octree.level[LOG2_SIZE - 1];
+    struct umb__octree_level *next = &f->octree.level[LOG2_SIZE - 1];
     int planted = 0;
     for (unsigned c = 0; c < 8 && !planted; c++) {
         for (uint32_t node = 0; node < next->count && !planted; node++) {
-            if (umb_mask_state(next->masks[node], c) == UMB_NODE_LIT) {
+            if (umb__mask_state(next->masks[node], c) == UMB__NODE_LIT) {
                 next->masks[node] = (uint16_t)(next->masks[node] & ~(3U << (2 * c)));
                 planted = next->masks[node] != 0;
             }
@@ -183,7 +183,7 @@ static void equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes(void
     uint8_t first[UMB_ID_BYTES];
     static char other_notes[] = "time=later\n";
     for (uint32_t tile_log2 = 6; tile_log2 <= LOG2_SIZE; tile_log2++) {
-        struct umb_octree octree;
+        struct umb__octree octree;
         struct umbb_publish publish;
         soup_bake(&f->soup, 0, tile_log2, tile_log2 - 5, &octree);
         assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
@@ -194,7 +194,7 @@ static void equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes(void
         }
         assert_memory_equal(first, publish.id, sizeof first);
         umbb_publish_abandon(&publish);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
     }
     assert_int_equal(file_count(f), 0);
 }

@@ -28,7 +28,7 @@ struct ruled {
     uint8_t *open; /* kinds where nothing is closed */
     struct umbb_static rule;
     uint64_t cells[UMB__RECEIVER_MASK_WORDS];
-    struct umb_octree octree;
+    struct umb__octree octree;
 };
 
 static void bake(struct ruled *r, uint32_t tile_log2, unsigned threads)
@@ -61,7 +61,7 @@ static void bake(struct ruled *r, uint32_t tile_log2, unsigned threads)
 static void release(struct ruled *r)
 {
     umbb_static_finish(&r->rule);
-    umb_octree_finish(&r->octree);
+    umb__octree_finish(&r->octree);
 }
 
 /* Calls fn for each texel centre that a triangle covers. */
@@ -118,7 +118,7 @@ static struct slow *slow_make(const struct ruled *r)
     return s;
 }
 
-static void read_octree(const struct umb_octree *octree, struct slow *s)
+static void read_octree(const struct umb__octree *octree, struct slow *s)
 {
     for (uint32_t i = 0; i < (uint32_t)TEXELS; i++) {
         for (uint32_t z = 0; z < SIZE; z += 8) {

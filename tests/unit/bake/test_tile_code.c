@@ -21,7 +21,7 @@
 static const struct umbb_tile_shape shape = {.log2_size = LOG2_SIZE, .tile_log2 = LOG2_SIZE};
 
 /* Builds a soup's only tile into a pool and encodes it. In: occluder_depth: NULL, or empty. */
-static uint8_t *encode_occluder_depth(struct umb_pool *pool, uint64_t seed,
+static uint8_t *encode_occluder_depth(struct umb__pool *pool, uint64_t seed,
                                       struct umb__occluder_depth *occluder_depth, size_t *size)
 {
     struct umb_error error;
@@ -60,7 +60,7 @@ static uint8_t *encode_occluder_depth(struct umb_pool *pool, uint64_t seed,
     return bytes;
 }
 
-static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
+static uint8_t *encode_soup(struct umb__pool *pool, uint64_t seed, size_t *size)
 {
     return encode_occluder_depth(pool, seed, NULL, size);
 }
@@ -68,9 +68,9 @@ static uint8_t *encode_soup(struct umb_pool *pool, uint64_t seed, size_t *size)
 static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
 {
     (void)state;
-    struct umb_pool alone, shared;
-    umb_pool_init(&alone, NULL, LEFT);
-    umb_pool_init(&shared, NULL, LEFT);
+    struct umb__pool alone, shared;
+    umb__pool_init(&alone, NULL, LEFT);
+    umb__pool_init(&shared, NULL, LEFT);
     size_t size, other_size;
     free(encode_soup(&shared, 812, &other_size));
     uint8_t *one = encode_soup(&alone, 811, &size);
@@ -79,11 +79,11 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     assert_memory_equal(one, two, size);
 
     /* Decoding into a third and encoding again gives them once more. */
-    struct umb_pool third;
+    struct umb__pool third;
     struct umb_error error;
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
-    umb_pool_init(&third, NULL, LEFT);
+    umb__pool_init(&third, NULL, LEFT);
     assert_int_equal(umbb_tile_decode(&shape, one, size, &third, &runs, &result, &error), UMB_OK);
     assert_int_equal(third.brick_count, alone.brick_count);
     uint8_t *again;
@@ -93,9 +93,9 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     assert_int_equal(size, other_size);
     assert_memory_equal(one, again, size);
     umbb_runs_finish(&runs);
-    umb_pool_finish(&alone);
-    umb_pool_finish(&shared);
-    umb_pool_finish(&third);
+    umb__pool_finish(&alone);
+    umb__pool_finish(&shared);
+    umb__pool_finish(&third);
     free(one);
     free(two);
     free(again);
@@ -104,14 +104,14 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
 /* Decodes a copy in a block of its exact size. A refusal must leave the pool alone. */
 static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
 {
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb_error error;
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
     uint8_t *copy = malloc(size > 0 ? size : 1);
     assert_non_null(copy);
     memcpy(copy, bytes, size);
-    umb_pool_init(&pool, NULL, LEFT);
+    umb__pool_init(&pool, NULL, LEFT);
     const enum umb_status status =
         umbb_tile_decode(&shape, copy, size, &pool, &runs, &result, &error);
     if (status != UMB_OK) {
@@ -120,7 +120,7 @@ static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
         assert_int_equal(runs.count, 0);
     }
     umbb_runs_finish(&runs);
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     free(copy);
     return status;
 }
@@ -128,11 +128,11 @@ static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
 static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
 {
     (void)state;
-    struct umb_pool pool;
-    umb_pool_init(&pool, NULL, LEFT);
+    struct umb__pool pool;
+    umb__pool_init(&pool, NULL, LEFT);
     size_t size;
     uint8_t *bytes = encode_soup(&pool, 813, &size);
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     assert_int_equal(decode_copy(bytes, size), UMB_OK);
     const size_t bricks = size - 64 * (size_t)(bytes[12] | bytes[13] << 8 | bytes[14] << 16);
     size_t refused = 0, tried = 0;
@@ -163,7 +163,7 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
 static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
                                              struct umb__occluder_depth *occluder_depth)
 {
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb_error error;
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
@@ -175,7 +175,7 @@ static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
     uint8_t *copy = malloc(size > 0 ? size : 1);
     assert_non_null(copy);
     memcpy(copy, bytes, size);
-    umb_pool_init(&pool, NULL, LEFT);
+    umb__pool_init(&pool, NULL, LEFT);
     assert_int_equal(umb__occluder_depth_init(occluder_depth, NULL, LOG2_SIZE + 2, LEFT, &error),
                      UMB_OK);
     const enum umb_status status =
@@ -186,7 +186,7 @@ static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
         assert_int_equal(occluder_depth->count, 0);
     }
     umbb_runs_finish(&runs);
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     free(copy);
     return status;
 }
@@ -194,16 +194,16 @@ static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
 static void first_occluders_are_kept_word_by_word_and_damage_is_refused(void **state)
 {
     (void)state;
-    struct umb_pool pool;
+    struct umb__pool pool;
     struct umb_error error;
     struct umb__occluder_depth occluder_depth, other;
     size_t size, plain_size;
-    umb_pool_init(&pool, NULL, LEFT);
+    umb__pool_init(&pool, NULL, LEFT);
     free(encode_soup(&pool, 814, &plain_size));
     assert_int_equal(umb__occluder_depth_init(&occluder_depth, NULL, LOG2_SIZE, LEFT, &error),
                      UMB_OK);
     uint8_t *bytes = encode_occluder_depth(&pool, 814, &occluder_depth, &size);
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     assert_true(size > plain_size + 1000);
     assert_int_equal(decode_occluder_depth(bytes, size, &other), UMB_OK);
     for (uint32_t i = 0; i < 4; i++) {

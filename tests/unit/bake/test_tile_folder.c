@@ -27,7 +27,7 @@ static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_
                                             uint32_t tile_log2, enum umbb_tile_folder_mode mode,
                                             const char *folder, uint32_t only_end,
                                             struct umb__occluder_depth *occluder_depth,
-                                            struct umb_octree *octree)
+                                            struct umb__octree *octree)
 {
     struct kept_bake bake = {.damaged = 0};
     struct umb_error *error = &bake.error;
@@ -54,19 +54,19 @@ static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_
         .cached_tiles = &cached_tiles,
         .occluder_depth = occluder_depth,
     };
-    struct umb_pool pool;
-    uint32_t root = UMB_REF_LIT;
-    umb_pool_init(&pool, NULL, options.octree_max_bytes);
+    struct umb__pool pool;
+    uint32_t root = UMB__REF_LIT;
+    umb__pool_init(&pool, NULL, options.octree_max_bytes);
     bake.status = umbb_bake_into(&depth, &options, &pool, &root, &bake.figures, error);
     bake.damaged = tile_folder.cache.damaged;
     if (octree != NULL) {
         memset(octree, 0, sizeof *octree);
         if (bake.status == UMB_OK && only_end == 0) {
-            assert_int_equal(umb_pool_take(&pool, &root, &options.log2_size, 1, octree, error),
+            assert_int_equal(umb__pool_take(&pool, &root, &options.log2_size, 1, octree, error),
                              UMB_OK);
         }
     }
-    umb_pool_finish(&pool);
+    umb__pool_finish(&pool);
     umbb_tile_folder_close(&tile_folder);
     depth.destroy(depth.state);
     return bake;
@@ -74,13 +74,13 @@ static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_
 
 static struct kept_bake kept(const struct soup *soup, int closed_rule, uint32_t tile_log2,
                              enum umbb_tile_folder_mode mode, const char *folder, uint32_t only_end,
-                             struct umb_octree *octree)
+                             struct umb__octree *octree)
 {
     return kept_occluder_depth(soup, closed_rule, tile_log2, mode, folder, only_end, NULL, octree);
 }
 
 static void plain(const struct soup *soup, int closed_rule, uint32_t tile_log2,
-                  struct umb_octree *octree)
+                  struct umb__octree *octree)
 {
     struct umb_error error;
     const struct umbb_casters casters = soup_casters(soup, closed_rule);
@@ -100,7 +100,7 @@ static void plain(const struct soup *soup, int closed_rule, uint32_t tile_log2,
 }
 
 /* Both are merged, so that equal voxels and counts mean equal trees. */
-static void assert_same(const struct umb_octree *a, const struct umb_octree *b, int32_t size)
+static void assert_same(const struct umb__octree *a, const struct umb__octree *b, int32_t size)
 {
     assert_int_equal(a->brick_count, b->brick_count);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
@@ -123,7 +123,7 @@ static void bakes_that_keep_or_find_tiles_equal_plain_ones(void **state)
         struct soup soup;
         soup_init(&soup, 128, 701);
         soup_mixture(&soup);
-        struct umb_octree reference, octree;
+        struct umb__octree reference, octree;
         plain(&soup, closed_rule, 7, &reference);
         for (uint32_t tile_log2 = 6; tile_log2 <= 7; tile_log2++) {
             char folder[64];
@@ -137,12 +137,12 @@ static void bakes_that_keep_or_find_tiles_equal_plain_ones(void **state)
                 assert_int_equal(bake.figures.tiles_found, round == 0 ? 0 : tiles);
                 assert_int_equal(bake.figures.texels, round == 0 ? 128 * 128 : 0);
                 assert_same(&reference, &octree, soup.size);
-                umb_octree_finish(&octree);
+                umb__octree_finish(&octree);
             }
             assert_int_equal(folder_each(folder, NULL), tiles);
             folder_remove(folder);
         }
-        umb_octree_finish(&reference);
+        umb__octree_finish(&reference);
         soup_finish(&soup);
     }
 }
@@ -166,7 +166,7 @@ static void an_edit_bakes_only_the_tiles_that_it_reaches(void **state)
             soup.corners[i][k][0] += 200.0; /* from tile (1, 1) to tile (4, 1) */
         }
     }
-    struct umb_octree octree, reference;
+    struct umb__octree octree, reference;
     const struct kept_bake bake = kept(&soup, 1, 6, UMBB_TILE_FOLDER_CACHE, folder, 0, &octree);
     assert_int_equal(bake.status, UMB_OK);
     assert_int_equal(bake.figures.tiles, 64);
@@ -181,8 +181,8 @@ static void an_edit_bakes_only_the_tiles_that_it_reaches(void **state)
         const uint32_t x = bits % 512, y = (bits >> 16) % 512, z = (bits >> 32) % 512;
         assert_int_equal(octree_voxel(&octree, x, y, z), octree_voxel(&reference, x, y, z));
     }
-    umb_octree_finish(&octree);
-    umb_octree_finish(&reference);
+    umb__octree_finish(&octree);
+    umb__octree_finish(&reference);
     folder_remove(folder);
     soup_finish(&soup);
 }
@@ -195,7 +195,7 @@ static void damaged_results_are_removed_and_baked_again(void **state)
     soup_mixture(&soup);
     char folder[64];
     folder_make(folder);
-    struct umb_octree reference, octree;
+    struct umb__octree reference, octree;
     assert_int_equal(kept(&soup, 1, 6, UMBB_TILE_FOLDER_CACHE, folder, 0, &reference).status,
                      UMB_OK);
     folder_each(folder, folder_damage);
@@ -204,11 +204,11 @@ static void damaged_results_are_removed_and_baked_again(void **state)
     assert_int_equal(bake.damaged, 4);
     assert_int_equal(bake.figures.tiles_found, 0);
     assert_same(&reference, &octree, soup.size);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bake = kept(&soup, 1, 6, UMBB_TILE_FOLDER_CACHE, folder, 0, &octree);
     assert_int_equal(bake.figures.tiles_found, 4);
-    umb_octree_finish(&octree);
-    umb_octree_finish(&reference);
+    umb__octree_finish(&octree);
+    umb__octree_finish(&reference);
     folder_remove(folder);
     soup_finish(&soup);
 }
@@ -221,7 +221,7 @@ static void tiles_baked_apart_merge_to_the_plain_octree(void **state)
     soup_mixture(&soup);
     char folder[64];
     folder_make(folder);
-    struct umb_octree reference, octree;
+    struct umb__octree reference, octree;
     plain(&soup, 1, 7, &reference);
     struct kept_bake bake = kept(&soup, 1, 6, UMBB_TILE_FOLDER_TILE, folder, 3, &octree);
     assert_int_equal(bake.status, UMB_OK);
@@ -234,8 +234,8 @@ static void tiles_baked_apart_merge_to_the_plain_octree(void **state)
     bake = kept(&soup, 1, 6, UMBB_TILE_FOLDER_MERGE, folder, 0, &octree);
     assert_int_equal(bake.status, UMB_OK);
     assert_same(&reference, &octree, soup.size);
-    umb_octree_finish(&octree);
-    umb_octree_finish(&reference);
+    umb__octree_finish(&octree);
+    umb__octree_finish(&reference);
     folder_remove(folder);
     soup_finish(&soup);
 }
@@ -260,7 +260,7 @@ static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state
     char folder[64];
     folder_make(folder);
     struct umb_error error;
-    struct umb_octree octree;
+    struct umb__octree octree;
     uint32_t *words[3];
     uint64_t counts[3];
     /* 0: drawn, by one tile and no tile cache; 1: drawn and kept, 2: found */
@@ -288,7 +288,7 @@ static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state
             assert_int_equal(bake.figures.tiles_found, round == 1 ? 0 : 16);
         }
         words[round] = joined(&occluder_depth, &counts[round]);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
         assert_int_equal(counts[round], counts[0]);
         assert_memory_equal(words[round], words[0], counts[0] * sizeof *words[0]);
     }

@@ -91,11 +91,11 @@ static void squares_read_nothing_below_a_proven_one(void **state)
     size_t array_count = 0;
     const struct umbb_tile half = proven_above(&tile, arrays, &array_count);
 
-    struct umb_pool pools[2];
+    struct umb__pool pools[2];
     struct umbb_runs runs[2] = {{.count = 0}, {.count = 0}};
     struct umbb_column columns[2];
-    umb_pool_init(&pools[0], NULL, SIZE_MAX);
-    umb_pool_init(&pools[1], NULL, SIZE_MAX);
+    umb__pool_init(&pools[0], NULL, SIZE_MAX);
+    umb__pool_init(&pools[1], NULL, SIZE_MAX);
     const struct umbb_square whole = {TILE_LOG2, {0, 0}};
     assert_int_equal(umbb_column_of_square(&pools[0], &tile, &whole, &runs[0], &columns[0], &error),
                      UMB_OK);
@@ -119,7 +119,7 @@ static void squares_read_nothing_below_a_proven_one(void **state)
     umbu_threads_destroy(jobs);
     umbb_squares_destroy(squares);
     for (size_t i = 0; i < 2; i++) {
-        umb_pool_finish(&pools[i]);
+        umb__pool_finish(&pools[i]);
         umbb_runs_finish(&runs[i]);
     }
     for (size_t i = 0; i < array_count; i++) {

@@ -120,8 +120,8 @@ static inline void partial_fixture_open_size(struct partial_fixture *f, uint32_t
                                              uint64_t budget)
 {
     const struct voxels voxels = {partial_scene, NULL, log2_size, 2};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     struct umb_partial_stats stats;
     uint8_t id[UMB_ID_BYTES];
@@ -130,12 +130,12 @@ static inline void partial_fixture_open_size(struct partial_fixture *f, uint32_t
     make_content(&voxels, 0.25, fixture_origin, &content);
     fixture_turn(&content.frusta[0]);
     struct umb_sink sink = bytes_sink(&f->file);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(f->file.data, f->file.size, NULL, &f->whole, &error) != UMB_OK ||
         umb_asset_get_frustum(f->whole, 0, &f->frustum) != UMB_OK) {
         fail_msg("fixture: %s", error.message);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     f->partial = partial_open(&f->file, budget);
     umb_partial_get_stats(f->partial, &stats);
     f->page_count = stats.page_count;

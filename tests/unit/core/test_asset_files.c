@@ -108,18 +108,18 @@ static void exporting_and_packing_again_gives_the_same_bytes(void **state)
     const struct bytes *files[2] = {&packed, &mapped};
     for (size_t f = 0; f < 2; f++) {
         struct umb_asset *asset;
-        struct umb_octree octree;
-        struct umb_content content;
+        struct umb__octree octree;
+        struct umb__content content;
         struct bytes again = {0};
         struct umb_sink sink = bytes_sink(&again);
         uint8_t id[UMB_ID_BYTES];
         assert_int_equal(umb_asset_open_bytes(files[f]->data, files[f]->size, NULL, &asset, NULL),
                          UMB_OK);
-        assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
-        assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+        assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
+        assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
         assert_int_equal(again.size, packed.size);
         assert_memory_equal(again.data, packed.data, packed.size);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
         umb_asset_close(asset);
         bytes_finish(&again);
     }

@@ -266,15 +266,15 @@ static struct bytes shared_nodes(uint32_t log2_size)
     const struct voxels voxels = {.log2_size = log2_size, .frustum_count = 1};
     static uint16_t mixed = 0xaaaa, lit_and_shadowed = 0x1111;
     uint32_t first[2] = {0, 8}, none[2] = {0, 0}, children[8] = {0};
-    struct umb_octree_root root = {UMB_NODE_MIXED, log2_size, 0};
-    struct umb_octree octree = {.root_count = 1, .roots = &root};
-    struct umb_content content;
+    struct umb__octree_root root = {UMB__NODE_MIXED, log2_size, 0};
+    struct umb__octree octree = {.root_count = 1, .roots = &root};
+    struct umb__content content;
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     uint8_t id[UMB_ID_BYTES];
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= log2_size; level++) {
         const int lowest = level == UMB_LEVEL_BRICK + 1;
-        octree.level[level] = (struct umb_octree_level){
+        octree.level[level] = (struct umb__octree_level){
             .count = 1,
             .masks = lowest ? &lit_and_shadowed : &mixed,
             .first = lowest ? none : first,
@@ -282,7 +282,7 @@ static struct bytes shared_nodes(uint32_t log2_size)
         };
     }
     make_content(&voxels, 1, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
     return file;
 }
 

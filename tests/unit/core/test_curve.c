@@ -31,9 +31,9 @@ static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, u
 struct fixture {
     uint32_t log2_size;
     struct voxels voxels;
-    struct umb_octree octree;
-    struct umb_content content;
-    struct umb_curve_record records[2 * UMB_CURVE_ROWS_MAX];
+    struct umb__octree octree;
+    struct umb__content content;
+    struct umb__curve_record records[2 * UMB_CURVE_ROWS_MAX];
     struct bytes packed;
     struct umb_asset *asset;
 };
@@ -70,7 +70,7 @@ static struct bytes pack(const struct fixture *f)
     struct bytes bytes = {0};
     struct umb_sink sink = bytes_sink(&bytes);
     uint8_t id[UMB_ID_BYTES];
-    assert_int_equal(umb_pack_write(&f->content, &f->octree, &test_digest, &sink, id, NULL),
+    assert_int_equal(umb__pack_write(&f->content, &f->octree, &test_digest, &sink, id, NULL),
                      UMB_OK);
     return bytes;
 }
@@ -87,7 +87,7 @@ static void fixture_open(struct fixture *f, uint32_t log2_size)
     f->content.curve = f->records;
     for (uint32_t light = 0; light < 2; light++) {
         uint32_t rows;
-        assert_int_equal(umb_curve_measure(&f->content, &f->octree, light, &points,
+        assert_int_equal(umb__curve_measure(&f->content, &f->octree, light, &points,
                                            f->records + f->content.curve_count, &rows, NULL),
                          UMB_OK);
         f->content.curve_count += rows;
@@ -101,7 +101,7 @@ static void fixture_close(struct fixture *f)
 {
     umb_asset_close(f->asset);
     bytes_finish(&f->packed);
-    umb_octree_finish(&f->octree);
+    umb__octree_finish(&f->octree);
 }
 
 static void windows_are_counted_as_voxel_by_voxel(void **state)
@@ -140,7 +140,7 @@ static void curves_measure_the_answers_of_queries(void **state)
     fixture_open(&f, 7);
     const struct umb_points points = draw_points(7);
     for (uint32_t i = 0; i < f.content.curve_count; i++) {
-        const struct umb_curve_record *record = &f.records[i];
+        const struct umb__curve_record *record = &f.records[i];
         struct umb_query_settings settings = {
             .light = record->light, .taps = record->taps, .level = record->level};
         struct umb_query query;
@@ -166,8 +166,8 @@ static void curves_survive_packing_and_mapping(void **state)
     fixture_open(&f, 7);
     struct bytes mapped = make_mapped(&f.packed);
     struct umb_asset *asset;
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX], again[UMB_CURVE_ROWS_MAX];
     assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, NULL), UMB_OK);
     for (uint32_t light = 0; light < 2; light++) {
@@ -181,13 +181,13 @@ static void curves_survive_packing_and_mapping(void **state)
     size_t none = 1;
     assert_int_equal(umb_asset_get_curve(asset, 2, rows, &none), UMB_E_NOT_FOUND);
     assert_int_equal(none, 0);
-    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
     struct fixture exported = {.octree = octree, .content = content};
     struct bytes packed = pack(&exported);
     assert_int_equal(packed.size, f.packed.size);
     assert_memory_equal(packed.data, f.packed.data, packed.size);
     bytes_finish(&packed);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb_asset_close(asset);
     bytes_finish(&mapped);
     fixture_close(&f);
@@ -199,12 +199,12 @@ static void curves_out_of_order_or_range_are_refused(void **state)
     struct fixture f;
     fixture_open(&f, 7);
     static const struct {
-        uint32_t field; /* of struct umb_curve_record, in 32-bit words */
+        uint32_t field; /* of struct umb__curve_record, in 32-bit words */
         uint32_t value;
     } bad[] = {{0, 2}, {1, 2},       {1, 5}, {1, 3}, {2, 2}, {2, 19},
                {3, 0}, {3, 2000000}, {5, 1}, {7, 1}, {9, 1}};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        const struct umb_curve_record kept = f.records[1];
+        const struct umb__curve_record kept = f.records[1];
         uint32_t words[10];
         struct bytes bytes = {0};
         struct umb_sink sink = bytes_sink(&bytes);
@@ -214,7 +214,7 @@ static void curves_out_of_order_or_range_are_refused(void **state)
         memcpy(words, &kept, sizeof words);
         words[bad[i].field] = bad[i].value;
         memcpy(&f.records[1], words, sizeof words);
-        assert_int_not_equal(umb_pack_write(&f.content, &f.octree, &test_digest, &sink, id, &error),
+        assert_int_not_equal(umb__pack_write(&f.content, &f.octree, &test_digest, &sink, id, &error),
                              UMB_OK);
         assert_non_null(strstr(error.message, "curve["));
         f.records[1] = kept;

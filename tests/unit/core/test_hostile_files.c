@@ -413,11 +413,11 @@ static struct bytes shared_uniform_file(void)
     static uint64_t bricks[1][8];
     static uint16_t masks[TALL + 1][1];
     static uint32_t first[TALL + 1][2], children[TALL + 1][8];
-    struct umb_octree_root root = {UMB_NODE_MIXED, TALL, 0};
+    struct umb__octree_root root = {UMB__NODE_MIXED, TALL, 0};
     struct voxels voxels = {bumpy, NULL, TALL, 1};
-    struct umb_octree octree = {
+    struct umb__octree octree = {
         .brick_count = 1, .bricks = bricks, .root_count = 1, .roots = &root};
-    struct umb_content content;
+    struct umb__content content;
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     uint8_t id[UMB_ID_BYTES];
@@ -425,10 +425,10 @@ static struct bytes shared_uniform_file(void)
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= TALL; l++) {
         masks[l][0] = 0xaaaa;
         first[l][1] = 8;
-        octree.level[l] = (struct umb_octree_level){1, masks[l], first[l], children[l]};
+        octree.level[l] = (struct umb__octree_level){1, masks[l], first[l], children[l]};
     }
     make_content(&voxels, 0.5, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
     return file;
 }
 
@@ -436,16 +436,16 @@ static void shared_uniform_subtrees_cost_no_more_than_their_nodes(void **state)
 {
     struct bytes file = shared_uniform_file();
     struct umb_asset *asset;
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     (void)state;
     (void)alarm(60); /* 64^8 visits would take centuries */
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
-    assert_int_equal(octree.roots[0].state, UMB_NODE_LIT);
+    assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(octree.roots[0].state, UMB__NODE_LIT);
     assert_int_equal(octree.brick_count, 0);
     (void)alarm(0);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb_asset_close(asset);
     bytes_finish(&file);
 }

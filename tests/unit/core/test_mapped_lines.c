@@ -124,8 +124,8 @@ static void gaps_between_wide_nodes_are_pairs_of_zero_words(void **state)
 static void a_shadowed_node_has_a_mapped_form(void **state)
 {
     const struct voxels voxels = {sloped, NULL, 7, 1};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes packed = {0};
     struct umb_sink sink = bytes_sink(&packed);
     struct umb_asset *asset;
@@ -133,15 +133,15 @@ static void a_shadowed_node_has_a_mapped_form(void **state)
     (void)state;
     make_octree(&voxels, &octree);
     make_content(&voxels, 0.5, origin, &content);
-    struct umb_octree_level *level = &octree.level[4];
+    struct umb__octree_level *level = &octree.level[4];
     assert_true(level->count > 0);
     memset(level->masks, 0, level->count * sizeof *level->masks);
     memset(level->first, 0, (level->count + 1) * sizeof *level->first);
     for (uint32_t i = 0; i < octree.level[5].count; i++) {
         octree.level[5].masks[i] &= 0xaaaa; /* what was lit is shadowed */
     }
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
-    umb_octree_finish(&octree);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    umb__octree_finish(&octree);
     struct bytes mapped = make_mapped(&packed);
     assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, NULL), UMB_OK);
     umb_asset_close(asset);

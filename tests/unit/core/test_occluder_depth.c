@@ -306,8 +306,8 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
     (void)state;
     struct map map = make_city(LOG2_SIZE, 21);
     struct voxels voxels = {stored_voxel, &map, LOG2_SIZE, 1};
-    struct umb_octree octree, again_octree;
-    struct umb_content content, again;
+    struct umb__octree octree, again_octree;
+    struct umb__content content, again;
     struct umb__occluder_depth occluder_depth;
     struct bytes packed = {0}, second = {0};
     uint8_t id[UMB_ID_BYTES], second_id[UMB_ID_BYTES];
@@ -317,7 +317,7 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
     make_occluder_depth(&map, 1, &occluder_depth);
     content.occluder_depth_words = join(&occluder_depth, &content.occluder_depth);
     struct umb_sink sink = bytes_sink(&packed), second_sink = bytes_sink(&second);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
     struct umb_asset *asset;
     struct umb_asset_info info;
     assert_int_equal(umb_asset_open_bytes(packed.data, packed.size, NULL, &asset, NULL), UMB_OK);
@@ -325,11 +325,11 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
     assert_int_equal(info.occluder_depth_bytes, content.occluder_depth_words * 4);
     assert_columns(asset, &map);
     /* what an asset gives back packs to the same bytes */
-    assert_int_equal(umb_asset_export(asset, &again_octree, &again, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(asset, &again_octree, &again, NULL), UMB_OK);
     assert_int_equal(
-        umb_pack_write(&again, &again_octree, &test_digest, &second_sink, second_id, NULL), UMB_OK);
+        umb__pack_write(&again, &again_octree, &test_digest, &second_sink, second_id, NULL), UMB_OK);
     assert_memory_equal(id, second_id, sizeof id);
-    umb_octree_finish(&again_octree);
+    umb__octree_finish(&again_octree);
     umb_asset_close(asset);
     /* and the mapped form answers the same */
     struct bytes mapped = make_mapped(&packed);
@@ -340,13 +340,13 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
     content.occluder_depth[content.occluder_depth_words - 1] ^= 1;
     bytes_finish(&second);
     second_sink = bytes_sink(&second);
-    if (umb_pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL) == UMB_OK) {
+    if (umb__pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL) == UMB_OK) {
         assert_memory_not_equal(id, second_id, sizeof id);
     }
     content.occluder_depth[0] = 5; /* leads nowhere */
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL),
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL),
                      UMB_E_ARGUMENT);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb__occluder_depth_words_free(NULL, content.occluder_depth);
     umb__occluder_depth_finish(&occluder_depth);
     bytes_finish(&packed);

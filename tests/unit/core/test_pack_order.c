@@ -21,7 +21,7 @@
 
 /* The order under construction. */
 struct slow {
-    const struct umb_octree *octree;
+    const struct umb__octree *octree;
     uint32_t *page_of[LEVELS]; /* [node] page + 1 that it stands in last, WAITS, or 0 */
     struct umb__node_ref *sequence, *waiting;
     size_t *page_first;
@@ -39,7 +39,7 @@ static void *room(size_t count, size_t size)
     return block;
 }
 
-static uint32_t count_of(const struct umb_octree *octree, uint32_t level)
+static uint32_t count_of(const struct umb__octree *octree, uint32_t level)
 {
     return level == 3 ? octree->brick_count : octree->level[level].count;
 }
@@ -64,7 +64,7 @@ static uint64_t slow_estimate(const struct slow *s, uint32_t level, uint32_t nod
         }
         return bytes;
     }
-    const struct umb_octree_level *nodes = &s->octree->level[level];
+    const struct umb__octree_level *nodes = &s->octree->level[level];
     for (uint32_t c = nodes->first[node]; c < nodes->first[node + 1]; c++) {
         const uint32_t page = s->page_of[level - 1][nodes->children[c]];
         bytes += 1 + (!s->copies && page != 0 && page != s->pages + 1 ? 8U : 0U);
@@ -84,7 +84,7 @@ static void slow_visit(struct slow *s, uint32_t level, uint32_t node)
     if (!s->copies && s->bytes >= PAGE) {
         slow_close(s);
     }
-    const struct umb_octree_level *nodes = &s->octree->level[level];
+    const struct umb__octree_level *nodes = &s->octree->level[level];
     for (uint32_t c = level > 3 ? nodes->first[node] : 0; level > 3 && c < nodes->first[node + 1];
          c++) {
         const uint32_t child = nodes->children[c];
@@ -177,12 +177,12 @@ static int slow_order(struct slow *s)
 /* A tree of random nodes. In: near: children lie where their parent does in its level, and so are
  * shared by neighbours; else anywhere. Of 20000 trees a sample is asked: all of them are reached.
  */
-static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb_octree *octree)
+static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb__octree *octree)
 {
     uint32_t counts[LEVELS] = {0, 0, 0, trees, trees, trees, trees, trees};
     uint32_t refs[2][1 << 17], level = 13, root = 0;
-    struct umb_pool pool;
-    umb_pool_init(&pool, NULL, SIZE_MAX);
+    struct umb__pool pool;
+    umb__pool_init(&pool, NULL, SIZE_MAX);
     for (uint32_t l = 8; l < LEVELS; l++) {
         counts[l] = counts[l - 1] / 6 + 1;
     }
@@ -196,18 +196,18 @@ static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb_oc
                                         ? (uint64_t)i * counts[l - 1] / counts[l] + any % 16
                                         : (l > 7 ? 6ULL * i + c : any);
                 children[c] =
-                    any % 7 > (l > 7 ? 6 : 3) ? UMB_REF_LIT : refs[l & 1][at % counts[l - 1]];
+                    any % 7 > (l > 7 ? 6 : 3) ? UMB__REF_LIT : refs[l & 1][at % counts[l - 1]];
             }
-            children[0] = l > 3 && i % 2 ? UMB_REF_SHADOWED : children[0];
+            children[0] = l > 3 && i % 2 ? UMB__REF_SHADOWED : children[0];
             slices[7] = next_random(&seed) % 3;
-            const enum umb_status status = l == 3 ? umb_pool_brick(&pool, slices, &root, NULL)
-                                                  : umb_pool_node(&pool, l, children, &root, NULL);
+            const enum umb_status status = l == 3 ? umb__pool_brick(&pool, slices, &root, NULL)
+                                                  : umb__pool_node(&pool, l, children, &root, NULL);
             assert_int_equal(status, UMB_OK);
             refs[(l + 1) & 1][i] = root;
         }
     }
-    assert_int_equal(umb_pool_take(&pool, &root, &level, 1, octree, NULL), UMB_OK);
-    assert_int_equal(octree->roots[0].state, UMB_NODE_MIXED);
+    assert_int_equal(umb__pool_take(&pool, &root, &level, 1, octree, NULL), UMB_OK);
+    assert_int_equal(octree->roots[0].state, UMB__NODE_MIXED);
 }
 
 /* Page by page and level by level, and that nodes are found where they stand. */
@@ -249,7 +249,7 @@ static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), v
 
 /* Orders it in steps of three pages, in which nothing may move. Returns how many steps there were.
  */
-static int order_in_steps(const struct umb_octree *octree, const struct umb_workers *workers,
+static int order_in_steps(const struct umb__octree *octree, const struct umb_workers *workers,
                           struct umb__pack_order *order)
 {
     struct umb__pack_ordering *ordering;
@@ -270,7 +270,7 @@ static int order_in_steps(const struct umb_octree *octree, const struct umb_work
 }
 
 /* Returns whether there are copies. */
-static int compare_orders(const struct umb_octree *octree, const struct umb_workers *workers,
+static int compare_orders(const struct umb__octree *octree, const struct umb_workers *workers,
                           int *steps)
 {
     struct slow s = {.octree = octree};
@@ -305,10 +305,10 @@ static void orders_are_those_of_the_format_page(void **state)
     int worth[2] = {0}, steps = 0;
     (void)state;
     for (uint64_t seed = 1; seed <= 8; seed++) {
-        struct umb_octree octree;
+        struct umb__octree octree;
         random_octree(seed, trees[seed / 2 % 4], seed % 2, &octree);
         worth[compare_orders(&octree, seed % 4 < 2 ? &three : NULL, &steps)]++;
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
     }
     print_message("with copies %d, without %d, %d steps\n", worth[1], worth[0], steps);
     assert_true(worth[0] > 1 && worth[1] > 1 && steps > 1);
@@ -337,12 +337,12 @@ static void *counted_resize(void *user, void *block, size_t bytes)
 }
 
 /* Most bytes that an order takes before its first step. */
-static size_t peak_with_helpers(const struct umb_octree *octree, unsigned count)
+static size_t peak_with_helpers(const struct umb__octree *octree, unsigned count)
 {
     struct tally tally = {0};
     const struct umb_alloc alloc = {counted_resize, &tally};
     const struct umb_workers workers = {count, run_backwards, NULL};
-    struct umb_octree counted = *octree;
+    struct umb__octree counted = *octree;
     struct umb__pack_order order;
     struct umb__pack_ordering *ordering;
     counted.alloc = &alloc;
@@ -355,11 +355,11 @@ static size_t peak_with_helpers(const struct umb_octree *octree, unsigned count)
 
 static void many_helpers_take_no_more_memory_than_some(void **state)
 {
-    struct umb_octree octree;
+    struct umb__octree octree;
     (void)state;
     random_octree(6, 20000, 0, &octree); /* so many trees that some are asked */
     const size_t some = peak_with_helpers(&octree, 8), many = peak_with_helpers(&octree, 256);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     if (many > some + some / 100) {
         fail_msg("%zu bytes with 8 helpers, %zu with 256", some, many);
     }

@@ -33,21 +33,21 @@ static void helpers_in_any_order_write_the_same_bytes(void **state)
     /* More pages than one job makes. */
     static const struct voxels larger = {noisy, NULL, 8, 2};
     struct bytes whole = make_packed(&larger, 0.5, origin), again = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_sink sink = bytes_sink(&again);
     uint32_t jobs = 0;
     const struct umb_workers workers = {3, run_backwards, &jobs};
-    const struct umb_pack_job job = {&content, &octree, &test_digest, &sink, &workers, NULL};
+    const struct umb__pack_job job = {&content, &octree, &test_digest, &sink, &workers, NULL};
     uint8_t id[UMB_ID_BYTES];
     (void)state;
     make_octree(&larger, &octree);
     make_content(&larger, 0.5, origin, &content);
-    assert_int_equal(umb_pack_run(&job, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_run(&job, id, NULL), UMB_OK);
     assert_true(jobs > 1);
     assert_int_equal(again.size, whole.size);
     assert_memory_equal(again.data, whole.data, whole.size);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&again);
     bytes_finish(&whole);
 }
@@ -62,8 +62,8 @@ static int cancelled_at_the_second_time(void)
 static void a_cancelled_packing_ends_between_pages_and_writes_nothing(void **state)
 {
     static const struct voxels larger = {noisy, NULL, 8, 2};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint32_t jobs = 0;
     const struct umb_workers workers = {3, run_backwards, &jobs};
     (void)state;
@@ -74,20 +74,20 @@ static void a_cancelled_packing_ends_between_pages_and_writes_nothing(void **sta
         struct umb_sink sink = bytes_sink(&out);
         struct umb_error error = {0};
         uint8_t id[UMB_ID_BYTES];
-        const struct umb_pack_job job = {&content,
+        const struct umb__pack_job job = {&content,
                                          &octree,
                                          &test_digest,
                                          &sink,
                                          helped ? &workers : NULL,
                                          cancelled_at_the_second_time};
         asked = 0;
-        assert_int_equal(umb_pack_run(&job, id, &error), UMB_E_CANCELLED);
+        assert_int_equal(umb__pack_run(&job, id, &error), UMB_E_CANCELLED);
         assert_int_equal(error.status, UMB_E_CANCELLED);
         assert_true(asked >= 2);
         assert_int_equal(out.size, 0);
         bytes_finish(&out);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 /* Digests of several messages at once: how many calls, and which digest fails. */
@@ -121,8 +121,8 @@ static void pages_hashed_together_are_those_hashed_one_by_one(void **state)
 {
     static const struct voxels larger = {noisy, NULL, 8, 2}; /* more pages than go together */
     struct bytes file = make_packed(&larger, 0.5, origin), again = {0}, spoiled = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_sink sink = bytes_sink(&again), spoiled_sink = bytes_sink(&spoiled);
     uint8_t id[UMB_ID_BYTES];
     struct many many = {.failing = SIZE_MAX};
@@ -130,7 +130,7 @@ static void pages_hashed_together_are_those_hashed_one_by_one(void **state)
     (void)state;
     make_octree(&larger, &octree);
     make_content(&larger, 0.5, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &hasher, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &hasher, &sink, id, NULL), UMB_OK);
     assert_int_equal(again.size, file.size);
     assert_memory_equal(again.data, file.data, file.size);
     const size_t pages = many.digests;
@@ -145,10 +145,10 @@ static void pages_hashed_together_are_those_hashed_one_by_one(void **state)
                          UMB_E_NO_MEMORY);
         many = (struct many){.failing = failing};
         spoiled.size = 0;
-        assert_int_equal(umb_pack_write(&content, &octree, &hasher, &spoiled_sink, id, NULL),
+        assert_int_equal(umb__pack_write(&content, &octree, &hasher, &spoiled_sink, id, NULL),
                          UMB_E_NO_MEMORY);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&spoiled);
     bytes_finish(&again);
     bytes_finish(&file);

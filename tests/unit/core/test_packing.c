@@ -46,11 +46,11 @@ static void *block_of(size_t count, size_t size)
 }
 
 /* Node i of the level gets number to[i]; its children are numbered below[...]. */
-static void renumber_level(struct umb_octree_level *level, const uint32_t *to,
+static void renumber_level(struct umb__octree_level *level, const uint32_t *to,
                            const uint32_t *below)
 {
     uint32_t children = level->count > 0 ? level->first[level->count] : 0;
-    struct umb_octree_level fresh = {
+    struct umb__octree_level fresh = {
         .count = level->count,
         .masks = block_of(level->count, sizeof *fresh.masks),
         .first = block_of(level->count, sizeof *fresh.first),
@@ -75,7 +75,7 @@ static void renumber_level(struct umb_octree_level *level, const uint32_t *to,
 }
 
 /* The same tree under random numbers. */
-static void renumber(struct umb_octree *octree, uint64_t *seed)
+static void renumber(struct umb__octree *octree, uint64_t *seed)
 {
     uint32_t *below = block_of(octree->brick_count, sizeof *below);
     uint64_t(*bricks)[8] = block_of(octree->brick_count, sizeof *bricks);
@@ -90,8 +90,8 @@ static void renumber(struct umb_octree *octree, uint64_t *seed)
         shuffle(to, octree->level[l].count, seed);
         renumber_level(&octree->level[l], to, below);
         for (uint32_t i = 0; i < octree->root_count; i++) {
-            struct umb_octree_root *root = &octree->roots[i];
-            if (root->level == l && root->state == UMB_NODE_MIXED) {
+            struct umb__octree_root *root = &octree->roots[i];
+            if (root->level == l && root->state == UMB__NODE_MIXED) {
                 root->index = to[root->index];
             }
         }
@@ -108,18 +108,18 @@ static void equal_trees_under_other_numbers_give_equal_files(void **state)
     (void)state;
     print_message("seed %llu\n", (unsigned long long)seed);
     for (int round = 0; round < 5; round++) {
-        struct umb_octree octree;
-        struct umb_content content;
+        struct umb__octree octree;
+        struct umb__content content;
         struct bytes again = {0};
         struct umb_sink sink = bytes_sink(&again);
         uint8_t id[UMB_ID_BYTES];
         make_octree(&three_suns, &octree);
         make_content(&three_suns, 0.5, origin, &content);
         renumber(&octree, &seed);
-        assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+        assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
         assert_int_equal(again.size, whole.size);
         assert_memory_equal(again.data, whole.data, whole.size);
-        umb_octree_finish(&octree);
+        umb__octree_finish(&octree);
         bytes_finish(&again);
     }
     bytes_finish(&whole);
@@ -181,16 +181,16 @@ static uint32_t count_nodes(const struct bytes *file, uint64_t found[UMB_LEVEL_M
 static void expect_counts(const struct bytes *file, uint64_t counts[UMB_LEVEL_MAX + 1])
 {
     struct umb_asset *asset;
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     assert_int_equal(umb_asset_open_bytes(file->data, file->size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
     memcpy(counts, asset->canonical.counts, sizeof asset->canonical.counts);
     assert_int_equal(octree.brick_count, counts[UMB_LEVEL_BRICK]);
     for (size_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
         assert_int_equal(octree.level[level].count, counts[level]);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb_asset_close(asset);
 }
 
@@ -220,11 +220,11 @@ static void trees_that_share_too_much_are_stored_once(void **state)
 }
 
 /* Packs what `spoil` has changed and expects a refusal that names `words`. */
-static void expect_refused(void (*spoil)(struct umb_content *, struct umb_octree *),
+static void expect_refused(void (*spoil)(struct umb__content *, struct umb__octree *),
                            const char *words)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes out = {0};
     struct umb_sink sink = bytes_sink(&out);
     struct umb_error error = {0};
@@ -232,109 +232,109 @@ static void expect_refused(void (*spoil)(struct umb_content *, struct umb_octree
     make_octree(&three_suns, &octree);
     make_content(&three_suns, 0.5, origin, &content);
     spoil(&content, &octree);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error),
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, &error),
                      UMB_E_ARGUMENT);
     assert_int_equal(error.status, UMB_E_ARGUMENT);
     if (strstr(error.message, words) == NULL) {
         fail_msg("'%s' does not say '%s'", error.message, words);
     }
     assert_int_equal(out.size, 0);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&out);
 }
 
-static void far_child(struct umb_content *content, struct umb_octree *octree)
+static void far_child(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->level[4].children[0] = octree->brick_count + 1000000;
 }
 
-static void far_upper_child(struct umb_content *content, struct umb_octree *octree)
+static void far_upper_child(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->level[7].children[0] = UINT32_MAX;
 }
 
-static void far_root(struct umb_content *content, struct umb_octree *octree)
+static void far_root(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->roots[1].index = 77777777;
 }
 
-static void odd_root(struct umb_content *content, struct umb_octree *octree)
+static void odd_root(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
-    octree->roots[1].state = (enum umb_node_state)3;
+    octree->roots[1].state = (enum umb__node_state)3;
 }
 
-static void other_level(struct umb_content *content, struct umb_octree *octree)
+static void other_level(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->roots[2].level = 6;
 }
 
-static void impossible_mask(struct umb_content *content, struct umb_octree *octree)
+static void impossible_mask(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->level[5].masks[0] |= 3;
 }
 
-static void short_mask(struct umb_content *content, struct umb_octree *octree)
+static void short_mask(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->level[5].masks[0] = 0x5554; /* no mixed child, where the lists say some */
 }
 
-static void one_root_less(struct umb_content *content, struct umb_octree *octree)
+static void one_root_less(struct umb__content *content, struct umb__octree *octree)
 {
     (void)content;
     octree->root_count--;
 }
 
-static void no_lights(struct umb_content *content, struct umb_octree *octree)
+static void no_lights(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->light_count = 0;
 }
 
-static void spot_light(struct umb_content *content, struct umb_octree *octree)
+static void spot_light(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->lights[0].kind = UMB_LIGHT_SPOT;
 }
 
-static void nan_direction(struct umb_content *content, struct umb_octree *octree)
+static void nan_direction(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->lights[1].direction[0] = (double)__builtin_nanf("");
 }
 
-static void latin1_name(struct umb_content *content, struct umb_octree *octree)
+static void latin1_name(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     memcpy(content->lights[2].name, "S\xf6nne", 6);
 }
 
-static void endless_name(struct umb_content *content, struct umb_octree *octree)
+static void endless_name(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     memset(content->lights[2].name, 'x', UMB_NAME_SIZE);
 }
 
-static void shared_frustum(struct umb_content *content, struct umb_octree *octree)
+static void shared_frustum(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->lights[2].first_frustum = 1;
 }
 
-static void flat_matrix(struct umb_content *content, struct umb_octree *octree)
+static void flat_matrix(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->frusta[0].world_to_voxel[2][2] = 0;
 }
 
 /* A spot light along +z whose W is `far_w` at the far side. */
-static void aim(struct umb_content *content, double far_w, double scale)
+static void aim(struct umb__content *content, double far_w, double scale)
 {
     struct umb_frustum_info *frustum = &content->frusta[0];
     double(*m)[4] = frustum->world_to_voxel;
@@ -347,25 +347,25 @@ static void aim(struct umb_content *content, double far_w, double scale)
     m[3][2] = scale;
 }
 
-static void far_side_at_the_light(struct umb_content *content, struct umb_octree *octree)
+static void far_side_at_the_light(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     aim(content, 0, 1);
 }
 
-static void far_side_behind_the_light(struct umb_content *content, struct umb_octree *octree)
+static void far_side_behind_the_light(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     aim(content, -1, 1);
 }
 
-static void vanishing_axis(struct umb_content *content, struct umb_octree *octree)
+static void vanishing_axis(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     aim(content, 1, 1e-200); /* its square is 0 */
 }
 
-static void infinite_bounds(struct umb_content *content, struct umb_octree *octree)
+static void infinite_bounds(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->bounds.max[1] = __builtin_inf();
@@ -373,19 +373,19 @@ static void infinite_bounds(struct umb_content *content, struct umb_octree *octr
 
 static char latin1[] = "d\xe9j\xe0 vu\n";
 
-static void latin1_plan(struct umb_content *content, struct umb_octree *octree)
+static void latin1_plan(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->plan = latin1;
 }
 
-static void latin1_notes(struct umb_content *content, struct umb_octree *octree)
+static void latin1_notes(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->notes = latin1;
 }
 
-static void no_settings(struct umb_content *content, struct umb_octree *octree)
+static void no_settings(struct umb__content *content, struct umb__octree *octree)
 {
     (void)octree;
     content->settings = NULL;
@@ -394,7 +394,7 @@ static void no_settings(struct umb_content *content, struct umb_octree *octree)
 static void what_a_reader_would_refuse_is_an_argument_error(void **state)
 {
     static const struct {
-        void (*spoil)(struct umb_content *, struct umb_octree *);
+        void (*spoil)(struct umb__content *, struct umb__octree *);
         const char *words;
     } cases[] = {
         {far_child, "level 4"},
@@ -428,8 +428,8 @@ static void what_a_reader_would_refuse_is_an_argument_error(void **state)
 
 static void packing_only_reads_what_it_is_given(void **state)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes out = {0};
     struct umb_sink sink = bytes_sink(&out);
     struct umb_frustum_info frusta[3];
@@ -441,9 +441,9 @@ static void packing_only_reads_what_it_is_given(void **state)
         content.frusta[i].voxel_step[0][0] = 123; /* derived by readers; not the writer's to set */
         frusta[i] = content.frusta[i];
     }
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
     assert_memory_equal(frusta, content.frusta, sizeof frusta);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&out);
 }
 
@@ -474,21 +474,21 @@ static void *failing_resize(void *user, void *block, size_t bytes)
 static enum umb_status write_both(const struct umb_asset *asset, struct bytes *packed,
                                   struct bytes *mapped)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_sink packed_sink = bytes_sink(packed), mapped_sink = bytes_sink(mapped);
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
-    enum umb_status status = umb_asset_export(asset, &octree, &content, &error);
+    enum umb_status status = umb__asset_export(asset, &octree, &content, &error);
     if (status == UMB_OK) {
-        status = umb_pack_write(&content, &octree, &test_digest, &packed_sink, id, &error);
+        status = umb__pack_write(&content, &octree, &test_digest, &packed_sink, id, &error);
     } else {
         assert_null(content.lights);
         assert_null(octree.roots);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     if (status == UMB_OK) {
-        status = umb_mapped_write(asset, &mapped_sink, &error);
+        status = umb__mapped_write(asset, &mapped_sink, &error);
     }
     assert_int_equal(error.status, status);
     assert_true(status == UMB_OK || error.message[0] != '\0');
@@ -546,25 +546,25 @@ static void a_sink_that_fails_stops_the_writers_with_its_status(void **state)
     struct voxels small = {rough, NULL, 7, 1};
     struct bytes file = make_packed(&small, 0.5, origin);
     struct umb_asset *asset;
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     (void)state;
     assert_int_equal(umb_asset_open_bytes(file.data, file.size, NULL, &asset, NULL), UMB_OK);
-    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
     for (size_t room = 0; room < 3 * file.size; room += 97) {
         size_t left = room;
         struct umb_sink sink = {take_some, &left};
         struct umb_error error = {0};
         uint8_t id[UMB_ID_BYTES];
         enum umb_status wanted = room >= file.size ? UMB_OK : UMB_E_IO;
-        assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error),
+        assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, &error),
                          wanted);
         assert_int_equal(error.status, wanted);
         left = 0;
-        assert_int_equal(umb_mapped_write(asset, &sink, &error), UMB_E_IO);
+        assert_int_equal(umb__mapped_write(asset, &sink, &error), UMB_E_IO);
         assert_non_null(strstr(error.message, "input or output failed"));
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb_asset_close(asset);
     bytes_finish(&file);
 }
@@ -586,8 +586,8 @@ static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **sta
 {
     struct voxels small = {rough, NULL, 7, 1};
     struct bytes file = make_packed(&small, 0.5, origin);
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     size_t digests = 0, left;
     const struct umb_sha256 hasher = {.digest = failing_digest, .user = &left};
     (void)state;
@@ -598,7 +598,7 @@ static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **sta
         struct umb_sink sink = bytes_sink(&out);
         uint8_t id[UMB_ID_BYTES];
         left = digests;
-        enum umb_status status = umb_pack_write(&content, &octree, &hasher, &sink, id, NULL);
+        enum umb_status status = umb__pack_write(&content, &octree, &hasher, &sink, id, NULL);
         bytes_finish(&out);
         if (status == UMB_OK) {
             break;
@@ -608,7 +608,7 @@ static void a_digest_that_could_not_be_made_never_becomes_an_identity(void **sta
         assert_int_not_equal(umb_packed_prove(file.data, file.size, NULL, &hasher, NULL), UMB_OK);
     }
     assert_true(digests >= 2); /* a page and the id */
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&file);
 }
 

@@ -166,7 +166,7 @@ static bool turn_child(const struct umb__page *page)
             uint8_t *at = (uint8_t *)(uintptr_t)page->masks[level] + 2 * (size_t)node;
             for (unsigned c = 0; c < 8; c++) {
                 const uint16_t mask = umb__load16(at);
-                if (umb_mask_state(mask, c) < UMB_NODE_MIXED) {
+                if (umb__mask_state(mask, c) < UMB__NODE_MIXED) {
                     umb__store16(at, (uint16_t)(mask ^ 1U << (2 * c)));
                     return true;
                 }

@@ -25,8 +25,8 @@ static struct bytes spot_file(void)
     const double across = 0.5 * SIZE / tangent, along = SIZE / (far_w - near_w);
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
@@ -47,10 +47,10 @@ static struct bytes spot_file(void)
             m[i][3] -= m[i][k] * (eye[k] - fixture_origin[k]);
         }
     }
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return file;
 }
 

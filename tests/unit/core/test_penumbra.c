@@ -99,8 +99,8 @@ static void scene_open(struct scene *s, uint32_t (*depth)(uint32_t x, uint32_t y
 {
     *s = (struct scene){.columns = {depth, undefined}};
     const struct voxels voxels = {column_voxel, &s->columns, LOG2_SIZE, 1};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
@@ -112,12 +112,12 @@ static void scene_open(struct scene *s, uint32_t (*depth)(uint32_t x, uint32_t y
     content.occluder_depth =
         with_occluder_depth ? occluder_depth_of(&s->columns, &content.occluder_depth_words) : NULL;
     struct umb_sink sink = bytes_sink(&s->file);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(s->file.data, s->file.size, NULL, &s->asset, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
     assert_int_equal(umb_asset_get_frustum(s->asset, 0, &s->frustum), UMB_OK);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb__occluder_depth_words_free(NULL, content.occluder_depth);
 }
 

@@ -58,7 +58,7 @@ static int before_plane(const void *user, uint32_t face, uint32_t x, uint32_t y,
 }
 
 /* One point light with all six faces. */
-static void set_content(struct umb_content *content)
+static void set_content(struct umb__content *content)
 {
     struct umb_light_info *light = &content->lights[0];
     light->kind = UMB_LIGHT_POINT;
@@ -92,8 +92,8 @@ static struct umb_asset *make_asset(const struct plane *plane)
 {
     const struct voxels voxels = {before_plane, plane, LOG2, FACES};
     struct bytes bytes = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_asset *asset = NULL;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
@@ -101,11 +101,11 @@ static struct umb_asset *make_asset(const struct plane *plane)
     make_content(&voxels, 1, origin, &content);
     set_content(&content);
     struct umb_sink sink = bytes_sink(&bytes);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&bytes);
     return asset;
 }
@@ -326,7 +326,7 @@ static void hostile_matrices_are_refused_or_harmless(void **state)
     static const double wild[] = {0, -0.0, 1e-320, 1e-160, -1e-9, 1, -1, 1e9, 1e160, -1e300};
     const struct plane plane = {.normal = {0, 0, 1}, .distance = 4};
     const struct voxels voxels = {before_plane, &plane, LOG2, FACES};
-    struct umb_octree octree;
+    struct umb__octree octree;
     uint64_t seed = 4242;
     int opened = 0;
     print_message("seed %llu\n", (unsigned long long)seed);
@@ -339,7 +339,7 @@ static void hostile_matrices_are_refused_or_harmless(void **state)
     }
     for (int n = 0; n < 80; n++) {
         struct bytes bytes = {0};
-        struct umb_content content;
+        struct umb__content content;
         struct umb_asset *asset = NULL;
         uint8_t id[UMB_ID_BYTES];
         make_content(&voxels, 1, origin, &content);
@@ -355,7 +355,7 @@ static void hostile_matrices_are_refused_or_harmless(void **state)
         }
         content.lights[0].position[n % 3] += n % 5 == 0 ? 1e300 : 0;
         struct umb_sink sink = bytes_sink(&bytes);
-        if (umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK) {
+        if (umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL) == UMB_OK) {
             assert_int_equal(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, NULL),
                              UMB_OK);
             float values[POINTS];
@@ -371,7 +371,7 @@ static void hostile_matrices_are_refused_or_harmless(void **state)
         bytes_finish(&bytes);
     }
     assert_true(opened > 3 && opened < 77);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 int main(void)

@@ -38,8 +38,8 @@ static const struct voxels slope = {slanted, NULL, LOG2_SIZE, FRUSTA};
 /* Packs the voxels with random cells. */
 static struct bytes pack(uint64_t *cells, enum umb_light_kind kind, enum umb_status wanted)
 {
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes packed = {0};
     uint8_t id[UMB_ID_BYTES];
     uint64_t random = 91;
@@ -51,9 +51,9 @@ static struct bytes pack(uint64_t *cells, enum umb_light_kind kind, enum umb_sta
     content.receiver_mask_cells = cells;
     content.lights[1].kind = kind;
     struct umb_sink sink = bytes_sink(&packed);
-    assert_int_equal(umb_pack_write(&content, &octree, &tf_digest, &sink, id, NULL), wanted);
+    assert_int_equal(umb__pack_write(&content, &octree, &tf_digest, &sink, id, NULL), wanted);
     content.lights[1].kind = UMB_LIGHT_DIRECTIONAL;
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return packed;
 }
 
@@ -144,14 +144,14 @@ static void what_an_asset_gives_back_packs_to_the_same_bytes(void **state)
     static uint64_t cells[FRUSTA * UMB__RECEIVER_MASK_WORDS];
     struct bytes packed = pack(cells, UMB_LIGHT_DIRECTIONAL, UMB_OK), again = {0};
     struct umb_asset *asset = open_asset(&packed);
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
-    assert_int_equal(umb_asset_export(asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(asset, &octree, &content, NULL), UMB_OK);
     struct umb_sink sink = bytes_sink(&again);
-    assert_int_equal(umb_pack_write(&content, &octree, &tf_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &tf_digest, &sink, id, NULL), UMB_OK);
     assert_memory_equal(packed.data + UMB__HEAD_ID, id, sizeof id);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb_asset_close(asset);
     bytes_finish(&packed);
     bytes_finish(&again);
@@ -236,14 +236,14 @@ static void a_block_longer_than_readers_take_is_not_written(void **state)
     enum {
         LIGHTS = 2048
     };
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes packed = {0};
     struct umb_error error;
     uint8_t id[UMB_ID_BYTES];
     make_octree(&slope, &octree);
     make_content(&slope, 0.5, origin, &content);
-    struct umb_octree many = octree;
+    struct umb__octree many = octree;
     struct umb_light_info *lights = calloc(LIGHTS, sizeof *lights);
     struct umb_frustum_info *frusta = calloc(LIGHTS, sizeof *frusta);
     many.roots = calloc(LIGHTS, sizeof *many.roots);
@@ -262,7 +262,7 @@ static void a_block_longer_than_readers_take_is_not_written(void **state)
     content.frusta = frusta;
     content.light_count = content.frustum_count = many.root_count = LIGHTS;
     struct umb_sink sink = bytes_sink(&packed);
-    assert_int_equal(umb_pack_write(&content, &many, &tf_digest, &sink, id, &error),
+    assert_int_equal(umb__pack_write(&content, &many, &tf_digest, &sink, id, &error),
                      UMB_E_ARGUMENT);
     assert_non_null(strstr(error.message, "canonical block"));
     assert_true(packed.size == 0);
@@ -271,7 +271,7 @@ static void a_block_longer_than_readers_take_is_not_written(void **state)
     free(many.roots);
     free(frusta);
     free(lights);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 int main(void)

@@ -62,8 +62,8 @@ static void set_face(struct umb_frustum_info *frustum, uint32_t face)
 static void lamp_open(struct lamp *lamp)
 {
     const struct voxels voxels = {face_noise, NULL, LOG2, FACES};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     memset(lamp, 0, sizeof *lamp);
@@ -78,7 +78,7 @@ static void lamp_open(struct lamp *lamp)
         set_face(&content.frusta[face], face);
     }
     struct umb_sink sink = bytes_sink(&lamp->file);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(lamp->file.data, lamp->file.size, NULL, &lamp->asset, &error) !=
             UMB_OK ||
         umb_volume_prepare(lamp->asset, 0, &lamp->volume, &error) != UMB_OK) {
@@ -87,7 +87,7 @@ static void lamp_open(struct lamp *lamp)
     for (uint32_t face = 0; face < FACES; face++) {
         assert_int_equal(umb_asset_get_frustum(lamp->asset, face, &lamp->faces[face]), UMB_OK);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 static void lamp_close(struct lamp *lamp)

@@ -350,17 +350,17 @@ static void all_forms_of_a_file_answer_the_same(void **state)
     struct umb_asset_info info;
     umb_asset_get_info(f.asset, &info);
     assert_true(info.transmittance_bytes > 10000);
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes again = {0};
     struct umb_sink sink = bytes_sink(&again);
     uint8_t id[UMB_ID_BYTES];
-    assert_int_equal(umb_asset_export(f.asset, &octree, &content, NULL), UMB_OK);
+    assert_int_equal(umb__asset_export(f.asset, &octree, &content, NULL), UMB_OK);
     assert_int_equal(content.transmittance_bytes, info.transmittance_bytes);
-    assert_int_equal(umb_pack_write(&content, &octree, &tf_digest, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &tf_digest, &sink, id, NULL), UMB_OK);
     assert_int_equal(again.size, f.file.size);
     assert_memory_equal(again.data, f.file.data, again.size);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&again);
 
     struct bytes mapped = make_mapped(&f.file);
@@ -511,8 +511,8 @@ static void writers_are_held_to_what_readers_take(void **state)
 {
     (void)state;
     const struct voxels voxels = {fixture_hills, NULL, 6, 1};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     uint8_t id[UMB_ID_BYTES], wrong[] = {7};
@@ -522,10 +522,10 @@ static void writers_are_held_to_what_readers_take(void **state)
     make_content(&voxels, 1, fixture_origin, &content);
     content.transmittance = wrong;
     content.transmittance_bytes = 1;
-    assert_int_not_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
+    assert_int_not_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, NULL), UMB_OK);
     assert_int_equal(umb__transmittance_square(&bytes, none, 7, NULL), UMB_E_LIMIT);
     umb__transmittance_bytes_finish(&bytes);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&file);
 }
 

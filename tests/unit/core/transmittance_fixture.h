@@ -110,8 +110,8 @@ static inline void tf_write(const struct tf_asset *f, struct umb__transmittance_
 static inline void tf_open(struct tf_asset *f, uint32_t level0, uint32_t level1)
 {
     const struct voxels voxels = {fixture_hills, NULL, TF_LOG2, TF_LIGHTS};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb__transmittance_bytes bytes;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
@@ -132,11 +132,11 @@ static inline void tf_open(struct tf_asset *f, uint32_t level0, uint32_t level1)
     content.transmittance = bytes.data;
     content.transmittance_bytes = bytes.count;
     struct umb_sink sink = bytes_sink(&f->file);
-    if (umb_pack_write(&content, &octree, &tf_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &tf_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(f->file.data, f->file.size, NULL, &f->asset, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     umb__transmittance_bytes_finish(&bytes);
 }
 

@@ -77,8 +77,8 @@ static inline void volume_fixture_open(struct volume_fixture *f, voxel_fn lit, u
                                        int turned, int closed)
 {
     struct voxels voxels = {lit, NULL, log2_size, 1};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     memset(f, 0, sizeof *f);
@@ -89,14 +89,14 @@ static inline void volume_fixture_open(struct volume_fixture *f, voxel_fn lit, u
         fixture_turn(&content.frusta[0]);
     }
     struct umb_sink sink = bytes_sink(&f->file);
-    if (umb_pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(f->file.data, f->file.size, NULL, &f->asset, &error) != UMB_OK ||
         umb_asset_get_frustum(f->asset, 0, &f->frustum) != UMB_OK ||
         umb_volume_prepare(f->asset, 0, &f->volume, &error) != UMB_OK) {
         (void)fprintf(stderr, "fixture: %s\n", error.message);
         abort();
     }
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     f->size = 1U << log2_size;
     f->lit = malloc((size_t)f->size * f->size * f->size);
     for (uint32_t z = 0; z < f->size; z++) {

@@ -84,14 +84,14 @@ static int setup(void **state)
     snprintf(f->folder, sizeof f->folder, "/tmp/umbrage-staging-XXXXXX");
     assert_non_null(mkdtemp(f->folder));
     snprintf(f->path, sizeof f->path, "%s/out.umb", f->folder);
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
     struct umb_sink sink = bytes_sink(&f->packed);
     make_octree(&voxels, &octree);
     make_content(&voxels, 1.0, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
-    umb_octree_finish(&octree);
+    assert_int_equal(umb__pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
+    umb__octree_finish(&octree);
     *state = f;
     return 0;
 }

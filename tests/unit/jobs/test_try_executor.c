@@ -92,15 +92,15 @@ static void make_asset_in(const char *folder)
     const struct voxels voxels = {
         .lit = random_voxel, .user = &log2_size, .log2_size = 6, .frustum_count = 1};
     struct bytes packed = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
     char path[128];
     struct umb_sink sink = bytes_sink(&packed);
     make_octree(&voxels, &octree);
     make_content(&voxels, 1.0, origin, &content);
-    assert_int_equal(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
-    umb_octree_finish(&octree);
+    assert_int_equal(umb__pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
+    umb__octree_finish(&octree);
     snprintf(path, sizeof path, "%s/asset.umb", folder);
     put(path, packed.data, packed.size, 0600);
     bytes_finish(&packed);

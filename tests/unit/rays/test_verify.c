@@ -94,7 +94,7 @@ static void frame_axes(const double direction[3], double axes[3][3])
     }
 }
 
-static void set_light(struct umb_content *content, const double direction[3], int closed)
+static void set_light(struct umb__content *content, const double direction[3], int closed)
 {
     double axes[3][3];
     frame_axes(direction, axes);
@@ -108,14 +108,14 @@ static void set_light(struct umb_content *content, const double direction[3], in
     }
 }
 
-static struct umb_asset *open_packed(const struct umb_content *content,
-                                     const struct umb_octree *octree, struct bytes *bytes)
+static struct umb_asset *open_packed(const struct umb__content *content,
+                                     const struct umb__octree *octree, struct bytes *bytes)
 {
     struct umb_error error = {0};
     struct umb_asset *asset;
     uint8_t id[UMB_ID_BYTES];
     struct umb_sink sink = bytes_sink(bytes);
-    if (umb_pack_write(content, octree, &test_digest, &sink, id, &error) != UMB_OK ||
+    if (umb__pack_write(content, octree, &test_digest, &sink, id, &error) != UMB_OK ||
         umb_asset_open_bytes(bytes->data, bytes->size, NULL, &asset, &error) != UMB_OK) {
         fail_msg("asset: %s", error.message);
         return NULL;
@@ -131,9 +131,9 @@ static struct umb_asset *make(const double claimed[3], const double traced[3], s
                               int closed, struct bytes *bytes)
 {
     struct voxels voxels = {voxel_lit, &recipe, LOG2_SIZE, 1};
-    struct umb_content content;
-    struct umb_octree octree = {0};
-    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
+    struct umb__content content;
+    struct umb__octree octree = {0};
+    struct umb__octree_root root = {UMB__NODE_LIT, LOG2_SIZE, 0};
     struct umbr_light_frame light_frame;
     struct bytes empty = {0};
     make_content(&voxels, voxel_m, scene_origin, &content);
@@ -151,7 +151,7 @@ static struct umb_asset *make(const double claimed[3], const double traced[3], s
     }
     make_octree(&voxels, &octree);
     asset = open_packed(&content, &octree, bytes);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return asset;
 }
 
@@ -354,11 +354,11 @@ static void result_does_not_depend_on_threads_but_on_the_seed(void **state)
 static void asset_without_any_shadow_boundary_still_gets_its_points(void **state)
 {
     (void)state;
-    struct umb_content content;
+    struct umb__content content;
     struct bytes bytes = {0};
     struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
-    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
-    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    struct umb__octree_root root = {UMB__NODE_LIT, LOG2_SIZE, 0};
+    struct umb__octree octree = {.root_count = 1, .roots = &root};
     make_content(&voxels, voxel_m, scene_origin, &content);
     set_light(&content, sun, 0);
     struct umb_asset *asset = open_packed(&content, &octree, &bytes);
@@ -388,11 +388,11 @@ static void open_sheet_marked_closed_excuses_nothing(void **state)
     }
     struct umbr_rays *sheet;
     assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 2, &sheet, NULL), UMB_OK);
-    struct umb_content content;
+    struct umb__content content;
     struct bytes bytes = {0};
     struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
-    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
-    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    struct umb__octree_root root = {UMB__NODE_LIT, LOG2_SIZE, 0};
+    struct umb__octree octree = {.root_count = 1, .roots = &root};
     make_content(&voxels, voxel_m, scene_origin, &content);
     set_light(&content, sun, 1);
     struct umb_asset *asset = open_packed(&content, &octree, &bytes);
@@ -423,11 +423,11 @@ static void solid_that_fills_the_box_is_given_up_soon(void **state)
     }
     struct umbr_rays *solid;
     assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 12, &solid, NULL), UMB_OK);
-    struct umb_content content;
+    struct umb__content content;
     struct bytes bytes = {0};
     struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
-    struct umb_octree_root root = {UMB_NODE_LIT, LOG2_SIZE, 0};
-    struct umb_octree octree = {.root_count = 1, .roots = &root};
+    struct umb__octree_root root = {UMB__NODE_LIT, LOG2_SIZE, 0};
+    struct umb__octree octree = {.root_count = 1, .roots = &root};
     make_content(&voxels, voxel_m, scene_origin, &content);
     set_light(&content, sun, 1);
     struct umb_asset *asset = open_packed(&content, &octree, &bytes);

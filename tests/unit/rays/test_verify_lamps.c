@@ -43,7 +43,7 @@ static int voxel_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y,
 }
 
 /* The face that looks down, 90 degrees wide; the floor is the border of its middle voxels. */
-static void set_light(struct umb_content *content, const struct lamp *lamp)
+static void set_light(struct umb__content *content, const struct lamp *lamp)
 {
     const double up = lamp->missing ? -1 : 1;
     const double axes[3][3] = {{1, 0, 0}, {0, -up, 0}, {0, 0, -up}};
@@ -76,8 +76,8 @@ static struct umbr_verify_result verify(const struct lamp *lamp)
     const struct voxels voxels = {voxel_lit, lamp, LOG2_SIZE, 1};
     static double floor[4][3][3]; /* and the tip of a post: the scene's middle is not the floor */
     static const double corner[4][2] = {{-10, -10}, {10, -10}, {10, 10}, {-10, 10}};
-    struct umb_content content;
-    struct umb_octree octree = {0};
+    struct umb__content content;
+    struct umb__octree octree = {0};
     struct bytes bytes = {0};
     struct umb_sink sink = bytes_sink(&bytes);
     struct umb_asset *asset;
@@ -98,7 +98,7 @@ static struct umbr_verify_result verify(const struct lamp *lamp)
     make_content(&voxels, 1, origin, &content);
     set_light(&content, lamp);
     make_octree(&voxels, &octree);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, &error), UMB_OK);
     if (umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error) != UMB_OK) {
         fail_msg("asset: %s", error.message);
         return result;
@@ -108,7 +108,7 @@ static struct umbr_verify_result verify(const struct lamp *lamp)
     assert_int_equal(umbr_verify(asset, 0, rays, &options, &result, &error), UMB_OK);
     umbr_rays_destroy(rays);
     umb_asset_close(asset);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&bytes);
     return result;
 }
@@ -173,8 +173,8 @@ static void what_only_doubles_see_is_looked_at_again(void **state)
     static const double voxel_m = 0.25;
     const struct voxels voxels = {wire_lit, NULL, LOG2_SIZE, 1};
     double wire[3][3][3]; /* and a triangle beside the frustum, away from which floats are coarse */
-    struct umb_content content;
-    struct umb_octree octree = {0};
+    struct umb__content content;
+    struct umb__octree octree = {0};
     struct bytes bytes = {0};
     struct umb_sink sink = bytes_sink(&bytes);
     struct umb_asset *asset;
@@ -193,7 +193,7 @@ static void what_only_doubles_see_is_looked_at_again(void **state)
     }
     make_content(&voxels, voxel_m, origin, &content);
     make_octree(&voxels, &octree);
-    assert_int_equal(umb_pack_write(&content, &octree, &test_digest, &sink, id, &error), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, &error), UMB_OK);
     assert_int_equal(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error), UMB_OK);
     assert_int_equal(umbr_rays_create((const double(*)[3][3])wire, 3, &rays, NULL), UMB_OK);
     assert_true(umbr_rays_error_m(rays) < voxel_m); /* floats are taken to begin with */
@@ -203,7 +203,7 @@ static void what_only_doubles_see_is_looked_at_again(void **state)
     assert_true(result.inside_band > 100);
     umbr_rays_destroy(rays);
     umb_asset_close(asset);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     bytes_finish(&bytes);
 }
 

@@ -31,15 +31,15 @@ static struct bytes packed_noise(void)
 {
     const struct voxels voxels = {noise, NULL, 7, 1};
     struct bytes file = {0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
     make_content(&voxels, 0.5, origin, &content);
     struct umb_sink sink = bytes_sink(&file);
-    assert_int_equal(umb_pack_write(&content, &octree, umb_sha256_openssl(), &sink, id, NULL),
+    assert_int_equal(umb__pack_write(&content, &octree, umb_sha256_openssl(), &sink, id, NULL),
                      UMB_OK);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
     return file;
 }
 

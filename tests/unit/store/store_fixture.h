@@ -24,16 +24,16 @@ static inline void folder_asset(struct folder *folder, const char *file_name, ui
 {
     struct voxels voxels = {.lit = slab_lit, .user = &height, .log2_size = 6, .frustum_count = 1};
     const double origin[3] = {0, 0, 0};
-    struct umb_octree octree;
-    struct umb_content content;
+    struct umb__octree octree;
+    struct umb__content content;
     struct umbu_output file;
     make_octree(&voxels, &octree);
     make_content(&voxels, 1.0, origin, &content);
     assert_int_equal(umbu_output_begin(folder_file(folder, file_name), 0, &file, NULL), UMB_OK);
     struct umb_sink sink = umbu_output_sink(&file);
-    assert_int_equal(umb_pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
+    assert_int_equal(umb__pack_write(&content, &octree, &umbs_sha256, &sink, id, NULL), UMB_OK);
     assert_int_equal(umbu_output_commit(&file, NULL), UMB_OK);
-    umb_octree_finish(&octree);
+    umb__octree_finish(&octree);
 }
 
 /* Moves a file's time of change into the past, so that the store takes it for settled. */
