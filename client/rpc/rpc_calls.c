@@ -179,8 +179,7 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 /* The address in messages about a call. */
 static const char *where(const struct umb_client *client, const struct umb__call *call)
 {
-    return call->endpoint != NULL ? call->endpoint->text
-                                  : client->endpoints[0].text;
+    return call->endpoint != NULL ? call->endpoint->text : client->endpoints[0].text;
 }
 
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent)

@@ -118,7 +118,7 @@ struct umb__endpoint {
     char text[320]; /* Address as given, for messages */
     struct umbn_address address;
     char authority[UMBN_AUTHORITY_SIZE]; /* value of the header :authority */
-    uint64_t key; /* of its address */
+    uint64_t key;                        /* of its address */
     struct umb__call_list waiting;
     struct umb__connection *current; /* Connection that takes new calls, or NULL */
     uint64_t backoff_ms;             /* Pause before the next connection; 0 = none; doubles with

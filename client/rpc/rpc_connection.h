@@ -35,10 +35,10 @@ struct umb__connection {
     uv_connect_t connect;
     uv_write_t write;
     bool writing;
-    struct umbw_buffer out;    /* HTTP/2 frames; given to uv_write while writing, unless there is
+    struct umbw_buffer out;     /* HTTP/2 frames; given to uv_write while writing, unless there is
                                   TLS */
-    struct umbn_tls *tls;      /* session of tls: addresses, else NULL */
-    struct umbw_buffer sealed; /* TLS records being written */
+    struct umbn_tls *tls;       /* session of tls: addresses, else NULL */
+    struct umbw_buffer sealed;  /* TLS records being written */
     struct umbw_buffer records; /* records made since */
     nghttp2_session *session;
     struct umb__call_list active;

@@ -117,8 +117,8 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 #define ID_FIELD_BYTES       (2 + UMB_ID_BYTES)
 /* Most bytes with tags: varints of 64 bits, one of them with a longer tag, and of 32 bits,
  * doubles. */
-#define STATS_MAX            (8 * 11 + 12 + 2 * 6 + 5 * 9)
-#define VARINT_MAX           10
+#define STATS_MAX  (8 * 11 + 12 + 2 * 6 + 5 * 9)
+#define VARINT_MAX 10
 
 static size_t varint_size(uint64_t value)
 {

@@ -154,7 +154,8 @@ static enum umb_status bytes_count(void *user, const void *data, size_t count)
     return UMB_OK;
 }
 
-static void octree_bake(const struct bench_scene *scene, int closed_rule, struct umb__octree *octree)
+static void octree_bake(const struct bench_scene *scene, int closed_rule,
+                        struct umb__octree *octree)
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
     const unsigned threads = umbu_processor_count();

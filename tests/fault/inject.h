@@ -52,7 +52,12 @@ enum function {
 };
 
 /* What to do instead of the call; above 0 it is an errno. */
-enum { GO_ON = 0, SHORTEN = -1, KILL = -2, TEAR = -3 };
+enum {
+    GO_ON = 0,
+    SHORTEN = -1,
+    KILL = -2,
+    TEAR = -3
+};
 
 /* A file call: what it is about and what became of it. */
 struct call {

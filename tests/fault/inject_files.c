@@ -158,8 +158,7 @@ static int open_counted(enum function function, int at, const char *path, int fl
     if (fault_fails(&call)) {
         return -1;
     }
-    const int entered =
-        (flags & (O_CREAT | O_TRUNC)) != 0 ? record_enter_path(at, path, full) : 0;
+    const int entered = (flags & (O_CREAT | O_TRUNC)) != 0 ? record_enter_path(at, path, full) : 0;
     const long fd = syscall(SYS_openat, at, path, flags, mode);
     record_opened(entered, full, flags, fd);
     return (int)fault_done(&call, fd);

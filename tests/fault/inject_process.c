@@ -20,8 +20,8 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#define STREAMS         16  /* of ours, open at once */
-#define ENVIRONMENT_MAX 64  /* variables of a program started */
+#define STREAMS         16 /* of ours, open at once */
+#define ENVIRONMENT_MAX 64 /* variables of a program started */
 
 typedef int main_function(int, char **, char **);
 typedef int start_function(main_function *, int, char **, void (*)(void), void (*)(void),

@@ -6,9 +6,8 @@ static float local[POINTS];
 
 static int example(void)
 {
-    struct umb_client_query_request request = {.asset = "city",
-                                               .settings = {.taps = 9},
-                                               .points = example_points()};
+    struct umb_client_query_request request = {
+        .asset = "city", .settings = {.taps = 9}, .points = example_points()};
     struct umb_client_query_reply reply;
 #include "client.1"
     if (status == UMB_OK) {

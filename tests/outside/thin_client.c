@@ -4,7 +4,10 @@
 #include <string.h>
 #include <umbrage/region.h>
 
-enum { POINTS = 1000, PIECE = 4096 }; /* bytes: piece i of the file is the file FOLDER/i */
+enum {
+    POINTS = 1000,
+    PIECE = 4096
+}; /* bytes: piece i of the file is the file FOLDER/i */
 
 static enum umb_status read_ranges(void *folder, const struct umb_range *ranges, size_t count,
                                    umb_range_fn got, void *user, struct umb_error *error)
@@ -16,13 +19,16 @@ static enum umb_status read_ranges(void *folder, const struct umb_range *ranges,
         while (size < wanted && size + PIECE <= sizeof bytes) {
             snprintf(path, sizeof path, "%s/%u", (const char *)folder, piece++);
             FILE *file = fopen(path, "rb");
-            if (file == NULL) break; /* the file's end */
+            if (file == NULL)
+                break; /* the file's end */
             size += fread(bytes + size, 1, PIECE, file);
             fclose(file);
         }
-        if (size <= skip) return umb_fail(error, UMB_E_IO, "%s: no such piece", path);
+        if (size <= skip)
+            return umb_fail(error, UMB_E_IO, "%s: no such piece", path);
         enum umb_status status = got(user, i, bytes + skip, (size < wanted ? size : wanted) - skip);
-        if (status != UMB_OK) return status;
+        if (status != UMB_OK)
+            return status;
     }
     return UMB_OK;
 }
@@ -41,7 +47,8 @@ int main(int argc, char **argv)
     struct umb_partial_view view = {0};
     struct umb_region_request request = {0};
     struct umb_region_source source = {0};
-    if (argc != 3 || fread(positions, 12, POINTS, stdin) != POINTS) return 2;
+    if (argc != 3 || fread(positions, 12, POINTS, stdin) != POINTS)
+        return 2;
     source.read = read_ranges, source.user = argv[2];
     settings.taps = 9;
     points.positions = positions, points.count = POINTS;
@@ -55,7 +62,8 @@ int main(int argc, char **argv)
         return fprintf(stderr, "%s\n", error.message), 1;
     }
     umb_query_run(&query, &points, 0, POINTS, &answers);
-    for (int i = 0; i < POINTS; i++) printf("%.9g\n", (double)whole[i]);
+    for (int i = 0; i < POINTS; i++)
+        printf("%.9g\n", (double)whole[i]);
     umb_region_close(region), umb_asset_close(asset);
     return memcmp(whole, paged, sizeof whole) != 0 || partial.exact != POINTS;
 }

@@ -14,7 +14,7 @@
 #include <stdio.h>
 
 struct gen_mesh {
-    int32_t (*vertices)[3];  /* millimetres */
+    int32_t (*vertices)[3]; /* millimetres */
     uint32_t (*triangles)[3];
     size_t vertex_count, vertex_capacity;
     size_t triangle_count, triangle_capacity;

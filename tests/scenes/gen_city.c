@@ -12,8 +12,8 @@
 
 enum {
     ACROSS_MM = 1000000,
-    LOTS_A_BLOCK = 4,    /* between two streets, each as wide as a lot */
-    GROUND_MM = 2000,    /* thickness of the slab */
+    LOTS_A_BLOCK = 4, /* between two streets, each as wide as a lot */
+    GROUND_MM = 2000, /* thickness of the slab */
 };
 
 /* Where a building stands: centre, half width, and how high it may be. */

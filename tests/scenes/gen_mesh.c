@@ -67,9 +67,8 @@ void gen_place(struct gen_mesh *mesh, int32_t x, int32_t y, int32_t z)
 
 void gen_triangle(struct gen_mesh *mesh, uint32_t a, uint32_t b, uint32_t c)
 {
-    if (mesh->failed ||
-        !umb__grow(NULL, &mesh->triangles, &mesh->triangle_capacity, mesh->triangle_count + 1,
-                   sizeof *mesh->triangles)) {
+    if (mesh->failed || !umb__grow(NULL, &mesh->triangles, &mesh->triangle_capacity,
+                                   mesh->triangle_count + 1, sizeof *mesh->triangles)) {
         mesh->failed = 1;
         return;
     }

@@ -9,23 +9,23 @@
 
 enum {
     ACROSS_MM = 8000000,
-    FIRST_WAVES = 3,        /* lattice cells of the coarsest octave across the land */
+    FIRST_WAVES = 3, /* lattice cells of the coarsest octave across the land */
     RIDGED_OCTAVES = 3,
     FIRST_HEIGHT_MM = 450000,
     BOTTOM_MM = -1200000,
-    ONE = 65536,            /* 1 in fixed point */
-    LONG = 60547,           /* cosine and sine of 22.5 degrees: no slope along the grid */
+    ONE = 65536,  /* 1 in fixed point */
+    LONG = 60547, /* cosine and sine of 22.5 degrees: no slope along the grid */
     SHORT = 25080,
-    SHIFT_X = 40503,        /* of each octave against the last, so that their grids never meet */
+    SHIFT_X = 40503, /* of each octave against the last, so that their grids never meet */
     SHIFT_Y = 24593,
 };
 
 /* Slope of a lattice point towards one of eight directions, times an offset from it. */
 static int64_t corner(const int64_t at[2], const int64_t offset[2], int octave, uint64_t seed)
 {
-    static const int64_t slopes[8][2] = {{LONG, SHORT},   {SHORT, LONG},   {-SHORT, LONG},
-                                         {-LONG, SHORT},  {-LONG, -SHORT}, {-SHORT, -LONG},
-                                         {SHORT, -LONG},  {LONG, -SHORT}};
+    static const int64_t slopes[8][2] = {{LONG, SHORT},  {SHORT, LONG},   {-SHORT, LONG},
+                                         {-LONG, SHORT}, {-LONG, -SHORT}, {-SHORT, -LONG},
+                                         {SHORT, -LONG}, {LONG, -SHORT}};
     struct gen_rng rng = {seed + (uint64_t)octave * UINT64_C(0x100000001b3)};
     rng.state = gen_random(&rng) + (uint64_t)at[0];
     rng.state = gen_random(&rng) + (uint64_t)at[1];

@@ -93,8 +93,7 @@ static void write_ply(FILE *file, const struct gen_mesh *mesh)
     for (size_t i = 0; i < times(mesh) * triangles; i++) {
         (void)fputc(3, file);
         for (int k = 0; k < 3; k++) {
-            put_u32(file, mesh->triangles[i % triangles][k] +
-                              (uint32_t)(i / triangles * vertices));
+            put_u32(file, mesh->triangles[i % triangles][k] + (uint32_t)(i / triangles * vertices));
         }
     }
 }

@@ -153,10 +153,10 @@ _Static_assert(UMB__CURVE_TAPS_COUNT + (UMB_LEVEL_MAX - UMB__GRID_LOG2_MAX + 1) 
                "rows of a light");
 
 enum umb_status umb__curve_measure(const struct umb__content *content,
-                                  const struct umb__octree *octree, uint32_t light,
-                                  const struct umb_points *points,
-                                  struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
-                                  uint32_t *count, struct umb_error *error)
+                                   const struct umb__octree *octree, uint32_t light,
+                                   const struct umb_points *points,
+                                   struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
+                                   uint32_t *count, struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;
     struct umb_asset bare = {.canonical.content = *content}; /* The parts of an asset that preparing

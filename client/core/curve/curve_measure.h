@@ -24,10 +24,10 @@
  * Fails: E_NO_MEMORY, E_NOT_FOUND (light).
  * Cost:  about 20 us a point at 16384 voxels a side.
  */
-UMB_CHECKED enum umb_status
-umb__curve_measure(const struct umb__content *content, const struct umb__octree *octree,
-                  uint32_t light, const struct umb_points *points,
-                  struct umb__curve_record records[UMB_CURVE_ROWS_MAX], uint32_t *count,
-                  struct umb_error *error);
+UMB_CHECKED enum umb_status umb__curve_measure(const struct umb__content *content,
+                                               const struct umb__octree *octree, uint32_t light,
+                                               const struct umb_points *points,
+                                               struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
+                                               uint32_t *count, struct umb_error *error);
 
 #endif

@@ -38,7 +38,8 @@ static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_
         *ref = e->brick_of[number] - MADE;
         return UMB_OK;
     }
-    enum umb_status status = umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
+    enum umb_status status =
+        umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
     if (status == UMB_OK) {
         e->brick_of[number] = *ref + MADE;
     }
@@ -142,7 +143,7 @@ static enum umb_status export_roots(struct exporter *e, struct umb__octree *octr
 }
 
 enum umb_status umb__asset_export(const struct umb_asset *asset, struct umb__octree *octree,
-                                 struct umb__content *content, struct umb_error *error)
+                                  struct umb__content *content, struct umb_error *error)
 {
     const struct umb_alloc *alloc = asset->alloc;
     struct exporter e = {.asset = asset, .error = error};

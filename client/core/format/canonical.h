@@ -18,7 +18,7 @@ struct umb__packed_root {
 /* A decoded canonical block: the content, and the parts that only a reader needs. Owns
  * everything. */
 struct umb__canonical {
-    struct umb__content content;         /* notes stay NULL here */
+    struct umb__content content;        /* notes stay NULL here */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* Node counts; after decoding each is below UINT32_MAX */
     struct umb__packed_root *roots;     /* [frustum_count] */
     struct umb__trans trans;            /* The content's transmittance, expanded by decoding */

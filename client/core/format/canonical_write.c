@@ -175,7 +175,7 @@ static enum umb_status measure(const struct umb__content *content, uint64_t leng
 }
 
 enum umb_status umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes,
-                                       struct umb_error *error)
+                                        struct umb_error *error)
 {
     uint64_t lengths[ENTRY_COUNT];
     return measure(content, lengths, bytes, error);

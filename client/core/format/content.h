@@ -31,11 +31,11 @@ struct umb__content {
     double origin[3];                /* metres, world space */
     struct umb_box bounds;           /* metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES];
-    uint64_t bytes_2014;            /* Bytes of these voxels in the encoding of Sintorn et al. 2014;
+    uint64_t bytes_2014; /* Bytes of these voxels in the encoding of Sintorn et al. 2014;
                                        0 = not computed */
-    char *plan;                     /* NUL-terminated UTF-8, one line an effect */
-    char *settings;                 /* NUL-terminated key=value lines */
-    char *notes;                    /* outside the identity */
+    char *plan;          /* NUL-terminated UTF-8, one line an effect */
+    char *settings;      /* NUL-terminated key=value lines */
+    char *notes;         /* outside the identity */
     struct umb__curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
     uint32_t *occluder_depth;      /* [occluder_depth_words] format/occluder_depth.h, or NULL */
@@ -74,8 +74,8 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
  *        UTF-8).
  * Cost:  the length of the texts.
  */
-UMB_CHECKED enum umb_status
-umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__content_head_bytes(const struct umb__content *content,
+                                                    uint64_t *bytes, struct umb_error *error);
 
 /*
  * Writes a packed asset (.umb) of a canonical octree.
@@ -88,16 +88,17 @@ umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes, str
  * Cost:  time linear in the octree, memory about the packed size and 8 bytes a node.
  * Guaranteed: equal content and octree (up to numbering) give equal bytes, except for the notes.
  */
-UMB_CHECKED enum umb_status
-umb__pack_write(const struct umb__content *content, const struct umb__octree *octree,
-               const struct umb_sha256 *sha256, const struct umb_sink *sink,
-               uint8_t id[UMB_ID_BYTES], struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pack_write(const struct umb__content *content,
+                                            const struct umb__octree *octree,
+                                            const struct umb_sha256 *sha256,
+                                            const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES],
+                                            struct umb_error *error);
 
 /* Arguments of umb__pack_write, and its helpers. */
 struct umb__pack_job {
     const struct umb__content *content;
     const struct umb__octree *octree; /* With workers, its allocator must be thread-safe */
-    const struct umb_sha256 *sha256; /* with workers, called from several threads */
+    const struct umb_sha256 *sha256;  /* with workers, called from several threads */
     const struct umb_sink *sink;
     const struct umb_workers *workers; /* Helper threads; NULL: the calling thread does
                                           everything */
@@ -108,8 +109,8 @@ struct umb__pack_job {
 
 /* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the
  * same for any number of helpers. */
-UMB_CHECKED enum umb_status umb__pack_run(const struct umb__pack_job *job,
-                                                 uint8_t id[UMB_ID_BYTES], struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID_BYTES],
+                                          struct umb_error *error);
 
 /*
  * Writes the mapped form (.umbm) of an open asset.
@@ -118,8 +119,7 @@ UMB_CHECKED enum umb_status umb__pack_run(const struct umb__pack_job *job,
  * Cost:  one pass of the sink and of XXH3 over the file; allocates its head.
  */
 UMB_CHECKED enum umb_status umb__mapped_write(const struct umb_asset *asset,
-                                                     const struct umb_sink *sink,
-                                                     struct umb_error *error);
+                                              const struct umb_sink *sink, struct umb_error *error);
 
 /*
  * Exports the octree and content of an open asset of either encoding.
@@ -132,8 +132,8 @@ UMB_CHECKED enum umb_status umb__mapped_write(const struct umb_asset *asset,
  * Cost:  linear in the nodes and the grids' cells.
  */
 UMB_CHECKED enum umb_status umb__asset_export(const struct umb_asset *asset,
-                                                     struct umb__octree *octree,
-                                                     struct umb__content *content,
-                                                     struct umb_error *error);
+                                              struct umb__octree *octree,
+                                              struct umb__content *content,
+                                              struct umb_error *error);
 
 #endif

@@ -37,8 +37,7 @@ UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t s
 
 /* Fills in the claims of a file's first 128 bytes; see umb_file_read_head. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
-                                              struct umb_file_head *facts,
-                                              struct umb_error *error);
+                                              struct umb_file_head *facts, struct umb_error *error);
 
 /*
  * Lays out a head of known parts and completes it with its checksum. `bytes` must hold

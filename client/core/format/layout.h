@@ -91,17 +91,17 @@ enum {
 
 /* Canonical block entries: u32 tag, u32 flags (bit 0: must be understood), u64 length, bytes,
  * zero padding to 8. */
-#define UMB__TAG_SCENE    UMB__TAG('S', 'C', 'E', 'N')
-#define UMB__TAG_LIGHTS   UMB__TAG('L', 'G', 'H', 'T')
-#define UMB__TAG_FRUSTA   UMB__TAG('F', 'R', 'U', 'S')
-#define UMB__TAG_COUNTS   UMB__TAG('C', 'N', 'T', 'S')
-#define UMB__TAG_PLAN     UMB__TAG('P', 'L', 'A', 'N')
-#define UMB__TAG_SETTINGS UMB__TAG('B', 'A', 'K', 'E')
-#define UMB__TAG_ROOTS    UMB__TAG('R', 'O', 'O', 'T')
-#define UMB__TAG_OCCLUDER_DEPTH    UMB__TAG('F', 'R', 'N', 'T')
-#define UMB__TAG_CURVE    UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
-#define UMB__TAG_TRANSMITTANCE UMB__TAG('T', 'R', 'N', 'S') /* only with translucent casters */
-#define UMB__TAG_RECEIVER_MASK     UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
+#define UMB__TAG_SCENE          UMB__TAG('S', 'C', 'E', 'N')
+#define UMB__TAG_LIGHTS         UMB__TAG('L', 'G', 'H', 'T')
+#define UMB__TAG_FRUSTA         UMB__TAG('F', 'R', 'U', 'S')
+#define UMB__TAG_COUNTS         UMB__TAG('C', 'N', 'T', 'S')
+#define UMB__TAG_PLAN           UMB__TAG('P', 'L', 'A', 'N')
+#define UMB__TAG_SETTINGS       UMB__TAG('B', 'A', 'K', 'E')
+#define UMB__TAG_ROOTS          UMB__TAG('R', 'O', 'O', 'T')
+#define UMB__TAG_OCCLUDER_DEPTH UMB__TAG('F', 'R', 'N', 'T')
+#define UMB__TAG_CURVE          UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
+#define UMB__TAG_TRANSMITTANCE  UMB__TAG('T', 'R', 'N', 'S') /* only with translucent casters */
+#define UMB__TAG_RECEIVER_MASK  UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS UMB__TAG('T', 'O', 'P', 'S') /* per frustum: struct umb__top of view.h */
@@ -113,20 +113,21 @@ enum {
 #define UMB__TAG_COLUMNS UMB__TAG('C', 'O', 'L', 'S')
 #define UMB__TAG_PIECES  UMB__TAG('P', 'I', 'E', 'C')
 
-#define UMB__ENTRY_HEAD      16U
-#define UMB__SCENE_SIZE      104U
-#define UMB__LIGHT_SIZE      136U
-#define UMB__FRUSTUM_SIZE    144U
-#define UMB__COUNTS_SIZE     152U /* levels 3..20, then the 2014 bytes */
-#define UMB__ROOT_SIZE       16U
-#define UMB__CURVE_SIZE      40U
-#define UMB__CURVE_READS_MAX 1024U /* nodes or lines of one window: more than 17 texels can touch  \
+#define UMB__ENTRY_HEAD   16U
+#define UMB__SCENE_SIZE   104U
+#define UMB__LIGHT_SIZE   136U
+#define UMB__FRUSTUM_SIZE 144U
+#define UMB__COUNTS_SIZE  152U /* levels 3..20, then the 2014 bytes */
+#define UMB__ROOT_SIZE    16U
+#define UMB__CURVE_SIZE   40U
+#define UMB__CURVE_READS_MAX                                                                       \
+    1024U /* nodes or lines of one window: more than 17 texels can touch  \
                                     */
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
-#define UMB__PAGE_ENCODING   2U /* 1: every reference written, numbers of whole bytes */
-#define UMB__PAGE_RAW_MAX    (1U << 20)  /* longest page, uncompressed */
+#define UMB__PAGE_ENCODING 2U         /* 1: every reference written, numbers of whole bytes */
+#define UMB__PAGE_RAW_MAX  (1U << 20) /* longest page, uncompressed */
 /* Estimated bytes at which the writer closes a page. Small, since a thin client needs a few nodes
  * of each page (docs/results/paging.md has the effects of other sizes). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)

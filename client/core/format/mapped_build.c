@@ -52,7 +52,8 @@ static void widen(const struct umb__octree *octree, uint32_t level, uint32_t ind
         const uint32_t *grandchild =
             state == UMB__NODE_MIXED ? lower->children + lower->first[node] : NULL;
         for (unsigned g = 0; g < 8; g++) {
-            enum umb__node_state inner = grandchild ? umb__mask_state(lower->masks[node], g) : state;
+            enum umb__node_state inner =
+                grandchild ? umb__mask_state(lower->masks[node], g) : state;
             unsigned bit = wide_bit(c, g);
             if (inner == UMB__NODE_MIXED) {
                 wide->mixed |= (uint64_t)1 << bit;
@@ -221,8 +222,9 @@ static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cu
     uint32_t cell_level = b->content->frusta[frustum].log2_size - g;
     uint32_t *grid = b->mapped->grid + top->first_cell;
     if (cube.level == cell_level || state != UMB__NODE_MIXED) {
-        uint32_t value = state == UMB__NODE_MIXED ? number_of(b, cube.level, index) + UMB__CELL_FIRST
-                                                 : (uint32_t)state;
+        uint32_t value = state == UMB__NODE_MIXED
+                             ? number_of(b, cube.level, index) + UMB__CELL_FIRST
+                             : (uint32_t)state;
         uint32_t side = 1U << (cube.level - cell_level);
         for (uint32_t z = cube.z; z < cube.z + side; z++) {
             for (uint32_t y = cube.y; y < cube.y + side; y++) {

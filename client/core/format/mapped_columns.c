@@ -224,7 +224,8 @@ static uint64_t budget_of(const struct umb__content *content, const struct umb__
            content->frustum_count;
 }
 
-uint64_t umb__columns_bytes_max(const struct umb__content *content, const struct umb__mapped *mapped)
+uint64_t umb__columns_bytes_max(const struct umb__content *content,
+                                const struct umb__mapped *mapped)
 {
     const uint64_t budget = budget_of(content, &mapped->view);
     uint64_t bytes = budget; /* Budget of the level that is tried */

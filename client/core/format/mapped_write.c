@@ -52,7 +52,7 @@ static enum umb_status write_sections(const struct section *sections, uint64_t w
 }
 
 enum umb_status umb__mapped_write(const struct umb_asset *asset, const struct umb_sink *sink,
-                                 struct umb_error *error)
+                                  struct umb_error *error)
 {
     const struct umb__view *view = &asset->view;
     struct section sections[SECTION_COUNT] = {

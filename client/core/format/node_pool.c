@@ -123,7 +123,7 @@ static enum umb_status find_late_brick(struct umb__pool *pool, const uint64_t sl
 }
 
 enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64_t slices[8], uint32_t *ref,
-                               struct umb_error *error)
+                                struct umb_error *error)
 {
     const uint64_t any = (slices[0] | slices[1] | slices[2] | slices[3]) |
                          (slices[4] | slices[5] | slices[6] | slices[7]);
@@ -214,7 +214,7 @@ static enum umb_status add_late_node(struct umb__pool *pool, uint32_t level_numb
 }
 
 enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
-                              const uint32_t children[8], uint32_t *ref, struct umb_error *error)
+                               const uint32_t children[8], uint32_t *ref, struct umb_error *error)
 {
     struct umb__node_key key;
     umb__key_from_children(children, &key);
@@ -231,8 +231,8 @@ enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
 }
 
 enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs, const uint32_t *levels,
-                              uint32_t root_count, struct umb__octree *octree,
-                              struct umb_error *error)
+                               uint32_t root_count, struct umb__octree *octree,
+                               struct umb_error *error)
 {
     memset(octree, 0, sizeof *octree);
     octree->alloc = pool->alloc;

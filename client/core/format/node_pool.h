@@ -30,7 +30,7 @@ static inline enum umb__node_state umb__ref_state(uint32_t ref)
 {
     return ref == UMB__REF_LIT        ? UMB__NODE_LIT
            : ref == UMB__REF_SHADOWED ? UMB__NODE_SHADOWED
-                                     : UMB__NODE_MIXED;
+                                      : UMB__NODE_MIXED;
 }
 
 /* An open-addressing table: tag and number plus one in one word; zero is empty. Its size is a
@@ -53,10 +53,10 @@ struct umb__pool_level {
 
 struct umb__pool {
     const struct umb_alloc *alloc;
-    int is_loose;                 /* see umb__pool_init_loose */
+    int is_loose;                  /* see umb__pool_init_loose */
     uint64_t keys[UMB__POOL_KEYS]; /* Secret keys of its hashes, the same in all pools of a
                                      process */
-    size_t bytes, max_bytes;      /* in use; allowed */
+    size_t bytes, max_bytes;       /* in use; allowed */
     struct umb__hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];
@@ -87,7 +87,7 @@ void umb__pool_clear(struct umb__pool *pool);
  * Cost:  one hash of 64 bytes, about one missed cache line for an old brick.
  */
 UMB_CHECKED enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64_t slices[8],
-                                           uint32_t *ref, struct umb_error *error);
+                                            uint32_t *ref, struct umb_error *error);
 
 /*
  * Finds or adds a node of a level from its eight children (x + 2 * y + 4 * z).
@@ -96,8 +96,8 @@ UMB_CHECKED enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64
  * Fails: as umb__pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level,
-                                          const uint32_t children[8], uint32_t *ref,
-                                          struct umb_error *error);
+                                           const uint32_t children[8], uint32_t *ref,
+                                           struct umb_error *error);
 
 /* Map from a pool's numbers to those of another pool; its memory is kept from one merge to the
  * next. Start zeroed. */
@@ -117,8 +117,8 @@ struct umb__pool_numbers {
  *        fraction of that of single additions.
  */
 UMB_CHECKED enum umb_status umb__pool_merge(struct umb__pool *pool, const struct umb__pool *from,
-                                           uint32_t level, struct umb__pool_numbers *numbers,
-                                           struct umb_error *error);
+                                            uint32_t level, struct umb__pool_numbers *numbers,
+                                            struct umb_error *error);
 void umb__pool_numbers_finish(struct umb__pool_numbers *numbers);
 
 /*
@@ -129,7 +129,7 @@ void umb__pool_numbers_finish(struct umb__pool_numbers *numbers);
  * Fails: E_NO_MEMORY. The pool is left empty either way.
  */
 UMB_CHECKED enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs,
-                                          const uint32_t *levels, uint32_t root_count,
-                                          struct umb__octree *octree, struct umb_error *error);
+                                           const uint32_t *levels, uint32_t root_count,
+                                           struct umb__octree *octree, struct umb_error *error);
 
 #endif

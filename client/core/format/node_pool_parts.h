@@ -138,8 +138,8 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
  * pools have no table for nodes, and one of fixed size for bricks. Fails: as umb__pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level,
-                                                struct umb_error *error);
+UMB_CHECKED enum umb_status
+umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level, struct umb_error *error);
 
 /*
  * Find or add a brick or node that is not uniform; else as umb__pool_brick and umb__pool_node. Not

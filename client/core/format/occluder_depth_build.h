@@ -36,9 +36,10 @@ struct umb__occluder_depth {
  *        included.
  * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
  */
-UMB_CHECKED enum umb_status
-umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth, const struct umb_alloc *alloc,
-                         uint32_t log2_size, size_t max_bytes, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth,
+                                                     const struct umb_alloc *alloc,
+                                                     uint32_t log2_size, size_t max_bytes,
+                                                     struct umb_error *error);
 void umb__occluder_depth_finish(struct umb__occluder_depth *occluder_depth);
 
 /* Returns the bytes that an occluder depth map takes now. */
@@ -51,15 +52,16 @@ size_t umb__occluder_depth_bytes(const struct umb__occluder_depth *occluder_dept
  *        0 <= lit <= end <= 2^log2_size.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
-UMB_CHECKED enum umb_status
-umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth, uint32_t x, uint32_t y,
-                        const int32_t (*lit)[64], const int32_t (*end)[64],
-                        struct umb_error *error);
+UMB_CHECKED enum umb_status umb__occluder_depth_add(struct umb__occluder_depth *occluder_depth,
+                                                    uint32_t x, uint32_t y,
+                                                    const int32_t (*lit)[64],
+                                                    const int32_t (*end)[64],
+                                                    struct umb_error *error);
 
 /* Returns the words of a square: their number, its reference, its records, numbered from 0. NULL:
  * it has none. Borrowed until the occluder depth map changes. */
 const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
-                                                   uint32_t x, uint32_t y);
+                                           uint32_t x, uint32_t y);
 
 /*
  * Returns 1 if the words are a possible result of umb__occluder_depth_square for an occluder depth
@@ -68,8 +70,7 @@ const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occ
  * In:    words: uint32[count].
  * Trust: safe on hostile words. Cost: linear, no allocation.
  */
-int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words,
-                                            size_t count);
+int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words, size_t count);
 
 /*
  * Adds a square that has none yet.

@@ -39,11 +39,11 @@ struct umb__octree_root {
 
 struct umb__octree {
     uint32_t brick_count;
-    uint64_t (*bricks)[8];                                 /* [brick_count][z] */
-    struct umb__octree_level level[UMB_LEVEL_MAX + 1];      /* 0..3 unused */
+    uint64_t (*bricks)[8];                             /* [brick_count][z] */
+    struct umb__octree_level level[UMB_LEVEL_MAX + 1]; /* 0..3 unused */
     uint32_t root_count;
-    struct umb__octree_root *roots;                         /* [root_count], one a frustum */
-    const struct umb_alloc *alloc;                         /* owns all arrays; NULL = malloc */
+    struct umb__octree_root *roots; /* [root_count], one a frustum */
+    const struct umb_alloc *alloc;  /* owns all arrays; NULL = malloc */
 };
 
 /* Frees the arrays and zeroes the struct; a zeroed struct is allowed. */

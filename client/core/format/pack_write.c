@@ -193,7 +193,7 @@ static enum umb_status check_roots(const struct umb__content *content,
 }
 
 enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID_BYTES],
-                             struct umb_error *error)
+                              struct umb_error *error)
 {
     const struct umb__octree *octree = job->octree;
     struct writer w = {
@@ -218,9 +218,10 @@ enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID
     return status;
 }
 
-enum umb_status umb__pack_write(const struct umb__content *content, const struct umb__octree *octree,
-                               const struct umb_sha256 *sha256, const struct umb_sink *sink,
-                               uint8_t id[UMB_ID_BYTES], struct umb_error *error)
+enum umb_status umb__pack_write(const struct umb__content *content,
+                                const struct umb__octree *octree, const struct umb_sha256 *sha256,
+                                const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES],
+                                struct umb_error *error)
 {
     const struct umb__pack_job job = {
         .content = content, .octree = octree, .sha256 = sha256, .sink = sink};

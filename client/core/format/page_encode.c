@@ -323,7 +323,8 @@ static void write_bricks(struct writer *w)
     keep(w, umb__put_list(at + bricks, e->references, count, high_bits));
 }
 
-enum umb_status umb__page_encode(struct umb__page_encoder *encoder, const struct umb__octree *octree,
+enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
+                                 const struct umb__octree *octree,
                                  const struct umb__pack_order *order, uint32_t page,
                                  struct umb_error *error)
 {

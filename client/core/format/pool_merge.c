@@ -125,8 +125,8 @@ static void node_slots_ahead(const struct umb__pool *pool, uint32_t level,
 }
 
 /* Reads the group's slots; prefetches the nodes that they name. */
-static void nodes_ahead(const struct umb__pool *pool, uint32_t number, struct umb__node_group *group,
-                        uint32_t count)
+static void nodes_ahead(const struct umb__pool *pool, uint32_t number,
+                        struct umb__node_group *group, uint32_t count)
 {
     const struct umb__pool_level *level = &pool->level[number];
     group->log2_size = level->slots.log2_size;
@@ -224,8 +224,9 @@ static void swap_numbers(struct umb__pool_numbers *numbers)
     };
 }
 
-enum umb_status umb__pool_merge(struct umb__pool *pool, const struct umb__pool *from, uint32_t level,
-                               struct umb__pool_numbers *numbers, struct umb_error *error)
+enum umb_status umb__pool_merge(struct umb__pool *pool, const struct umb__pool *from,
+                                uint32_t level, struct umb__pool_numbers *numbers,
+                                struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
     for (uint32_t i = UMB_LEVEL_BRICK; i <= level && status == UMB_OK; i++) {

@@ -181,8 +181,9 @@ enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *e
 static enum umb_status nodes_grow(struct umb__pool *pool, struct umb__pool_level *level,
                                   struct umb_error *error)
 {
-    const uint32_t capacity = grown(
-        pool, level->capacity, sizeof *level->masks + sizeof *level->first, UMB__REF_INDEX_MAX + 1U);
+    const uint32_t capacity =
+        grown(pool, level->capacity, sizeof *level->masks + sizeof *level->first,
+              UMB__REF_INDEX_MAX + 1U);
     void *block = level->masks;
     enum umb_status status =
         grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);

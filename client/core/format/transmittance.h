@@ -31,7 +31,8 @@
 #define UMB__TRANSMITTANCE_ONE       ((uint32_t)1 << 21) /* all light */
 #define UMB__TRANSMITTANCE_LEVEL_MIN 6U                  /* least m */
 
-#define UMB__TRANSMITTANCE_RECENT    8U                  /* Number of drops that a square
+#define UMB__TRANSMITTANCE_RECENT                                                                  \
+    8U /* Number of drops that a square
                                                             remembers */
 
 /* A square of 64x64 texels, or a block of 8x8. */
@@ -55,7 +56,7 @@ struct umb__trans {
     struct umb__transmittance_map *maps;      /* [frustum_count]; NULL: there is no entry */
     struct umb__transmittance_group *squares; /* [square_count] */
     struct umb__transmittance_group *blocks;  /* [block_count] */
-    uint32_t *starts;                 /* [list_count + 1] First step of each list */
+    uint32_t *starts;                         /* [list_count + 1] First step of each list */
     struct umb__transmittance_step *steps;    /* [step_count] */
     uint64_t square_count, block_count, list_count, step_count;
 };
@@ -66,8 +67,9 @@ struct umb__trans {
  * Fails: E_CORRUPT. Trust: safe on hostile bytes. Cost: linear, no allocation.
  */
 UMB_CHECKED enum umb_status umb__transmittance_check(const uint8_t *bytes, uint64_t length,
-                                             const struct umb_frustum_info *frusta,
-                                             uint32_t frustum_count, struct umb_error *error);
+                                                     const struct umb_frustum_info *frusta,
+                                                     uint32_t frustum_count,
+                                                     struct umb_error *error);
 
 /*
  * Checks and expands an entry.
@@ -77,9 +79,11 @@ UMB_CHECKED enum umb_status umb__transmittance_check(const uint8_t *bytes, uint6
  * Cost:  two passes; memory of at most twelve times the entry.
  */
 UMB_CHECKED enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
-                                            const struct umb_frustum_info *frusta,
-                                            uint32_t frustum_count, const struct umb_alloc *alloc,
-                                            struct umb__trans *trans, struct umb_error *error);
+                                                    const struct umb_frustum_info *frusta,
+                                                    uint32_t frustum_count,
+                                                    const struct umb_alloc *alloc,
+                                                    struct umb__trans *trans,
+                                                    struct umb_error *error);
 void umb__transmittance_finish(struct umb__trans *trans, const struct umb_alloc *alloc);
 
 /* Texels x0..x1, y0..y1 of a map in voxels, inclusive and inside the frustum, at depth z. */

@@ -40,18 +40,17 @@ void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
  * In:    lists: [64 * 64], row by row.
  * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). After a failure only finish `bytes`.
  */
-UMB_CHECKED enum umb_status
-umb__transmittance_square(struct umb__transmittance_bytes *bytes,
-                          const struct umb__transmittance_list *lists, size_t max_bytes,
-                          struct umb_error *error);
+UMB_CHECKED enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes,
+                                                      const struct umb__transmittance_list *lists,
+                                                      size_t max_bytes, struct umb_error *error);
 
 /*
  * Appends bytes unchanged: the levels of all frusta, or squares written elsewhere.
  *
  * Fails: as umb__transmittance_square.
  */
-UMB_CHECKED enum umb_status
-umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data, size_t count,
-                          size_t max_bytes, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__transmittance_append(struct umb__transmittance_bytes *bytes,
+                                                      const void *data, size_t count,
+                                                      size_t max_bytes, struct umb_error *error);
 
 #endif

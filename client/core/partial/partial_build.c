@@ -282,9 +282,9 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state
                                struct umb_error *error)
 {
     struct umb__octree octree = {.alloc = &p->alloc,
-                                .brick_count = p->graph.brick_count,
-                                .bricks = bricks,
-                                .root_count = p->graph.root_count};
+                                 .brick_count = p->graph.brick_count,
+                                 .bricks = bricks,
+                                 .root_count = p->graph.root_count};
     octree.roots = umb__alloc(&p->alloc, octree.root_count, sizeof *octree.roots);
     bool ok = octree.roots != NULL;
     for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS && ok; l++) {

@@ -55,7 +55,7 @@ struct umb_partial {
     /* The last build. */
     bool built;
     struct umb__octree graph; /* Without bricks; children and roots may be UMB__ABSENT | page */
-    uint32_t *order;         /* [order_count] pages in the graph, ascending */
+    uint32_t *order;          /* [order_count] pages in the graph, ascending */
     uint32_t order_count;
     float *seen[UMB__LEVELS];      /* Greatest benefit of a whole cube of each node; see mark() */
     uint64_t want_steps;           /* Number of cubes and nodes that the last want visited */

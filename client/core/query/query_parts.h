@@ -20,41 +20,41 @@ typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_
 
 /* Content of struct umb_query. */
 struct umb__query {
-    umb__kernel_fn run;          /* Outermost stage, which answers a batch (query.c) */
-    umb__kernel_fn window_run;   /* Outermost stage without footprints */
-    umb__kernel_fn opaque_run;   /* Outermost stage without footprints and translucent casters */
-    umb__kernel_fn kernel;       /* Kernel, for points of parallel light, or of one face */
-    const uint32_t *grid;        /* of the light's frustum */
+    umb__kernel_fn run;        /* Outermost stage, which answers a batch (query.c) */
+    umb__kernel_fn window_run; /* Outermost stage without footprints */
+    umb__kernel_fn opaque_run; /* Outermost stage without footprints and translucent casters */
+    umb__kernel_fn kernel;     /* Kernel, for points of parallel light, or of one face */
+    const uint32_t *grid;      /* of the light's frustum */
     const struct umb__column *columns; /* likewise */
-    const uint32_t *pieces;      /* likewise */
+    const uint32_t *pieces;            /* likewise */
     const uint64_t *nodes;
     const uint64_t (*bricks)[8];
-    uint32_t log2_size;          /* n: voxels a side = 1 << n */
-    uint32_t grid_log2;          /* g */
-    uint32_t column_level;       /* c */
+    uint32_t log2_size;    /* n: voxels a side = 1 << n */
+    uint32_t grid_log2;    /* g */
+    uint32_t column_level; /* c */
     uint32_t frustum;
-    int32_t taps;                /* window width */
-    uint32_t level;              /* Level at which look-ups stop; 0: at the voxel */
+    int32_t taps;   /* window width */
+    uint32_t level; /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
-    double bias_m;               /* Bias of VOXELS and METRES: metres along the normal */
-    double no_normal_m;          /* Bias for points without a normal: metres towards the light */
+    double bias_m;      /* Bias of VOXELS and METRES: metres along the normal */
+    double no_normal_m; /* Bias for points without a normal: metres towards the light */
     double world_to_voxel[3][4];
     double voxel_step[3][3];
-    double direction[3];         /* the light's */
-    double origin[3];            /* the asset's */
+    double direction[3]; /* the light's */
+    double origin[3];    /* the asset's */
     /* Penumbras (penumbra.h). */
-    double reach[2];             /* texels on x and y that half of the light's cone gains over one
+    double reach[2]; /* texels on x and y that half of the light's cone gains over one
                                     voxel of depth */
-    const uint32_t *occluder_depth;       /* NULL: open, columns stay shadowed */
-    uint32_t occluder_depth_root;         /* of the frustum */
+    const uint32_t *occluder_depth; /* NULL: open, columns stay shadowed */
+    uint32_t occluder_depth_root;   /* of the frustum */
     /* Footprints (footprint.h). */
-    double footprint_m;          /* Footprint of points without one of their own, where pixel_rad is
+    double footprint_m;        /* Footprint of points without one of their own, where pixel_rad is
                                     0 */
-    double eye[3], pixel_rad;    /* relative to the asset's origin */
-    double texel_m;              /* mean edge of a texel; of parallel light */
-    double sample_no_normal_m;   /* no_normal_m of one tap */
+    double eye[3], pixel_rad;  /* relative to the asset's origin */
+    double texel_m;            /* mean edge of a texel; of parallel light */
+    double sample_no_normal_m; /* no_normal_m of one tap */
     /* Spot and point lights (perspective.h); the fields about one frustum are then not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
@@ -62,14 +62,14 @@ struct umb__query {
     uint32_t first_face;                  /* its number in the asset */
     double position[3];                   /* of the light, relative to the asset's origin */
     /* Translucent casters (transmittance_stage.h). */
-    const struct umb__trans *trans;       /* NULL: none, and the stage is left out */
-    int32_t transmittance_taps;           /* Width in voxels of the box over which transmittance is
+    const struct umb__trans *trans;   /* NULL: none, and the stage is left out */
+    int32_t transmittance_taps;       /* Width in voxels of the box over which transmittance is
                                              averaged */
-    int32_t transmittance_bias_taps;      /* Number of taps whose bias moves points for it */
-    double transmittance_no_normal_m;     /* The same bias for points without a normal, metres */
+    int32_t transmittance_bias_taps;  /* Number of taps whose bias moves points for it */
+    double transmittance_no_normal_m; /* The same bias for points without a normal, metres */
     /* The static rule (receiver_mask_stage.h). */
-    const uint64_t *receiver_mask_cells;  /* of the frustum; NULL: off, the stage is left out */
-    umb__kernel_fn receiver_mask_inner;   /* what answers */
+    const uint64_t *receiver_mask_cells; /* of the frustum; NULL: off, the stage is left out */
+    umb__kernel_fn receiver_mask_inner;  /* what answers */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");
@@ -93,8 +93,8 @@ _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque qu
 struct umb__window {
     int32_t x0, x1, y0, y1; /* inclusive, inside the frustum; empty if x0 > x1 or y0 > y1 */
     int32_t z;
-    uint32_t outside;       /* texels cut off: lit */
-    bool all_lit;           /* no look-up needed: 1 */
+    uint32_t outside; /* texels cut off: lit */
+    bool all_lit;     /* no look-up needed: 1 */
 };
 
 /* Edges in voxels that the automatic bias of coarse look-ups uses: those of two cells. */
@@ -125,8 +125,7 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
     struct umb_points some = *points;
     some.positions = (const uint8_t *)points->positions + 3 * first * scalar;
     some.normals = points->normals ? (const uint8_t *)points->normals + 12 * first : NULL;
-    some.footprints =
-        points->footprints ? (const uint8_t *)points->footprints + 4 * first : NULL;
+    some.footprints = points->footprints ? (const uint8_t *)points->footprints + 4 * first : NULL;
     some.count = count;
     return some;
 }

@@ -31,7 +31,7 @@ struct umb_aliasing {
     double along[2]; /* Pixels that a step of one texel in x, and in y, covers: Lloyd's m */
     double perspective, projection; /* Factors of dp/ds, pixels a texel: (pixels a metre at the
                                        point's distance) x (metres a texel), and cos a / cos b */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];           /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

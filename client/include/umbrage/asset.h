@@ -68,7 +68,7 @@ struct umb_open_options {
      * head, and up to twelve times its `transmittance_bytes`. 0 = 64 GiB. */
     uint64_t max_memory_bytes;
     const struct umb_alloc *alloc; /* NULL = malloc; must outlive the asset */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];          /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_encoding {
@@ -91,7 +91,7 @@ struct umb_light_info {
     double extent;       /* Angular diameter in radians (directional) or size in metres; 0: none */
     uint32_t first_frustum; /* Index of its first frustum; the others follow */
     uint32_t frustum_count; /* Number of its frusta: 1 if directional, else up to 6 */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */
@@ -124,17 +124,16 @@ struct umb_asset_info {
     uint32_t light_count;
     uint32_t frustum_count;
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* Unique nodes of each level; [3] are the bricks */
-    uint64_t
-        packed_bytes;    /* Length of the packed file that was opened; 0 for a mapped one */
-    uint64_t bytes_2014; /* Bytes of the same voxels in the encoding of Sintorn et al. 2014; 0 if
+    uint64_t packed_bytes; /* Length of the packed file that was opened; 0 for a mapped one */
+    uint64_t bytes_2014;   /* Bytes of the same voxels in the encoding of Sintorn et al. 2014; 0 if
                             the bake did not record it */
-    double origin[3];    /* Scene origin that transforms start from, metres, world space */
-    struct umb_box bounds;            /* Box around the casters, metres, world space */
+    double origin[3];      /* Scene origin that transforms start from, metres, world space */
+    struct umb_box bounds; /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     const char *plan;                 /* Bake plan, one line an effect, UTF-8; never NULL */
     const char *settings;             /* Bake settings, canonical key=value lines; never NULL */
-    const char *notes; /* Notes, key=value lines outside the id; never NULL */
-    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
+    const char *notes;                /* Notes, key=value lines outside the id; never NULL */
+    uint64_t reserved[8];             /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -49,7 +49,7 @@ struct umb_cascade_settings {
     double weight;  /* Weight of logarithmic against uniform splits, 0..1 */
     enum umb_cascade_fit fit;
     uint32_t resolution[UMB_CASCADES_MAX]; /* Texels a side of each layer, 4..16384 */
-    double blend; /* Share of a slice at its far end that fades into the next, 0..0.5 */
+    double blend;         /* Share of a slice at its far end that fades into the next, 0..0.5 */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -60,7 +60,7 @@ struct umb_cascade_plan {
     double splits[UMB_CASCADES_MAX + 1]; /* Distances along forward, metres: near .. far */
     struct umb_map_frustum frusta[UMB_CASCADES_MAX];
     int warped[UMB_CASCADES_MAX]; /* 1: warped by LISPSM; 0 e.g. for a view along the light */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -99,9 +99,9 @@ UMB_API void umb_cascades_run(const struct umb_cascade_plan *plan,
 struct umb_cascade_seam {
     const struct umb_map *fine, *coarse;
     struct umb_map_filter fine_filter, coarse_filter;
-    double contrast;   /* Out: C for the coarse filter, 1/1024..1024 */
-    double difference; /* Out: root mean square of coarse - fine with C = 1 */
-    double after;      /* Out: the same with `contrast` */
+    double contrast;      /* Out: C for the coarse filter, 1/1024..1024 */
+    double difference;    /* Out: root mean square of coarse - fine with C = 1 */
+    double after;         /* Out: the same with `contrast` */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

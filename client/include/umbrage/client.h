@@ -87,7 +87,7 @@ struct umb_client_options {
     const char *server_name;      /* Name that the server's certificate must have; NULL = HOST */
     const char *token; /* Bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
     const char *token_file; /* File that holds only the token; a newline at its end is cut off */
-    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[8];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_request {
@@ -107,7 +107,7 @@ struct umb_client_query_request {
     int want_stats;                   /* 1: the reply carries stats; else 0 */
     uint32_t timeout_ms;              /* Deadline of this call; 0 = the client's */
     struct umb_client_stream *stream; /* Stream of the same client; NULL: a call of its own */
-    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[8];             /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_query_reply {
@@ -124,7 +124,7 @@ struct umb_client_query_reply {
     double expected_ns;    /* Expected nanoseconds a point, with a budget and stats; else 0 */
     uint64_t packed_bytes; /* Bytes of the answers on the wire, if they were packed; else 0 */
     int changes_only;      /* 1: they were packed against `base` */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];  /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_client_asset {
@@ -158,7 +158,7 @@ struct umb_client_description {
     struct umb_box bounds;            /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
     char *plan, *settings;            /* Texts as in struct umb_asset_info, UTF-8 */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];             /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -187,8 +187,8 @@ typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
  */
 struct umb_client_async {
     umb_client_done_fn done;
-    void *user;    /* First argument of `done` */
-    uint64_t call; /* Out: number of the call, for umb_client_cancel */
+    void *user;           /* First argument of `done` */
+    uint64_t call;        /* Out: number of the call, for umb_client_cancel */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -332,7 +332,7 @@ struct umb_client_limits {
     uint64_t max_box_steps; /* Steps to count one box (umbrage/volume.h) */
     uint32_t max_targets;   /* Assets and lights of one query */
     uint32_t max_taps;
-    char version[32]; /* Version of the server */
+    char version[32];     /* Version of the server */
     uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

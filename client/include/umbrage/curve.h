@@ -64,8 +64,8 @@ struct umb_curve_row {
     /* Root mean square difference of the answer, 0..1, when the point is moved by up to half a
      * voxel across the light; of coarse rows, the difference from a full look-up. */
     double visibility_error;
-    double nodes; /* Mixed octree nodes above bricks on a point's path, on average */
-    double lines; /* Cache lines that a point reads: grid, wide nodes, bricks; on average */
+    double nodes;         /* Mixed octree nodes above bricks on a point's path, on average */
+    double lines;         /* Cache lines that a point reads: grid, wide nodes, bricks; on average */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -83,7 +83,7 @@ UMB_API enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint3
 struct umb_calibration {
     size_t count;                  /* Number of rows, in the order of umb_asset_get_curve */
     double ns[UMB_CURVE_ROWS_MAX]; /* Nanoseconds a point on one core */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];          /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -124,7 +124,7 @@ struct umb_dial {
     double max_error_m;    /* Largest bound, metres */
     double max_visibility; /* Largest root mean square error of visibility, 0..1 */
     double budget_ns;      /* Nanoseconds a point on one core; needs a calibration */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];  /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -57,7 +57,7 @@ struct umb_file_head {
     uint64_t file_bytes;      /* Length of the whole file */
     uint64_t open_bytes;      /* Length of its head, with the first block of a packed file's
                                  directory: the bytes that umb_partial_open needs */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A file's bytes, mapped for reading. */

@@ -74,7 +74,7 @@ struct umb_job_status {
     /* Tiles of a watched job's last try; total 0 = not known; found: kept from earlier bakes */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* Lines of text, borrowed during the callback; NULL in lists */
-    uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[8];       /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One file of a scene. */
@@ -104,7 +104,7 @@ struct umb_job_submission {
 
 struct umb_job_submitted {
     char job[UMB_JOB_ID_SIZE];
-    int existing; /* 1: the same submission was made before, and this is its job */
+    int existing;         /* 1: the same submission was made before, and this is its job */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -61,9 +61,9 @@ enum umb_map_technique {
     UMB_MAP_EVSM,        /* Two moments of an exponential warp, or of two (Lauritzen 2008) */
     UMB_MAP_MSM,         /* Four moments (Peters, Klein 2015) */
     UMB_MAP_DEEP,        /* Transmittance lists; see umb_map_build_deep */
-    UMB_MAP_MOMENTS,    /* `terms` moments of the depth where light is absorbed; see
+    UMB_MAP_MOMENTS,     /* `terms` moments of the depth where light is absorbed; see
                            umb_map_build_translucent */
-    UMB_MAP_ABSORBANCE, /* `terms` moments of absorbance, -log of transmittance, and its sum */
+    UMB_MAP_ABSORBANCE,  /* `terms` moments of absorbance, -log of transmittance, and its sum */
 };
 
 #define UMB_MAP_TECHNIQUES 10 /* Number of values of enum umb_map_technique in this version */
@@ -115,8 +115,8 @@ struct umb_map_frustum {
 
 /* Depths of the first casters that the light meets through the centre of each texel. */
 struct umb_map_layer {
-    const float *depth; /* float[height][width], 0..1, 1 = no caster */
-    const float *slope; /* float[height][width][2]: change of the surface's depth per texel in x
+    const float *depth;   /* float[height][width], 0..1, 1 = no caster */
+    const float *slope;   /* float[height][width][2]: change of the surface's depth per texel in x
                            and in y, finite. NULL: the smaller of the differences to both
                            neighbours */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
@@ -143,7 +143,7 @@ struct umb_map_settings {
                                    absorbed at the receiver's own depth that counts as absorbed; 0:
                                    answers are upper bounds of light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];       /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_map_kernel {
@@ -153,7 +153,7 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width; /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. BASE:
+    double width;     /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. BASE:
                      only the biases use it */
     uint32_t samples; /* Number of POISSON samples, 1..64 */
     double bias_m;    /* Metres towards the light, 0..1e6 */
@@ -183,7 +183,7 @@ struct umb_map_info {
     enum umb_map_bound bound; /* Kind of an answer without `reduction`, in exact arithmetic */
     double slack;             /* Stated error of visibility by storage and arithmetic
                                  (docs/explained/numerics-maps.md) */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One surface or hair that light meets on its way through a texel. */
@@ -237,7 +237,7 @@ struct umb_map_spot {
     double tangent;                        /* Tangent of half the field of view, > 0 */
     double near_m, far_m;                  /* Metres along forward, 0 <= near < far */
     enum umb_map_projection projection;    /* PERSPECTIVE, or PARABOLOID (tangent not used) */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];                  /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Makes the frustum of a spot light, a cube's face (tangent 1) or half a sphere. Fails: E_ARGUMENT
@@ -316,7 +316,7 @@ struct umb_map_level {
     enum umb_map_format format; /* U16: depth in steps of 1/65535, other channels as signed steps of
                                    1/32767; U24: three bytes a texel */
     size_t bytes;               /* Length of `texels` in bytes */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];       /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Fills in level 0, or a mip level. Fails: E_NOT_FOUND (no such level; or a map of tables or lists,

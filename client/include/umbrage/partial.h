@@ -71,7 +71,7 @@ struct umb_partial_options {
     uint64_t max_memory_bytes;       /* Memory budget; 0 = 1 GiB; too little for the head:
                                         E_TOO_LARGE */
     const struct umb_alloc *alloc;   /* NULL = malloc; must outlive the partial asset */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];            /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The points that a program will ask about, and how exactly. World space, metres, radians. */
@@ -85,7 +85,7 @@ struct umb_partial_view {
     double max_error_rad;     /* The same as an angle at the eye, such as half a pixel; 0: exact */
     uint32_t taps;            /* Widest window of the queries to come; 0 = UMB_TAPS_MAX */
     double bias_m;            /* Longest bias of the queries to come, beyond UMB_BIAS_AUTO's */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_partial_stats {
@@ -96,7 +96,7 @@ struct umb_partial_stats {
     uint64_t memory_bytes, memory_peak_bytes; /* Memory in use now and at most */
     uint64_t pages_dropped;                   /* Pages that the budget dropped since open */
     uint64_t builds;                          /* Number of builds */
-    uint32_t block_count, blocks_held; /* Blocks of the directory; blocks held */
+    uint32_t block_count, blocks_held;        /* Blocks of the directory; blocks held */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -209,14 +209,14 @@ UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *part
 
 /* Answers of a partial asset. Arrays of points->count; only values is needed. */
 struct umb_partial_answers {
-    float *values;     /* Best estimates, within [low, high] */
-    float *low, *high; /* Bounds of the true answer; equal where it is known */
-    float *error_m;    /* 0 where exact, else the widest edge of the missing cubes, metres; of a
+    float *values;        /* Best estimates, within [low, high] */
+    float *low, *high;    /* Bounds of the true answer; equal where it is known */
+    float *error_m;       /* 0 where exact, else the widest edge of the missing cubes, metres; of a
                           spot or point light that of the cube's far side */
-    uint64_t exact;    /* Out: number of points whose low and high are equal */
-    double worst_error_m;         /* Out: greatest error_m */
+    uint64_t exact;       /* Out: number of points whose low and high are equal */
+    double worst_error_m; /* Out: greatest error_m */
     struct umb_query_stats stats; /* Counts of the run on the lower asset, added to */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -160,7 +160,7 @@ struct umb_points {
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
                                 UMB_FILTER_FOOTPRINT reads them, and they override footprint_m. */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Counts of a run; zero them before the first. */
@@ -186,7 +186,7 @@ struct umb_answers {
     void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
                      indexed like the points: a run on [first, first+count) writes there */
     struct umb_query_stats stats; /* Counts, added to */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
@@ -265,7 +265,7 @@ UMB_API size_t umb_answer_bytes(enum umb_answer_format format, size_t count);
 struct umb_light_answers {
     void *const *values; /* [query_count], an array for each light as umb_answers.values */
     struct umb_query_stats *stats; /* [query_count], counts, added to */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];          /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -306,10 +306,10 @@ struct umb_explanation {
     uint32_t nodes, bricks; /* Nodes and bricks read */
     uint32_t step_count;
     struct {
-        uint32_t level; /* Octree level of the node; its side is 1 << level voxels */
-        uint32_t state; /* 0 shadowed, 1 lit, 2 mixed: the path goes on */
-        uint64_t index; /* Offset or brick number */
-    } steps[16];        /* Path of the centre tap through the octree */
+        uint32_t level;   /* Octree level of the node; its side is 1 << level voxels */
+        uint32_t state;   /* 0 shadowed, 1 lit, 2 mixed: the path goes on */
+        uint64_t index;   /* Offset or brick number */
+    } steps[16];          /* Path of the centre tap through the octree */
     uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -61,7 +61,7 @@ struct umb_region_source {
      */
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
-    void *user; /* First argument of `read` */
+    void *user;           /* First argument of `read` */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -69,7 +69,7 @@ struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES], the id to require; NULL: any */
     uint64_t max_memory_bytes; /* Memory budget of the whole region; 0 = 1 GiB */
     uint64_t first_bytes;      /* Length of the first read; 0 = 32 KiB */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];      /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Counts since the region was opened. */
@@ -91,12 +91,12 @@ typedef enum umb_status (*umb_region_fn)(void *user, struct umb_region *region);
 struct umb_region_request {
     const struct umb_partial_view *views; /* [view_count], the views to fetch, all of them */
     size_t view_count;
-    uint64_t max_bytes;   /* Bytes to receive before the update stops; 0 = no limit */
-    uint64_t round_bytes; /* Bytes to receive before pages are laid out, about; 0 = a quarter of
+    uint64_t max_bytes;     /* Bytes to receive before the update stops; 0 = no limit */
+    uint64_t round_bytes;   /* Bytes to receive before pages are laid out, about; 0 = a quarter of
                              the bytes held, at least 512 KiB */
     umb_region_fn progress; /* Called after each round; may be NULL */
     void *progress_user;    /* First argument of `progress` */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

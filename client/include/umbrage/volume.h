@@ -55,8 +55,8 @@ struct umb_volume {
 
 /* Counts of runs; zero them before the first. */
 struct umb_volume_stats {
-    uint64_t nodes;  /* Grid cells and nodes read */
-    uint64_t bricks; /* Bricks read */
+    uint64_t nodes;       /* Grid cells and nodes read */
+    uint64_t bricks;      /* Bricks read */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -110,7 +110,7 @@ struct umb_segment_answers {
     size_t interval_max;                 /* Most intervals to store of each segment; later ones are
                                             only counted and added to `lit` */
     struct umb_volume_stats stats;       /* Counts, added to */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];                /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that segments may be run: every number must be finite. Fails: E_ARGUMENT, naming the first
@@ -159,7 +159,7 @@ struct umb_column_answer {
 struct umb_column_answers {
     struct umb_column_answer *columns; /* [count], indexed like the points */
     struct umb_volume_stats stats;     /* Counts, added to */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];              /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* Checks that the first shadowed voxel of a column is its first occluder. Fails: E_UNSUPPORTED (a
@@ -194,7 +194,7 @@ struct umb_box_answer {
 struct umb_box_answers {
     struct umb_box_answer *boxes;  /* [count], indexed like the boxes */
     struct umb_volume_stats stats; /* Counts, added to */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[2];          /* Zero: room for later versions (umbrage/version.h) */
 };
 
 #define UMB_BOX_STEPS 65536 /* Steps between two calls of go_on: a few milliseconds at most */

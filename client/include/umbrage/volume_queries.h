@@ -25,9 +25,9 @@ extern "C" {
 #endif
 
 struct umb_volume_query {
-    const char *asset;   /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
-    uint32_t light;      /* Index of the light */
-    uint32_t timeout_ms; /* Deadline of this call; 0 = the client's */
+    const char *asset;    /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
+    uint32_t light;       /* Index of the light */
+    uint32_t timeout_ms;  /* Deadline of this call; 0 = the client's */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -36,7 +36,7 @@ struct umb_volume_query_reply {
     struct umb_volume_stats stats;
     uint64_t nanoseconds;    /* CPU time on the server */
     int ignores_translucent; /* as umb_volume_ignores_translucent */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4];    /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*

@@ -135,8 +135,8 @@ static void put_all(const struct encoder *e, const struct umbb_tile_result *resu
     for (size_t i = 0; i < e->run_count; i++) {
         const uint32_t ref = e->runs[i].ref;
         at = put32(at, e->runs[i].z_end);
-        at =
-            put32(at, umb__ref_state(ref) == UMB__NODE_MIXED ? e->met[e->top].numbers[ref] - 1 : ref);
+        at = put32(at,
+                   umb__ref_state(ref) == UMB__NODE_MIXED ? e->met[e->top].numbers[ref] - 1 : ref);
     }
     for (uint32_t level = e->top; level > UMB_LEVEL_BRICK; level--) {
         at = put_level(e, level, at);

@@ -114,7 +114,7 @@ static enum umb_status measure(const struct umb__octree *octree, struct drawn *d
                                           .normals = drawn->normals,
                                           .count = drawn->count};
         status = umb__curve_measure(content, octree, light, &points,
-                                   content->curve + content->curve_count, &rows, error);
+                                    content->curve + content->curve_count, &rows, error);
         content->curve_count += status == UMB_OK ? rows : 0;
         if (status == UMB_OK && umbb_interrupted()) {
             status = umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");

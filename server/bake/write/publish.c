@@ -54,11 +54,11 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     }
     const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb__pack_job job = {.content = content,
-                                     .octree = octree,
-                                     .sha256 = &umbs_sha256,
-                                     .sink = &sink,
-                                     .workers = &workers,
-                                     .cancelled = umbb_interrupted};
+                                      .octree = octree,
+                                      .sha256 = &umbs_sha256,
+                                      .sink = &sink,
+                                      .workers = &workers,
+                                      .cancelled = umbb_interrupted};
     status = umb__pack_run(&job, publish->id, error);
     umbu_threads_destroy(jobs);
     publish->bytes = counter.bytes;

@@ -37,9 +37,9 @@ static void fronts_beside_all_else_fit_a_head(void **state)
     for (size_t i = 0; i < 4 * 4; i++) {
         const int translucent = i & 1, wordy = i >> 1 & 1;
         struct umb__content content = {.light_count = lights[i / 4],
-                                      .frustum_count = 6 * lights[i / 4],
-                                      .plan = text + (wordy ? 1 : sizeof text - 9),
-                                      .settings = text + (wordy ? 1 : sizeof text - 30)};
+                                       .frustum_count = 6 * lights[i / 4],
+                                       .plan = text + (wordy ? 1 : sizeof text - 9),
+                                       .settings = text + (wordy ? 1 : sizeof text - 30)};
         size_t occluder_depth;
         struct umb_error error;
         assert_int_equal(
@@ -59,10 +59,10 @@ static void more_lights_than_a_head_holds_are_refused_by_their_number(void **sta
     (void)state;
     uint64_t cells;
     struct umb__content content = {.light_count = 2040,
-                                  .frustum_count = 2040,
-                                  .plan = (char[]){""},
-                                  .settings = (char[]){""},
-                                  .receiver_mask_cells = &cells};
+                                   .frustum_count = 2040,
+                                   .plan = (char[]){""},
+                                   .settings = (char[]){""},
+                                   .receiver_mask_cells = &cells};
     size_t occluder_depth;
     struct umb_error error;
     assert_int_equal(umbb_head_occluder_depth_bytes(&content, 0, &occluder_depth, &error),

@@ -88,7 +88,7 @@ static void fixture_open(struct fixture *f, uint32_t log2_size)
     for (uint32_t light = 0; light < 2; light++) {
         uint32_t rows;
         assert_int_equal(umb__curve_measure(&f->content, &f->octree, light, &points,
-                                           f->records + f->content.curve_count, &rows, NULL),
+                                            f->records + f->content.curve_count, &rows, NULL),
                          UMB_OK);
         f->content.curve_count += rows;
     }
@@ -214,8 +214,8 @@ static void curves_out_of_order_or_range_are_refused(void **state)
         memcpy(words, &kept, sizeof words);
         words[bad[i].field] = bad[i].value;
         memcpy(&f.records[1], words, sizeof words);
-        assert_int_not_equal(umb__pack_write(&f.content, &f.octree, &test_digest, &sink, id, &error),
-                             UMB_OK);
+        assert_int_not_equal(
+            umb__pack_write(&f.content, &f.octree, &test_digest, &sink, id, &error), UMB_OK);
         assert_non_null(strstr(error.message, "curve["));
         f.records[1] = kept;
         bytes_finish(&bytes);

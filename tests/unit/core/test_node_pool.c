@@ -121,8 +121,8 @@ static void fill_with_nodes(struct umb__pool *pool, uint32_t seed)
 }
 
 /* 1 if two nodes of two pools are the same all the way down. */
-static int same_node(const struct umb__pool *a, const struct umb__pool *b, uint32_t level, uint32_t i,
-                     uint32_t k)
+static int same_node(const struct umb__pool *a, const struct umb__pool *b, uint32_t level,
+                     uint32_t i, uint32_t k)
 {
     if (level == UMB_LEVEL_BRICK) {
         return memcmp(a->bricks[i], b->bricks[k], sizeof a->bricks[i]) == 0;

@@ -327,7 +327,8 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
     /* what an asset gives back packs to the same bytes */
     assert_int_equal(umb__asset_export(asset, &again_octree, &again, NULL), UMB_OK);
     assert_int_equal(
-        umb__pack_write(&again, &again_octree, &test_digest, &second_sink, second_id, NULL), UMB_OK);
+        umb__pack_write(&again, &again_octree, &test_digest, &second_sink, second_id, NULL),
+        UMB_OK);
     assert_memory_equal(id, second_id, sizeof id);
     umb__octree_finish(&again_octree);
     umb_asset_close(asset);
@@ -344,8 +345,9 @@ static void columns_of_closed_assets_with_a_front_are_those_of_open_ones(void **
         assert_memory_not_equal(id, second_id, sizeof id);
     }
     content.occluder_depth[0] = 5; /* leads nowhere */
-    assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL),
-                     UMB_E_ARGUMENT);
+    assert_int_equal(
+        umb__pack_write(&content, &octree, &test_digest, &second_sink, second_id, NULL),
+        UMB_E_ARGUMENT);
     umb__octree_finish(&octree);
     umb__occluder_depth_words_free(NULL, content.occluder_depth);
     umb__occluder_depth_finish(&occluder_depth);

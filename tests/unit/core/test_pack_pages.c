@@ -75,11 +75,11 @@ static void a_cancelled_packing_ends_between_pages_and_writes_nothing(void **sta
         struct umb_error error = {0};
         uint8_t id[UMB_ID_BYTES];
         const struct umb__pack_job job = {&content,
-                                         &octree,
-                                         &test_digest,
-                                         &sink,
-                                         helped ? &workers : NULL,
-                                         cancelled_at_the_second_time};
+                                          &octree,
+                                          &test_digest,
+                                          &sink,
+                                          helped ? &workers : NULL,
+                                          cancelled_at_the_second_time};
         asked = 0;
         assert_int_equal(umb__pack_run(&job, id, &error), UMB_E_CANCELLED);
         assert_int_equal(error.status, UMB_E_CANCELLED);

@@ -56,12 +56,9 @@ static void values_at_the_limit_are_taken_and_beyond_it_are_not(void **state)
     static const struct {
         const char *option, *most, *more;
     } cases[] = {
-        {"--workers", "1024", "1025"},
-        {"--max-points", "268435456", "268435457"},
-        {"--drain-delay", "3600s", "3601s"},
-        {"--drain-delay", "60m", "3600001ms"},
-        {"--socket-mode", "0777", "1777"},
-        {"--socket-mode", "777", "00660"},
+        {"--workers", "1024", "1025"},       {"--max-points", "268435456", "268435457"},
+        {"--drain-delay", "3600s", "3601s"}, {"--drain-delay", "60m", "3600001ms"},
+        {"--socket-mode", "0777", "1777"},   {"--socket-mode", "777", "00660"},
         {"--bake-tile", "32768", "65536"},
     };
     (void)state;
@@ -151,12 +148,12 @@ static const char *printed(void)
 static void settings_are_printed_as_a_file_would_have_them(void **state)
 {
     (void)state;
-    assert_int_equal(PARSE("--store=x", "--store=y", "--cache=; odd", "--copy",
-                           "--log-format=json", "--socket-mode=600", "--idle-timeout=2s"),
+    assert_int_equal(PARSE("--store=x", "--store=y", "--cache=; odd", "--copy", "--log-format=json",
+                           "--socket-mode=600", "--idle-timeout=2s"),
                      UMB_OK);
-    static const char *const lines[] = {"\nstore = x\nstore = y\n", "\ncache=; odd\n",
-                                        "\ncopy = true\n",          "\nwarm-up = false\n",
-                                        "\nlog-format = json\n",    "\nsocket-mode = 0600\n",
+    static const char *const lines[] = {"\nstore = x\nstore = y\n",  "\ncache=; odd\n",
+                                        "\ncopy = true\n",           "\nwarm-up = false\n",
+                                        "\nlog-format = json\n",     "\nsocket-mode = 0600\n",
                                         "\nidle-timeout = 2000ms\n", "\n; admin = \n"};
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         assert_non_null(strstr(printed(), lines[i]));
@@ -166,9 +163,8 @@ static void settings_are_printed_as_a_file_would_have_them(void **state)
 
 static void addresses_are_hosts_with_ports(void **state)
 {
-    static const char *const bad[] = {"tcp:[::1]:",    "tcp:[]:80",      "tcp:h:123456",
-                                      "tcp:h:80x",     "tcp:[::1:80",    "tcp:a]:b:80",
-                                      "tcp::::::::80", "tcp:h:99999"};
+    static const char *const bad[] = {"tcp:[::1]:",  "tcp:[]:80",   "tcp:h:123456",  "tcp:h:80x",
+                                      "tcp:[::1:80", "tcp:a]:b:80", "tcp::::::::80", "tcp:h:99999"};
     struct umbn_address address;
     char longest[400];
     (void)state;
@@ -197,10 +193,14 @@ static void loopback_is_told_by_the_address_and_printed_with_its_port(void **sta
         const char *host, *text;
         int is_loopback;
     } cases[] = {
-        {AF_INET, "127.0.0.1", "127.0.0.1:80", 1}, {AF_INET, "127.9.9.9", "127.9.9.9:80", 1},
-        {AF_INET, "128.0.0.1", "128.0.0.1:80", 0}, {AF_INET6, "::1", "[::1]:80", 1},
-        {AF_INET6, "::", "[::]:80", 0},            {AF_INET6, "1::1", "[1::1]:80", 0},
-        {AF_INET6, "0:1::1", "[0:1::1]:80", 0},    {AF_INET6, "::1:0:1", "[::1:0:1]:80", 0},
+        {AF_INET, "127.0.0.1", "127.0.0.1:80", 1},
+        {AF_INET, "127.9.9.9", "127.9.9.9:80", 1},
+        {AF_INET, "128.0.0.1", "128.0.0.1:80", 0},
+        {AF_INET6, "::1", "[::1]:80", 1},
+        {AF_INET6, "::", "[::]:80", 0},
+        {AF_INET6, "1::1", "[1::1]:80", 0},
+        {AF_INET6, "0:1::1", "[0:1::1]:80", 0},
+        {AF_INET6, "::1:0:1", "[::1:0:1]:80", 0},
         {AF_INET6, "::1:0:0:1", "[::1:0:0:1]:80", 0},
     };
     (void)state;

@@ -26,8 +26,7 @@ static const int cube_faces[12][3] = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}
                                       {0, 1, 5}, {0, 5, 4}, {2, 6, 7}, {2, 7, 3},
                                       {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
 
-static void add_triangle(struct soup *soup, const double a[3], const double b[3],
-                         const double c[3])
+static void add_triangle(struct soup *soup, const double a[3], const double b[3], const double c[3])
 {
     assert_true(soup->count < MAX_TRIANGLES);
     memcpy(soup->corners[soup->count][0], a, 3 * sizeof(double));

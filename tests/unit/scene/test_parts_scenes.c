@@ -38,8 +38,8 @@ static size_t check_closed(maker make, int32_t size, uint64_t seed, size_t *tria
     make(&mesh, size, seed);
     assert_false(mesh.failed);
     double(*corners)[3][3] = flatten(&mesh);
-    enum umb_status status = umbs_parts_find((const double(*)[3][3])corners, mesh.triangle_count,
-                                             &parts, &error);
+    enum umb_status status =
+        umbs_parts_find((const double(*)[3][3])corners, mesh.triangle_count, &parts, &error);
     assert_int_equal(status, UMB_OK);
     assert_int_equal(parts.degenerate_count, 0);
     assert_int_equal(parts.duplicate_triangles, 0);
@@ -110,9 +110,9 @@ static void ball_is_closed_at_every_detail(void **state)
         gen_ball(&mesh, (const int32_t[3]){0, 0, 0}, 5000, detail, &rng, 0);
         double(*corners)[3][3] = flatten(&mesh);
         assert_int_equal(mesh.triangle_count, 8 * detail * detail);
-        assert_int_equal(umbs_parts_find((const double(*)[3][3])corners, mesh.triangle_count,
-                                         &parts, NULL),
-                         UMB_OK);
+        assert_int_equal(
+            umbs_parts_find((const double(*)[3][3])corners, mesh.triangle_count, &parts, NULL),
+            UMB_OK);
         assert_int_equal(parts.part_count, 1);
         assert_true(parts.parts[0].closed && parts.parts[0].volume > 0);
         /* Below the ball's own volume, above the octahedron's. */
