@@ -18,8 +18,8 @@
  * Measures the rows of one light.
  *
  * In:    content: lights, frusta and origin are read. octree: canonical, a root for each frustum.
- *        points: on surfaces, with normals towards the light; at most UMB__CURVE_POINTS_MAX, finite.
- *        Points whose normal faces away do not count.
+ *        points: on surfaces, with normals towards the light; at most UMB__CURVE_POINTS_MAX,
+ *        finite. Points whose normal faces away do not count.
  * Out:   records: [UMB_CURVE_ROWS_MAX], ascending. count: number of records, 0 if no point counts.
  * Fails: E_NO_MEMORY, E_NOT_FOUND (light).
  * Cost:  about 20 us a point at 16384 voxels a side.
