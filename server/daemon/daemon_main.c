@@ -45,7 +45,7 @@
  * the next use of the same number, in the store's thread, as a race on the descriptor. Only reports
  * whose innermost frame is one of these calls are silenced: never one on our own memory.
  */
-UMB_API const char *__tsan_default_suppressions(void);
+__attribute__((visibility("default"))) const char *__tsan_default_suppressions(void);
 const char *__tsan_default_suppressions(void)
 {
     return "race_top:closedir\nrace_top:opendir\nrace_top:close\nrace_top:open\n";
