@@ -19,9 +19,9 @@
  *
  * A ref is the number of a node of the tile's level, or UMB__REF_LIT or UMB__REF_SHADOWED. Nodes
  * are numbered in the order in which a reader meets them: the runs' nodes first, then their
- * children, and so on down. So equal results give equal bytes, whatever the pool's own numbers were.
- * A reader checks that each new number is the next one; then all numbers are in range, and the runs
- * lead to every node.
+ * children, and so on down. So equal results give equal bytes, whatever the pool's own numbers
+ * were. A reader checks that each new number is the next one; then all numbers are in range, and
+ * the runs lead to every node.
  */
 #include "bake/build/cached_tiles.h"
 #include "format/occluder_depth_build.h"
