@@ -156,7 +156,8 @@ with test.check("a cancelled job leaves nothing in the queue"):
 
 with test.check("what a killed daemon had submitted is ended by the next one, and its job is done"):
     job = cli("submit", scene, *settings(80))["job"]
-    ut.wait_until(queue, 60, "the tasks are in the queue")
+    # All four: an sbatch that outlives the daemon would submit the others after the search.
+    ut.wait_until(lambda: len(queue()) == 4, 60, "all tasks are in the queue")
     daemon.kill()
     mend("held")
     fault("down")  # the tasks that wait are not ended by their folder, as they do not run
