@@ -8,7 +8,7 @@
  *
  * Paths of the bundle are relative to the deepest folder that holds all of them. Names that are no
  * files here are left out with a notice, and so are files outside of the scene's folder, by ".." or
- * by links: what a scene names must not decide which of somebody's files leave the machine.
+ * by links: a scene must not decide which of a user's files leave the machine.
  */
 #include "umbrage/jobs.h"
 

@@ -192,7 +192,7 @@ static const struct umbu_command REMOVE = {
     .name = "umbrage rm",
     .usage = "umbrage rm ASSET [options]",
     .summary = "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes\n"
-               "the file when nobody has it any more.",
+               "the file when no owner holds it any more.",
     .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
                  UMBU_SESSION(struct job_settings, session)},
 };

@@ -97,7 +97,7 @@ static struct umb_volume_query volume_query_of(const struct umbc_volume_asset *a
                                      .light = asset->options->settings.light};
 }
 
-/* Notes who answered. All of it must be one version. */
+/* Notes the id of the version that answered. All replies must be of one version. */
 static enum umb_status take_reply(struct umbc_volume_asset *asset,
                                   const struct umb_volume_query_reply *reply,
                                   struct umb_error *error)

@@ -5,8 +5,8 @@
  * One connection of a load test: its slots, its share of the schedule, its figures.
  *
  * A slot is a call under way. Call number n of lane k of L is due at start + (n * L + k) / rate.
- * Whoever holds the lock and finds a free slot and a due call starts it: the pacer when the time
- * comes, or the call-back that has just freed the slot.
+ * A thread that holds the lock and finds a free slot and a due call starts the call: the pacer when
+ * the time comes, or the callback that has just freed the slot.
  */
 #include <pthread.h>
 #include "load/load_run.h"

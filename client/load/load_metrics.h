@@ -17,7 +17,7 @@ struct umbc_server_figures {
  * Fetches http://ADMIN/metrics.
  *
  * In:    admin: HOST:PORT, as of `umbraged --admin`.
- * Fails: E_ARGUMENT (no HOST:PORT), E_UNAVAILABLE (nobody there, no answer within two seconds),
+ * Fails: E_ARGUMENT (no HOST:PORT), E_UNAVAILABLE (no listener, or no answer in two seconds),
  *        E_PROTOCOL (no such figures).
  * Cost:  blocks for at most two seconds.
  */

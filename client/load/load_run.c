@@ -196,7 +196,8 @@ static void collect(struct run *run, struct umbc_load_result *result)
 {
     result->calls = result->error_count = 0;
     for (unsigned i = 0; i < run->lane_count; i++) {
-        const struct umbc_load_lane *lane = &run->lanes[i]; /* nobody writes it any more */
+        /* The threads that wrote the lanes have ended. */
+        const struct umbc_load_lane *lane = &run->lanes[i];
         umbc_histogram_merge(&result->latency, &lane->latency);
         result->calls += lane->calls;
         result->error_count += lane->error_count;

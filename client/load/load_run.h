@@ -5,9 +5,9 @@
  * One run of a load test: warm-up, then a window that is measured.
  *
  * Closed loop (rate 0): each connection keeps `in_flight` calls under way; the next starts when one
- * ends. A slow server then slows its own load down, and the latencies look better than they were
- * for anybody who comes when he wants. Open loop: calls are due at a constant rate, whatever the
- * server does. A latency counts from the moment the call was due, not from when it could be sent:
+ * ends. A slow server then slows its own load down, and the latencies look better than those of
+ * independent clients. Open loop: calls are due at a constant rate, whatever the server does.
+ * A latency counts from the moment the call was due, not from when it could be sent:
  * waiting for a slot is part of it (no coordinated omission). Calls that were due and not even sent
  * at the end count with the time they had waited, and as `unsent`.
  *

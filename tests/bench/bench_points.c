@@ -78,7 +78,7 @@ void bench_points_finish(struct bench_points *points)
 }
 
 /* Adds a surface point, moved by `more_m` and the bias; not if it faces away from the sun: such
- * points are shadowed by their normal, and nobody looks them up. */
+ * points are shadowed by their normal, and are not looked up. */
 static void surface_take(const struct bench_scene *scene, const double position[3],
                          const float raw_normal[3], double more_m, struct bench_points *points)
 {

@@ -3,7 +3,7 @@
 #define UMBRAGE_TESTS_BENCH_POINTS_H
 /*
  * The points of the query rows, the same for every party: floats relative to the asset's origin,
- * already moved off their surface, so that nobody's time has the bias in it.
+ * already moved off their surface, so that no time has the bias in it.
  *
  *   gbuffer
  *       a picture of 1920x1080 pixels from inside the scene: at eye height in a street of the city,

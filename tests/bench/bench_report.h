@@ -9,7 +9,7 @@
  * right after the other. The spread is the distance of the quartiles over the median: above 0.15
  * the machine was too busy and the row should be run again.
  * Talk goes to stderr. A failure of the program under test ends the process with its message:
- * there is nobody to recover for.
+ * there is no caller to recover for.
  */
 #include <stddef.h>
 #include <stdint.h>

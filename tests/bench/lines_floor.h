@@ -22,7 +22,7 @@ struct lines_floor {
 void lines_floor_note(const struct umb_query *query, const struct umb_points *points,
                       struct lines_floor *floor);
 
-/* Reads them. Returns what nobody needs, so that compilers do read. */
+/* Reads them. Returns an unused value, so that compilers do read. */
 unsigned lines_floor_read(const struct lines_floor *floor);
 
 #endif

@@ -2,7 +2,7 @@
 /*
  * Hostile images, from the importer's decoder to the samples that a bake takes. 28 bytes say how
  * the image is shown (channel, wraps, filter, cut-off, factor, six texture coordinates as floats);
- * the rest is a PNG, whose checksums are set right first: they keep nobody out but a fuzzer. What
+ * the rest is a PNG, whose checksums are set right first: they keep only a fuzzer out. What
  * is decoded must survive being written as a scene buffer, validated, and sampled anywhere.
  */
 #include <fcntl.h>

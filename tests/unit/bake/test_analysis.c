@@ -211,7 +211,7 @@ static void closed_parts_of_little_area_are_not_worth_the_rule(void **state)
         free(plan);
         umbb_analysis_finish(&a);
     }
-    /* On somebody's word it is used all the same. */
+    /* On the caller's word it is used all the same. */
     struct umbb_analysis a;
     struct umb_error error;
     options = options_of(UMBB_CLOSED_ON);

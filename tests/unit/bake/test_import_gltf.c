@@ -73,7 +73,7 @@ static void expect_vector(const double got[3], double x, double y, double z)
 static void gltf_lights_shine_along_minus_z_of_their_nodes(void **state)
 {
     (void)state;
-    /* Light 0 is used by nobody, light 2 by two nodes of one name: Assimp's own list has neither.
+    /* No node uses light 0, and two nodes of one name use light 2: Assimp's own list has neither.
      * The first node is turned by -90 degrees about x, so that -z becomes -y; its parent scales. */
     /* The tool cannot lay out strings that macros and literals make together. */
     /* clang-format off */

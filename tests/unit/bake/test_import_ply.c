@@ -63,7 +63,7 @@ static void put_text(struct writer *writer, const char *text)
 }
 
 /* x double, y float, z int16; a list among the vertex's properties; faces before vertices; an
- * element that nobody knows. Offsets of the items are the reader's business. */
+ * unknown element. Offsets of the items are the reader's business. */
 static void write_binary(struct writer *writer, int big)
 {
     memset(writer, 0, sizeof(*writer));

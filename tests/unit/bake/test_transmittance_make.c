@@ -308,7 +308,7 @@ static void limits_are_told_apart(void **state)
     assert_int_equal(too_large, 0);
     assert_non_null(strstr(error.message, "--memory"));
     umb__transmittance_bytes_finish(&bytes);
-    /* Whoever has too many threads for the memory does with fewer. */
+    /* With too many threads for the memory, fewer are used. */
     size_t least = 20000;
     for (enum umb_status status = UMB_E_LIMIT; status == UMB_E_LIMIT; least += least / 4) {
         job.threads = 1;

@@ -335,7 +335,7 @@ static void footprints_out_of_range_are_named(void **state)
         assert_non_null(strstr(error.message, "footprints[1]: "));
         const struct umb_query_settings settings = {.filter = UMB_FILTER_FOOTPRINT};
         assert_int_equal(umb_query_prepare(f.asset, &settings, &query, &error), UMB_OK);
-        umb_query_run(&query, &points, 0, 2, &answers); /* means nothing, harms nobody */
+        umb_query_run(&query, &points, 0, 2, &answers); /* without meaning, without harm */
     }
     volume_fixture_close(&f);
 }

@@ -271,7 +271,7 @@ static void kernels_agree_on_planes_that_a_camera_sees(void **state)
     check_planes(&(struct ground){256, 64, 30});
 }
 
-/* Shared look-ups are read once; nobody's answer tells. */
+/* Shared look-ups are read once; no answer shows it. */
 static void neighbours_in_one_brick_share_a_look_up(void **state)
 {
     (void)state;

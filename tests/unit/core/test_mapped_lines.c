@@ -149,7 +149,7 @@ static void a_shadowed_node_has_a_mapped_form(void **state)
     bytes_finish(&mapped);
 }
 
-/* Whoever trusts a cache because it passed a check once must not trust one of another layout. */
+/* A cache that passed a check once must not be trusted in another layout. */
 static void a_mapped_file_of_another_version_is_refused_even_if_trusted(void **state)
 {
     const struct umb_open_options trusting = {.trust = UMB_TRUST_VALIDATED};

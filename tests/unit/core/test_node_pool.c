@@ -298,7 +298,7 @@ static void a_merge_ends_at_the_budget(void **state)
 }
 
 /* Sums of products whose keys were known could be made equal at will; and where a word plus its key
- * were 0, the other of its pair would not matter. Whoever writes a file knows no key. */
+ * were 0, the other of its pair would not matter. The writer of a file knows no key. */
 static void bricks_and_nodes_that_differ_in_a_word_have_many_tags(void **state)
 {
     (void)state;

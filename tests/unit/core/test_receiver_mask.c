@@ -175,7 +175,7 @@ static void questions_off_the_surfaces_are_refused(void **state)
     }
     const struct umb_query_settings tent = {.taps = 5, .filter = UMB_FILTER_TENT};
     assert_int_equal(umb_query_prepare(asset, &tent, &query, NULL), UMB_OK);
-    struct umb_error error; /* whoever asks: maps and fog do, too */
+    struct umb_error error; /* maps and fog ask, too */
     assert_int_equal(umb_volume_prepare(asset, 0, &volume, &error), UMB_E_UNSUPPORTED);
     assert_non_null(strstr(error.message, "only points can be asked for"));
     umb_asset_close(asset);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The job service's thread: what it gets done while somebody keeps it busy. */
+/* The job service's thread: what it gets done while a caller keeps it busy. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

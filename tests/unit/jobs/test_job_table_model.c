@@ -51,7 +51,7 @@ static struct umbj_job *model_of(struct model *m, const char *id)
             return &m->jobs[i].job;
         }
     }
-    fail_msg("a job that nobody submitted: %s", id);
+    fail_msg("a job that was never submitted: %s", id);
     return NULL;
 }
 

@@ -43,7 +43,7 @@ static void client_snippet_answers(void **state)
     assert_int_equal(ask(address, positions, 2, visibility), 0);
     assert_true(visibility[0] == 0.25F && visibility[1] == 0.75F); /* it answers with x */
     fake_stop(&server);
-    assert_int_equal(ask(address, positions, 2, visibility), 1); /* nobody is there any more */
+    assert_int_equal(ask(address, positions, 2, visibility), 1); /* the server has gone */
     assert_int_equal(ask("nonsense", positions, 2, visibility), 1);
 }
 

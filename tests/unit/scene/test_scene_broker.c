@@ -130,7 +130,7 @@ static void only_regular_files_are_handed_over(void **state)
     (void)state;
     assert_int_equal(umbs_broker_open(ends[1], "inner"), -1);
     assert_int_equal(errno, EISDIR);
-    assert_int_equal(umbs_broker_open(ends[1], "pipe"), -1); /* and nobody waits for a writer */
+    assert_int_equal(umbs_broker_open(ends[1], "pipe"), -1); /* without waiting for a writer */
     assert_int_equal(errno, ENODEV);
     assert_int_equal(umbs_broker_open(ends[1], "missing"), -1);
     assert_int_equal(errno, ENOENT);

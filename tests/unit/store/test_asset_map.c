@@ -350,7 +350,7 @@ static void touch(void *user)
     *(volatile char *)user;
 }
 
-/* A fault that is nobody's still ends a process, guarded or not. */
+/* A fault outside of every map still ends a process, guarded or not. */
 static void fault_guard_lets_foreign_faults_through(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Readers of the store: look-ups that wait for nobody, while versions come and go. */
+/* Readers of the store: look-ups that never wait, while versions come and go. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -107,7 +107,7 @@ static void reader_takes_no_lock_of_the_store(void **state)
     assert_int_equal(umbs_reader_acquire(reader, "city", &old, &error), UMB_OK);
     publish(f, 30, id);
     const int before = atomic_load(&f->retired);
-    /* Somebody is in the middle of everything that has a lock. */
+    /* Other threads hold every lock there is. */
     pthread_mutex_lock(&f->store->scan);
     pthread_mutex_lock(&f->store->mutex);
     umbs_reader_refresh(reader); /* lets go of the old table, as the last one */
@@ -141,7 +141,7 @@ static void reader_that_refreshes_keeps_nothing_old(void **state)
     umbs_store_reap(f->store);
     assert_int_equal(alive(f), 1);
     publish(f, 50, id);
-    umbs_reader_close(idle); /* with mail that nobody fetches */
+    umbs_reader_close(idle); /* with mail not fetched */
     umbs_store_reap(f->store);
     assert_int_equal(alive(f), 1);
 }
