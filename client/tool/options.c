@@ -5,7 +5,6 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include "tool/exit_code.h"
 
 /* One row, found. */
 struct found {

@@ -9,7 +9,6 @@
 #include "tool/threads.h"
 #include "study/shadow_source.h"
 #include "study/view_options.h"
-#include "tool/exit_code.h"
 
 #define FOG_MAX   100.0 /* 1/m: the view ends after some centimetres */
 #define RAD_A_DEG 0.017453292519943295
