@@ -71,7 +71,8 @@ static enum umb_status enqueue(struct umb_client *client, struct umb__call *call
                           (unsigned long long)client->options.max_request_bytes);
     } else {
         client->pending++;
-        client->pending_bytes += call->body.size;
+        call->counted = call->body.size;
+        client->pending_bytes += call->counted;
         call->number = ++client->last_number;
         if (number != NULL) {
             *number = call->number; /* before `done` can run */
@@ -152,7 +153,7 @@ static void leave(struct umb_client *client, struct umb__call *call)
     /* Before done runs: it may start the next call in this one's place. */
     pthread_mutex_lock(&client->lock);
     client->pending--;
-    client->pending_bytes -= call->body.size;
+    client->pending_bytes -= call->counted;
     pthread_mutex_unlock(&client->lock);
 }
 

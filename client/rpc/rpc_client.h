@@ -77,6 +77,7 @@ struct umb__call {
     struct umb__call_list *list;
     const char *path; /* static */
     struct umbw_buffer body;
+    size_t counted; /* bytes of the body in the client's pending_bytes; pieces of a feed are not */
     size_t body_sent;
     umb__feed_fn feed; /* NULL: body is all */
     void *feed_user;

@@ -149,7 +149,11 @@ static bool put_time(const struct umbu_option *option, const char *text, void *f
             return false;
         }
     }
+    /* Decimal fractions have no exact double: 16.1 s is 16100.000000000002 ms. */
     value *= (double)unit->factor;
+    if (option->type != UMBU_TYPE_DOUBLE && fabs(value - nearbyint(value)) <= 1e-6) {
+        value = nearbyint(value);
+    }
     if (!(value >= (double)option->min && value <= (double)option->max) ||
         (option->above && value <= (double)option->min)) {
         return false;

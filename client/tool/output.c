@@ -43,14 +43,15 @@ static void on_signal(int number)
     (void)raise(number); /* arrives when the handler returns */
 }
 
-static void hold_signals(int how)
+/* Blocks the signals that end a command. Out: before: the thread's mask, to be restored. */
+static void hold_signals(sigset_t *before)
 {
     sigset_t set;
     sigemptyset(&set);
     for (size_t i = 0; i < SIGNAL_COUNT; i++) {
         sigaddset(&set, ending_signals[i]);
     }
-    (void)pthread_sigmask(how, &set, NULL);
+    (void)pthread_sigmask(SIG_BLOCK, &set, before);
 }
 
 static void catch_signals(void)
@@ -181,7 +182,8 @@ static enum umb_status make_temporary(struct umbu_output *output, mode_t mode,
 static enum umb_status begin_command(struct umbu_output *output, const struct stat *old,
                                      struct umb_error *error)
 {
-    hold_signals(SIG_BLOCK);
+    sigset_t before;
+    hold_signals(&before);
     catch_signals();
     enum umb_status status = make_temporary(output, 0666, error);
     if (status == UMB_OK && strlen(output->temporary) < sizeof doomed) {
@@ -189,7 +191,7 @@ static enum umb_status begin_command(struct umbu_output *output, const struct st
         output->guarded = true;
         atomic_store(&armed, 1);
     }
-    hold_signals(SIG_UNBLOCK);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
     if (status == UMB_OK && old->st_mode != 0 && fchmod(output->fd, old->st_mode & 0777) != 0) {
         status = umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
                                 output->path);

@@ -51,7 +51,11 @@ void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
         return;
     }
     do {
-        next = (until > now_ns ? until : now_ns) + cost_ns(per_second, points);
+        /* Debts of calls that run side by side add up to an hour at most, as one call's price. */
+        const uint64_t most = now_ns + (uint64_t)COST_MAX_NS;
+        const uint64_t from = until > now_ns ? until : now_ns;
+        next = from + cost_ns(per_second, points);
+        next = next > most ? (from > most ? from : most) : next;
     } while (!atomic_compare_exchange_weak_explicit(paid_until_ns, &until, next,
                                                     memory_order_relaxed, memory_order_relaxed));
 }

@@ -53,6 +53,10 @@ static void rate_says_the_time_after_which_it_takes_again(void **state)
     assert_false(umbd_rate_take(&until, 10, 1, now + wait - 1, &wait));
     assert_true(umbd_rate_take(&until, 10, 1, now + 9 * SECOND, &wait));
     assert_true(umbd_rate_take(&until, 0, UINT64_MAX, now, &wait)); /* no limit */
+    for (unsigned i = 0; i < 64; i++) { /* debts of 64 submissions side by side */
+        umbd_rate_owe(&until, 1000, 5000000, now);
+    }
+    assert_true(umbd_rate_take(&until, 10, 1, now + 3601 * SECOND, &wait));
 }
 
 static void rate_gives_back_exactly_what_it_took(void **state)

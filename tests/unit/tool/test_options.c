@@ -168,6 +168,19 @@ static void sizes_and_biases_have_limits(void **state)
     assert_int_equal(settings.query.bias_mode, UMB_BIAS_NONE);
 }
 
+/* 16.1 * 1000 and others are no integers in binary. */
+static void times_with_a_fraction_are_whole_milliseconds(void **state)
+{
+    char line[60];
+    (void)state;
+    for (unsigned tenths = 0; tenths < 36000; tenths++) {
+        (void)snprintf(line, sizeof line, "a --seed 1 --wait %u.%us", tenths / 10, tenths % 10);
+        assert_int_equal(parse(line), UMB_OK);
+        assert_int_equal(settings.time_ms, tenths * 100);
+    }
+    assert_int_equal(parse("a --seed 1 --wait 0.0001s"), UMB_E_ARGUMENT);
+}
+
 /* Values that no number, size or time is. */
 static void hostile_values_are_refused_by_every_kind(void **state)
 {
@@ -448,6 +461,7 @@ int main(void)
         cmocka_unit_test(options_may_stand_anywhere_and_in_any_form),
         cmocka_unit_test(values_of_every_kind_are_stored),
         cmocka_unit_test(sizes_and_biases_have_limits),
+        cmocka_unit_test(times_with_a_fraction_are_whole_milliseconds),
         cmocka_unit_test(hostile_values_are_refused_by_every_kind),
         cmocka_unit_test(refusals_name_option_value_and_what_to_give),
         cmocka_unit_test(help_and_options_that_stand_alone_need_nothing_else),
