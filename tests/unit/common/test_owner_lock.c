@@ -138,7 +138,7 @@ static void owner_on_another_machine_that_is_alive_is_not_followed(void **state)
     write_owner(f, 9);
     assert_int_equal(pthread_create(&thread, NULL, beat, &beating), 0);
     enum umb_status status = UMB_OK;
-    for (int i = 0; i < 5; i++) { /* a look may fall between truncation and writing */
+    for (int i = 0; i < 50; i++) { /* a look may fall between truncation and writing */
         status = umbs__owner_lock_take(f->path, UMBS_REACH_NETWORK, 60000, &lock, &error);
         if (status == UMB_E_BUSY) {
             break;
