@@ -21,7 +21,7 @@ struct umbc_paging_options {
     struct umb_partial_view base; /* what all views share */
     struct umbc_views views;      /* at least one */
     struct umb_query_settings settings;
-    uint32_t size[2];      /* of pictures, pixels */
+    uint32_t size[2];      /* width and height of pictures in pixels */
     unsigned up;           /* 0 y, 1 z */
     uint64_t limit, round; /* bytes, 0 = none */
     uint32_t timeout_s;    /* Limit of the whole command in seconds; 0 = none */

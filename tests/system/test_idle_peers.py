@@ -143,7 +143,7 @@ with test.check("a peer that sends gzip bombs does not hold up the calls of othe
     bombed = test.daemon()
     attacker = h2.Connection(port=bombed.port, timeout=120)
     attacker.settle()
-    # Well-formed, of an asset that is not there, and 4 MB of field 1000, which nobody knows.
+    # Well-formed, of an asset that is not there, and 4 MB of the unknown field 1000.
     zeros = 4 * 10 ** 6
     message = (M.QueryRequest(asset="none").SerializeToString()
                + b"\xc2\x3e" + bytes([zeros & 127 | 128, zeros >> 7 & 127 | 128,

@@ -59,7 +59,7 @@ struct umb__perspective {
     double axis[3];    /* world vector that changes W by 1, X and Y not at all */
     double scale;      /* W = scale Z + offset: above 0 */
     double offset;     /* and W is above 0 at the far side, where Z is the number of voxels */
-    double step[3][3]; /* as voxel_step in struct umb_frustum_info */
+    double step[3][3]; /* voxel_step of struct umb_frustum_info */
 };
 
 /* Out: 1, or 0 if the frustum cannot be inverted, its depth does not follow W, or its far side is

@@ -56,7 +56,7 @@ struct umb__pool {
     int is_loose;                  /* see umb__pool_init_loose */
     uint64_t keys[UMB__POOL_KEYS]; /* Secret keys of its hashes, the same in all pools of a
                                      process */
-    size_t bytes, max_bytes;       /* in use; allowed */
+    size_t bytes, max_bytes;       /* bytes in use, and their limit */
     struct umb__hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];

@@ -24,9 +24,9 @@ struct umb__query {
     umb__kernel_fn window_run; /* Outermost stage without footprints */
     umb__kernel_fn opaque_run; /* Outermost stage without footprints and translucent casters */
     umb__kernel_fn kernel;     /* Kernel, for points of parallel light, or of one face */
-    const uint32_t *grid;      /* of the light's frustum */
-    const struct umb__column *columns; /* likewise */
-    const uint32_t *pieces;            /* likewise */
+    const uint32_t *grid;      /* Cells of the light's frustum (format/view.h) */
+    const struct umb__column *columns; /* Columns of the frustum, one a square of texels */
+    const uint32_t *pieces;            /* Pieces of the columns, values like a cell's */
     const uint64_t *nodes;
     const uint64_t (*bricks)[8];
     uint32_t log2_size;    /* n: voxels a side = 1 << n */
