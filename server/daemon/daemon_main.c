@@ -15,13 +15,14 @@
 #include <malloc.h>
 #endif
 
-#include "tool/output.h"
+#include "base/compat.h"
 #include "common/standard_streams.h"
 #include "daemon/admin.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"
 #include "daemon/service_manager.h"
 #include "tool/exit_code.h"
+#include "tool/output.h"
 #include "umbrage/version.h"
 
 /* Request and reply blocks are big and short-lived. Keeping their pages avoids new page faults for
@@ -31,15 +32,7 @@
 #define OTHER_DESCRIPTORS 128   /* besides connections: listeners, the store, the admin port */
 #define ASSET_DESCRIPTORS 16384 /* one for each mapped asset */
 
-#if defined(__SANITIZE_THREAD__)
-#define UMBD_UNDER_TSAN 1
-#elif defined(__has_feature)
-#if __has_feature(thread_sanitizer)
-#define UMBD_UNDER_TSAN 1
-#endif
-#endif
-
-#ifdef UMBD_UNDER_TSAN
+#if UMB__TSAN
 /*
  * libuv closes descriptors by a bare system call that ThreadSanitizer does not see. It then reports
  * the next use of the same number, in the store's thread, as a race on the descriptor. Only reports

@@ -1,10 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_BASE_COMPAT_H
 #define UMBRAGE_CORE_BASE_COMPAT_H
-/* GNU extensions that some compilers lack. */
+/* What compilers say of themselves, each in its own way, and GNU extensions that some lack. */
 
 #ifndef __has_attribute
 #define __has_attribute(name) 0
+#endif
+
+/* 1 in a build under ThreadSanitizer, and in one under any sanitizer that keeps shadow memory: such
+ * a program needs terabytes of address space and lives under no limit of it. gcc defines macros,
+ * clang features. */
+#ifdef __has_feature
+#define UMB__FEATURE(name) __has_feature(name)
+#else
+#define UMB__FEATURE(name) 0
+#endif
+#if defined(__SANITIZE_THREAD__) || UMB__FEATURE(thread_sanitizer)
+#define UMB__TSAN 1
+#else
+#define UMB__TSAN 0
+#endif
+#if UMB__TSAN || defined(__SANITIZE_ADDRESS__) || UMB__FEATURE(address_sanitizer) ||               \
+    UMB__FEATURE(memory_sanitizer)
+#define UMB__SANITIZED 1
+#else
+#define UMB__SANITIZED 0
 #endif
 
 /*

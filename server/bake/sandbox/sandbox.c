@@ -8,28 +8,17 @@
 #include <sys/prctl.h>
 
 #include "bake/sandbox/sandbox_parts.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define EXEMPT 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) ||                         \
-    __has_feature(memory_sanitizer)
-#define EXEMPT 1
-#endif
-#endif
-#ifndef EXEMPT
-#define EXEMPT 0
-#endif
+#include "base/compat.h"
 
 int umbb_sandbox_exempt(void)
 {
-    return EXEMPT;
+    return UMB__SANITIZED;
 }
 
 enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *error)
 {
     memset(out, 0, sizeof(*out));
-    if (EXEMPT) {
+    if (UMB__SANITIZED) {
         return UMB_OK;
     }
     /* Without it an ordinary user gets neither Landlock nor a filter. */
@@ -51,7 +40,7 @@ enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *e
 
 const char *umbb_sandbox_level(const struct umbb_sandbox *sandbox)
 {
-    if (EXEMPT) {
+    if (UMB__SANITIZED) {
         return "exempt";
     }
     if (!sandbox->seccomp) {

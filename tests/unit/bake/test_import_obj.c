@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* OBJ and MTL: exact doubles, indices, materials, what is dropped, what is refused. */
+#include "base/compat.h"
 #include "import_try.h"
 
 #include <time.h>
@@ -268,7 +269,7 @@ static void obj_triangle_limit_is_a_limit(void **state)
 static void obj_over_memory_is_a_limit(void **state)
 {
     (void)state;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if UMB__SANITIZED
     skip();
 #else
     const size_t lines = 2000000;

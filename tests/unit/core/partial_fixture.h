@@ -16,12 +16,13 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "base/compat.h"
 #include "format/layout.h"
 #include "make_asset.h"
 #include "umbrage/partial.h"
 #include "volume_fixture.h"
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#if UMB__SANITIZED
 #define PARTIAL_POINTS 100000U
 #else
 #define PARTIAL_POINTS 1000000U

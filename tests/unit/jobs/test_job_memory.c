@@ -14,6 +14,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "base/compat.h"
 #include "common/sha256.h"
 #include "jobs/command_words.h"
 #include "jobs/folder.h"
@@ -21,20 +22,10 @@
 #include "jobs/slurm_farm.h"
 #include "jobs/staging.h"
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define CANNOT_REFUSE 1
-#endif
-#endif
-#else
-#define CANNOT_REFUSE 1
-#endif
-
 static _Thread_local long left = -1; /* allocations until one is refused; below 0: none is */
 static _Thread_local int refused;
 
-#ifndef CANNOT_REFUSE
+#if !UMB__SANITIZED
 #define CAUGHT __attribute__((visibility("default")))
 extern void *__libc_malloc(size_t size);
 extern void *__libc_calloc(size_t count, size_t size);
@@ -236,7 +227,7 @@ static enum umb_status words_and_farm(struct fixture *f, unsigned number)
 static void a_refused_allocation_is_a_failure_that_is_told(void **state)
 {
     struct fixture *f = *state;
-#ifdef CANNOT_REFUSE
+#if UMB__SANITIZED
     (void)f;
     skip();
 #endif

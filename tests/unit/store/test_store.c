@@ -12,12 +12,7 @@
 
 #include <sys/resource.h>
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define NO_ADDRESS_LIMIT 1
-#endif
-#endif
-
+#include "base/compat.h"
 #include "format/layout.h"
 #include "store_fixture.h"
 
@@ -340,7 +335,7 @@ static void store_young_damaged_replacement_keeps_the_old_version_until_settled(
 static void store_short_of_memory_keeps_the_old_version(void **state)
 {
     struct fixture *f = *state;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || defined(NO_ADDRESS_LIMIT)
+#if UMB__SANITIZED
     (void)f;
     skip(); /* a sanitizer needs its terabytes of address space */
 #else
