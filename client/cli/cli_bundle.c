@@ -14,6 +14,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "tool/try.h"
+
 #define PATH_SIZE     4096
 #define SCENE_BYTES   ((size_t)1 << 30)  /* of a scene that is looked through */
 #define LIBRARY_BYTES ((size_t)64 << 20) /* of a library of materials that is */
@@ -70,10 +72,7 @@ static enum umb_status read_text(const char *path, size_t most, char **text, siz
     size_t wanted = 0;
     *text = NULL;
     *size = 0;
-    enum umb_status status = open_text(path, most, &fd, &wanted, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(open_text(path, most, &fd, &wanted, error));
     *text = malloc(wanted + 1);
     if (*text == NULL) {
         (void)close(fd);

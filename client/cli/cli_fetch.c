@@ -17,6 +17,7 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/progress.h"
+#include "tool/try.h"
 #include "umbrage/jobs.h"
 #include "umbrage/region.h"
 
@@ -129,10 +130,7 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
     const char *from = bytes;
     (void)offset; /* the library gives them in order */
     if (size != fetch->size) {
-        enum umb_status status = check_size(fetch, size);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_size(fetch, size));
     }
     while (count > 0) {
         ssize_t written = write(fetch->fd, from, count);

@@ -13,6 +13,7 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "cli_paging_view.h"
+#include "tool/try.h"
 
 struct frames_settings {
     const char *target, *path, *depth, *output;
@@ -76,15 +77,9 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     const struct umb_partial_view none = {0};
     const uint32_t *size = f->o.size;
     const size_t pixels = (size_t)size[0] * size[1];
-    enum umb_status status = umbc_read_path(f->o.path, (double)size[0] / (double)size[1],
-                                            "yz"[f->o.up], &none, &f -> views, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbc_open_input(f->o.depth, &f->depth_file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbc_read_path(f->o.path, (double)size[0] / (double)size[1], "yz"[f->o.up], &none,
+                            &f -> views, error));
+    UMB__TRY(umbc_open_input(f->o.depth, &f->depth_file, error));
     f->value_bytes = umb_answer_bytes(f->request.settings.format, pixels);
     f->depth = malloc(pixels * sizeof *f->depth);
     f->values[0] = malloc(f->value_bytes);
@@ -94,7 +89,7 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     }
     f->picture = (struct umb_picture){.width = size[0], .height = size[1], .depth = f->depth};
     f->request.picture = &f->picture;
-    status = umbu_connect(&f->o.session, &f->client, error);
+    enum umb_status status = umbu_connect(&f->o.session, &f->client, error);
     if (status == UMB_OK) {
         status = umb_client_stream_open(f->client, &f->request.stream, error);
     }
@@ -142,10 +137,7 @@ static enum umb_status run_frame(struct frames *f, size_t frame, struct umb_erro
     f->request.base = f->request.pack && frame > 0 ? f->values[(frame + 1) % 2] : NULL;
     uint8_t *values = f->values[frame % 2];
     const double start = umbu_clock_s();
-    enum umb_status status = umb_client_query(f->client, &f->request, values, &reply, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_client_query(f->client, &f->request, values, &reply, error));
     report(f, frame, &reply, umbu_clock_s() - start);
     if (f->output.file && fwrite(values, 1, f->value_bytes, f->output.file) != f->value_bytes) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot write the answers");

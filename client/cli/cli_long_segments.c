@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "tool/try.h"
+
 #define FEW 64 /* a daemon counts segments of fewer intervals as of so many */
 /* Stretches that such segments may have together, unless one has more. */
 #define LONG_INTERVALS ((size_t)1 << 18)
@@ -97,10 +99,7 @@ enum umb_status umbc_longs_next(struct umbc_long_segments *longs, struct umbc_vo
                                 const struct umb_interval **intervals, struct umb_error *error)
 {
     if (longs->next == longs->count) {
-        const enum umb_status status = ask(longs, asset, i, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(ask(longs, asset, i, error));
     }
     *answer = &longs->again.segments[longs->next];
     *intervals = longs->again.intervals + longs->next * longs->again.interval_max;

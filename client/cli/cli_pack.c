@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include "tool/json.h"
 #include "tool/output.h"
+#include "tool/try.h"
 #include "umbrage/region.h"
 
 struct pack_settings {
@@ -41,13 +42,10 @@ static enum umb_status write_file(const struct umb_asset *asset, enum umb_encodi
                                   const char *path, struct umb_error *error)
 {
     struct umbu_output output;
-    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error));
     error->message[0] = '\0';
     const struct umb_sink sink = umbu_output_sink(&output);
-    status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
+    enum umb_status status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
     if (status == UMB_OK) {
         return umbu_output_commit(&output, error);
     }

@@ -17,6 +17,7 @@
 #include "tool/output.h"
 #include "tool/clock.h"
 #include "cli_paging_options.h"
+#include "tool/try.h"
 
 #define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
 
@@ -179,10 +180,7 @@ static enum umb_status fetch_points(struct stream *s, struct umb_region_request 
         }
         before = stats.received_bytes;
         request->view_count = 0;
-        status = update(s, request, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(update(s, request, error));
     }
 }
 
@@ -252,13 +250,10 @@ static void print_json(const struct stream *s)
 static enum umb_status save(struct stream *s, struct umb_error *error)
 {
     struct umbu_output output;
-    enum umb_status status = umbu_output_begin(s->o.output, UMBU_OUTPUT_COMMAND, &output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_output_begin(s->o.output, UMBU_OUTPUT_COMMAND, &output, error));
     const struct umb_sink sink = umbu_output_sink(&output);
     error->message[0] = '\0';
-    status = umb_partial_save(umb_region_partial(s->region), &sink, error);
+    enum umb_status status = umb_partial_save(umb_region_partial(s->region), &sink, error);
     if (status == UMB_OK) {
         return umbu_output_commit(&output, error);
     }

@@ -8,6 +8,7 @@
 
 #include "tool/output.h"
 #include "cli_paging_view.h"
+#include "tool/try.h"
 
 enum {
     BATCH = 65536
@@ -62,11 +63,8 @@ enum umb_status umbc_paging_points_load(const char *path, enum umbc_points_forma
     struct umbc_points file;
     struct umbc_batch batch;
     memset(points, 0, sizeof *points);
-    enum umb_status status = umbc_points_open(path, format, normals, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbc_batch_init(&batch, BATCH, format, error);
+    UMB__TRY(umbc_points_open(path, format, normals, &file, error));
+    enum umb_status status = umbc_batch_init(&batch, BATCH, format, error);
     if (status == UMB_OK) {
         status = read_all(&file, &batch, points, error);
         umbc_batch_finish(&batch);

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include "tool/base.h"
 #include "cli_common.h"
+#include "tool/try.h"
 
 #define SHOWN 60   /* bytes of a bad line in the message */
 #define RANGE 4096 /* points that a sample reads at once */
@@ -96,10 +97,7 @@ static enum umb_status next_line(struct umbc_points *points, char **text, size_t
             return umb_fail(error, UMB_E_FORMAT, "%.120s:%llu: line is over the limit of %d bytes",
                             points->name, (unsigned long long)(points->line + 1), UMBC_LINE_MAX);
         }
-        enum umb_status status = fill_buffer(points, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(fill_buffer(points, error));
     }
 }
 
@@ -190,10 +188,7 @@ static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *
         if (status != UMB_OK || line == NULL) {
             return status;
         }
-        status = parse_line(points, line, length, values, &count, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(parse_line(points, line, length, values, &count, error));
         if (count > 0) {
             add_point(batch, values, count == 6 && !points->pairs);
         }
@@ -238,10 +233,7 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
     while (batch->count + points->pairs < batch->capacity) {
         if (points->end - points->begin < record) {
             if (!points->ended) {
-                enum umb_status status = fill_buffer(points, error);
-                if (status != UMB_OK) {
-                    return status;
-                }
+                UMB__TRY(fill_buffer(points, error));
                 continue;
             }
             size_t left = points->end - points->begin;

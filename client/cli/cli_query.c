@@ -18,6 +18,7 @@
 #include "tool/progress.h"
 #include "cli_query_dial.h"
 #include "tool/clock.h"
+#include "tool/try.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
 
@@ -326,10 +327,7 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
 static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
     const size_t batch = job->batch_size;
-    enum umb_status status = umbc_batch_init(&slot->batch, batch, job->options->format, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbc_batch_init(&slot->batch, batch, job->options->format, error));
     slot->job = job;
     slot->stats = calloc(job->light_count + 1, sizeof *slot->stats);
     slot->values = calloc(job->light_count + 1, sizeof *slot->values);

@@ -10,6 +10,7 @@
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_volume_asset.h"
+#include "tool/try.h"
 
 struct job {
     const struct umbc_query_options *options;
@@ -98,11 +99,7 @@ static enum umb_status ask_columns(struct job *job, struct umb_error *error)
 {
     struct umb_points points =
         umbc_batch_view(&job->batch, job->options->format, job->options->origin);
-    enum umb_status status =
-        umbc_volume_columns(&job->asset, &points, &job->progress, &job->columns, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbc_volume_columns(&job->asset, &points, &job->progress, &job->columns, error));
     for (size_t i = 0; i < points.count; i++) {
         const struct umb_column_answer *answer = &job->columns.columns[i];
         if (!job->options->json) {
@@ -123,11 +120,7 @@ static enum umb_status ask_columns(struct job *job, struct umb_error *error)
 static enum umb_status ask_boxes(struct job *job, struct umb_error *error)
 {
     const struct umb_segments corners = pairs_of(job);
-    enum umb_status status =
-        umbc_volume_boxes(&job->asset, &corners, &job->progress, &job->boxes, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbc_volume_boxes(&job->asset, &corners, &job->progress, &job->boxes, error));
     for (size_t i = 0; i < corners.count; i++) {
         const struct umb_box_answer *answer = &job->boxes.boxes[i];
         /* Without a voxel there is no share: nan, null in JSON. */

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
+#include "tool/try.h"
 #include "umbrage/volume_queries.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */
@@ -41,10 +42,7 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
     umb_asset_get_info(asset->file, &info);
     memcpy(asset->id, info.id, sizeof info.id);
     memcpy(asset->origin, info.origin, sizeof info.origin);
-    status = umb_volume_prepare(asset->file, options->settings.light, &asset->volume, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_volume_prepare(asset->file, options->settings.light, &asset->volume, error));
     asset->ignores_translucent = umb_volume_ignores_translucent(&asset->volume);
     switch (options->volume_query) {
     case UMBC_ASK_BOXES:
@@ -208,16 +206,13 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
                                   struct umb_box_answers *answers, struct umb_error *error)
 {
     umb_boxes_from_corners(corners, 0, corners->count, asset->boxes);
-    enum umb_status status = umb_boxes_check(asset->boxes, corners->count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_boxes_check(asset->boxes, corners->count, error));
     if (asset->client == NULL) {
         return count_boxes(asset, corners->count, progress, answers, error);
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
-    status = umb_client_boxes(asset->client, &volume_query, asset->boxes, corners->count, answers,
-                              &reply, NULL, error);
+    enum umb_status status = umb_client_boxes(asset->client, &volume_query, asset->boxes,
+                                              corners->count, answers, &reply, NULL, error);
     return status == UMB_OK ? take_reply(asset, &reply, error) : status;
 }

@@ -6,6 +6,7 @@
 #include <unistd.h>
 #include "tool/output.h"
 #include "load/load_print.h"
+#include "tool/try.h"
 
 /* Everything of one load test; large, so that it lives on the heap. */
 struct test {
@@ -57,13 +58,11 @@ static enum umb_status prepare(struct test *test, struct umb_error *error)
     struct umb_client *client;
     struct umbu_session *session = &test->options.session;
     umbu_session_complete(session);
-    enum umb_status status = umb_client_open(session->address, &session->options, &client, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_client_open(session->address, &session->options, &client, error));
     test->options.settings.address = session->address;
     test->options.settings.client = session->options;
-    status = umb_client_describe(client, test->options.settings.asset, &test->about, NULL, error);
+    enum umb_status status =
+        umb_client_describe(client, test->options.settings.asset, &test->about, NULL, error);
     if (status == UMB_OK && test->options.source.light >= test->about->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u of %u lights",
                           (unsigned)test->options.source.light, (unsigned)test->about->light_count);

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "tool/try.h"
+
 #define FIRST_RATE 100
 #define RATE_MAX   1e6
 #define HALVINGS   5
@@ -24,11 +26,7 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
     struct umbc_load_sweep *sweep = search->sweep;
     struct umbc_load_result *result = search->result;
     search->settings.rate = rate;
-    enum umb_status status =
-        umbc_load_run(&search->settings, search->pool, NULL, NULL, result, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbc_load_run(&search->settings, search->pool, NULL, NULL, result, error));
     search->settings.admin_may_fail = true; /* it was there: one request lost ends no sweep */
     struct umbc_load_step *step = &sweep->steps[sweep->step_count++];
     *step = (struct umbc_load_step){

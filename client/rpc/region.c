@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "format/layout.h"
 
 enum {
@@ -152,11 +153,8 @@ enum umb_status umb_region_open(const struct umb_region_source *source,
     struct front front = {0};
     struct umb_region *region;
     *out = NULL;
-    enum umb_status status = make_region(source, options, &region, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = open_front(region, options, &front, error);
+    UMB__TRY(make_region(source, options, &region, error));
+    enum umb_status status = open_front(region, options, &front, error);
     free(front.bytes);
     if (status != UMB_OK) {
         umb_region_close(region);
@@ -174,11 +172,8 @@ enum umb_status umb_region_resume(const void *bytes, size_t size,
     const struct umb_partial_options partial = partial_options(options);
     struct umb_region *region;
     *out = NULL;
-    enum umb_status status = make_region(source, options, &region, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
+    UMB__TRY(make_region(source, options, &region, error));
+    enum umb_status status = umb_partial_open_saved(bytes, size, &partial, &region->partial, error);
     if (status != UMB_OK) {
         umb_region_close(region);
         return status;
@@ -282,10 +277,7 @@ static enum umb_status take_range(void *user, size_t index, const void *bytes, s
         uint64_t offset;
         uint32_t length;
         locate(region, kind, item, &offset, &length);
-        enum umb_status status = take_item(round, kind, item, at, length);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(take_item(round, kind, item, at, length));
         at += length;
         size -= length;
         item++;
@@ -346,11 +338,7 @@ static enum umb_status want_views(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
     for (size_t i = 0; i < request->view_count; i++) {
-        enum umb_status status =
-            umb_partial_want(region->partial, &request->views[i], i > 0, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb_partial_want(region->partial, &request->views[i], i > 0, error));
     }
     return UMB_OK;
 }
@@ -399,10 +387,7 @@ enum umb_status umb_region_update(struct umb_region *region,
     }
     const uint64_t start = region->received_bytes;
     if (region->resumed) {
-        enum umb_status status = check_source(region, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_source(region, error));
     }
     for (;;) { /* Ends: each round adds a page or a block, or is the last */
         struct round round = {.region = region, .error = error};

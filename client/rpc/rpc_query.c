@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Query, asynchronous and blocking. */
+#include "base/try.h"
 #include "rpc_client.h"
 #include "base/reserved.h"
 
@@ -200,10 +201,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
                                        struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    enum umb_status status = encode(request, &body, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(encode(request, &body, error));
     struct query_call *call = make_call(request, done, user);
     if (call == NULL) {
         umbw_buffer_finish(&body);
@@ -211,7 +209,7 @@ enum umb_status umb_client_query_start(struct umb_client *client,
     }
     struct umb__call_plan plan = plan_of(request);
     plan.number = number;
-    status = umb__call_start(client, &plan, &body, on_query_done, call, error);
+    enum umb_status status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
         free(call->base);
         free(call);
@@ -231,10 +229,7 @@ static enum umb_status decode_to_target(void *out, const uint8_t *message, size_
 {
     struct query_target *target = out;
     struct umb_client_query_reply reply;
-    enum umb_status status = decode(message, size, &target->place, &reply, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(decode(message, size, &target->place, &reply, error));
     if (reply.value_bytes > 0 && reply.values != target->values) {
         memcpy(target->values, reply.values, reply.value_bytes);
     }
@@ -256,10 +251,7 @@ enum umb_status umb_client_query(struct umb_client *client,
     if (values != NULL && values == request->base) {
         return umb_fail(error, UMB_E_ARGUMENT, "base: is where the answers go");
     }
-    enum umb_status status = encode(request, &body, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(encode(request, &body, error));
     struct query_target target = {
         .values = values,
         .place = {value_bytes_of(request), request->pack ? request->base : NULL,

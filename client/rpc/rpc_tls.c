@@ -6,6 +6,7 @@
 #include <openssl/err.h>
 #include <openssl/x509v3.h>
 #include <string.h>
+#include "base/try.h"
 #include "net/tls_rules.h"
 
 static enum umb_status load_files(SSL_CTX *context, const struct umb_client_options *options,
@@ -16,10 +17,7 @@ static enum umb_status load_files(SSL_CTX *context, const struct umb_client_opti
         {"certificate_file", options->certificate_file},
         {"key_file", options->key_file != NULL ? options->key_file : options->certificate_file},
     };
-    enum umb_status status = umbn_tls_files_check(files, sizeof files / sizeof files[0], error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbn_tls_files_check(files, sizeof files / sizeof files[0], error));
     if (options->ca_file != NULL) {
         if (SSL_CTX_load_verify_file(context, options->ca_file) != 1) {
             return umbn_tls_refuse_file(&files[0], error);
@@ -40,14 +38,11 @@ enum umb_status umb__tls_context_create(const struct umb_client_options *options
                                         struct umb_error *error)
 {
     static const unsigned char h2[] = {2, 'h', '2'};
-    enum umb_status status = umbn_tls_context_create(TLS_client_method(), out, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbn_tls_context_create(TLS_client_method(), out, error));
     SSL_CTX_set_verify(*out, SSL_VERIFY_PEER, NULL);
-    status = SSL_CTX_set_alpn_protos(*out, h2, sizeof h2) == 0
-                 ? load_files(*out, options, error)
-                 : umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
+    enum umb_status status = SSL_CTX_set_alpn_protos(*out, h2, sizeof h2) == 0
+                                 ? load_files(*out, options, error)
+                                 : umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
     if (status != UMB_OK) {
         SSL_CTX_free(*out);
         ERR_clear_error();

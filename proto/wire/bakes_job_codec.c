@@ -2,6 +2,7 @@
 /* JobStatus, alone and in lists, and the requests that name a job or an asset. */
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "umbrage/v1/bakes.pb-c.h"
 #include "wire/bakes.h"
 #include "wire/codec.h"
@@ -181,13 +182,10 @@ enum umb_status umbw_decode_job_status(const uint8_t *message, size_t size,
 {
     ProtobufCMessage *base = NULL;
     memset(out, 0, sizeof *out);
-    enum umb_status status =
-        umbw_message_unpack(&umbrage__v1__job_status__descriptor, message, size, &base, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(
+        umbw_message_unpack(&umbrage__v1__job_status__descriptor, message, size, &base, error));
     const Umbrage__V1__JobStatus *found = (const Umbrage__V1__JobStatus *)base;
-    status = take_status(found, out, error);
+    enum umb_status status = take_status(found, out, error);
     if (status == UMB_OK) {
         out->plan = strdup(found->plan);
         out->notices = strdup(found->notices);

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "base/utf8.h"
 #include "wire/proto_scan.h"
 #include "wire/wire_buffer.h"
@@ -50,10 +51,7 @@ static enum umb_status count_unknown(const ProtobufCMessageDescriptor *descripto
     enum umb_status status = UMB_OK;
     while (status == UMB_OK && at < end) {
         struct umbw_item item;
-        status = umbw_item_read(bytes, &at, end, &item, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbw_item_read(bytes, &at, end, &item, error));
         const ProtobufCFieldDescriptor *field =
             protobuf_c_message_descriptor_get_field(descriptor, item.number);
         if (field == NULL && ++*count > UMBW_FIELDS_MAX) {
@@ -78,10 +76,7 @@ enum umb_status umbw_message_unpack(const ProtobufCMessageDescriptor *descriptor
     size_t unknown = 0;
     *out = NULL;
     if (size > UMBW_SCRATCH_MAX) { /* Fewer bytes hold too few fields to matter */
-        enum umb_status status = count_unknown(descriptor, bytes, size, &unknown, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(count_unknown(descriptor, bytes, size, &unknown, error));
     }
     if (size < (SIZE_MAX - EXPANSION_BASE) / EXPANSION_FACTOR) {
         budget.left += size * EXPANSION_FACTOR;

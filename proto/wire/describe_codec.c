@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
 #include "base/utf8.h"
@@ -19,10 +20,7 @@ enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size
     struct umbw_field_found found[2];
     asset[0] = '\0';
     *want_curves = 0;
-    enum umb_status status = umbw_proto_scan(message, size, fields, 2, found, NULL, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_proto_scan(message, size, fields, 2, found, NULL, error));
     *want_curves = found[1].number != 0;
     return umbw_asset_copy(found[0].bytes, found[0].size, asset, error);
 }
@@ -32,10 +30,7 @@ enum umb_status umbw_encode_describe_request(const char *asset, int want_curves,
 {
     Umbrage__V1__DescribeRequest message = UMBRAGE__V1__DESCRIBE_REQUEST__INIT;
     char copy[UMBW_ASSET_NAME_MAX + 1];
-    enum umb_status status = umbw_asset_copy((const uint8_t *)asset, strlen(asset), copy, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_asset_copy((const uint8_t *)asset, strlen(asset), copy, error));
     message.asset = copy;
     message.want_curves = want_curves != 0;
     return umbw_message_append(&message.base, buffer, error);
@@ -117,10 +112,7 @@ static enum umb_status take_lights(const Umbrage__V1__DescribeReply *message,
     }
     reply->light_count = (uint32_t)message->n_lights; /* limited before unpacking */
     for (size_t i = 0; i < message->n_lights; i++) {
-        enum umb_status status = take_light(message->lights[i], &reply->lights[i], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(take_light(message->lights[i], &reply->lights[i], error));
     }
     return UMB_OK;
 }

@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
+
 #define FIRST_CAPACITY 4096 /* bytes of the first allocation */
 #define AHEAD_FROM                                                                                 \
     (16 << 10) /* Bytes received before room for a usual message is allocated at
@@ -96,10 +98,7 @@ static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *byte
         next_message(reader);
         return on_message(user, bytes, missing, reader->compressed);
     }
-    enum umb_status status = reserve(reader, reader->received + *taken, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(reserve(reader, reader->received + *taken, error));
     if (bytes != reader->message + reader->received) { /* Else read in place: umbw_reader_room */
         memcpy(reader->message + reader->received, bytes, *taken);
     }
@@ -123,10 +122,7 @@ enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *byte
             if (reader->prefix_bytes < sizeof reader->prefix) {
                 return UMB_OK;
             }
-            status = check_prefix(reader, error);
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(check_prefix(reader, error));
             if (at == count && reader->message_size > 0) {
                 return UMB_OK;
             }

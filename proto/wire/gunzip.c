@@ -2,6 +2,8 @@
 /* Decompression of single messages by zlib, within a limit. */
 #include "wire/gunzip.h"
 
+#include "base/try.h"
+
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -35,10 +37,7 @@ static enum umb_status inflate_all(z_stream *stream, uint8_t **block, size_t *us
     size_t capacity = 0;
     int code = Z_OK;
     while (code == Z_OK) {
-        enum umb_status status = grow(block, &capacity, limit, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(grow(block, &capacity, limit, error));
         stream->next_out = *block + *used;
         stream->avail_out = (uInt)(capacity - *used);
         code = inflate(stream, Z_NO_FLUSH);

@@ -3,6 +3,7 @@
 #include "wire/messages.h"
 
 #include <string.h>
+#include "base/try.h"
 #include "grpc/health/v1/health.pb-c.h"
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
@@ -46,11 +47,8 @@ enum umb_status umbw_encode_health_request(const char *service, struct umbw_buff
 {
     Grpc__Health__V1__HealthCheckRequest message = GRPC__HEALTH__V1__HEALTH_CHECK_REQUEST__INIT;
     char copy[SERVICE_MAX + 1];
-    enum umb_status status = umbw_text_copy("service", (const uint8_t *)service, strlen(service),
-                                            SERVICE_MAX, copy, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_text_copy("service", (const uint8_t *)service, strlen(service), SERVICE_MAX, copy,
+                            error));
     message.service = copy;
     return umbw_message_append(&message.base, buffer, error);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage.v1.LimitsReply between its bytes and struct umbw_limits. */
 #include <string.h>
+#include "base/try.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
 #include "wire/messages.h"
@@ -39,11 +40,8 @@ enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
 {
     ProtobufCMessage *base;
     memset(limits, 0, sizeof *limits);
-    enum umb_status status =
-        umbw_message_unpack(&umbrage__v1__limits_reply__descriptor, message, size, &base, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(
+        umbw_message_unpack(&umbrage__v1__limits_reply__descriptor, message, size, &base, error));
     const Umbrage__V1__LimitsReply *reply = (const Umbrage__V1__LimitsReply *)base;
     limits->max_points = reply->max_points;
     limits->max_message_bytes = reply->max_message_bytes;
@@ -61,8 +59,9 @@ enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
     for (size_t i = 0; i < reply->n_encodings; i++) {
         limits->takes_gzip |= strcmp(reply->encodings[i], "gzip") == 0;
     }
-    status = umbw_text_copy("version", (const uint8_t *)reply->version, strlen(reply->version),
-                            sizeof limits->version - 1, limits->version, error);
+    enum umb_status status =
+        umbw_text_copy("version", (const uint8_t *)reply->version, strlen(reply->version),
+                       sizeof limits->version - 1, limits->version, error);
     umbw_message_free(base);
     return status;
 }

@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/try.h"
 #include "wire/codec.h"
 
 enum {
@@ -16,10 +17,7 @@ static enum umb_status check(const struct umbw_query_request *request, struct um
     const struct umb_picture *picture = &request->picture;
     const uint64_t pixels = (uint64_t)picture->width * picture->height;
     const double *origin = request->points.origin;
-    enum umb_status status = umb_picture_check(picture, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_picture_check(picture, error));
     if (pixels != request->points.count) {
         return umb_fail(error, UMB_E_ARGUMENT, "depth: %zu numbers for %u x %u pixels",
                         request->points.count, picture->width, picture->height);
@@ -57,13 +55,11 @@ enum umb_status umbw_take_picture(const struct umbw_field_found *field,
         return umb_fail(error, UMB_E_ARGUMENT, "picture: %zu bytes, at most %d", field->size,
                         PICTURE_BYTES_MAX);
     }
-    enum umb_status status = umbw_message_unpack(&umbrage__v1__picture__descriptor, field->bytes,
-                                                 field->size, &message, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_message_unpack(&umbrage__v1__picture__descriptor, field->bytes, field->size,
+                                 &message, error));
     const Umbrage__V1__Picture *p = (const Umbrage__V1__Picture *)message;
-    status = umbw_vector_copy("picture.eye", p->eye, p->n_eye, picture->camera.eye, error);
+    enum umb_status status =
+        umbw_vector_copy("picture.eye", p->eye, p->n_eye, picture->camera.eye, error);
     if (status == UMB_OK) {
         status = umbw_vector_copy("picture.forward", p->forward, p->n_forward,
                                   picture->camera.forward, error);

@@ -3,6 +3,7 @@
 #include "wire/proto_scan.h"
 
 #include <string.h>
+#include "base/try.h"
 #include "wire/codec.h"
 
 #define FIELD_NUMBER_MAX 536870911U /* 2^29 - 1 */
@@ -187,10 +188,7 @@ enum umb_status umbw_scan_vector(const uint8_t *message, size_t size,
     size_t count = 0;
     while (at < end) {
         struct umbw_item item;
-        enum umb_status status = umbw_item_read(message, &at, end, &item, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbw_item_read(message, &at, end, &item, error));
         if (item.number != field->number) {
             continue;
         }

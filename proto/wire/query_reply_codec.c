@@ -8,6 +8,7 @@
 
 #include <string.h>
 #include "base/compat.h"
+#include "base/try.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
@@ -85,11 +86,8 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
     }
     reply->packing = (enum umbw_packing)found[FIELD_PACKING].number;
     ProtobufCMessage *rest;
-    status = umbw_message_unpack(&umbrage__v1__query_reply__descriptor, scratch.bytes, scratch.size,
-                                 &rest, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_message_unpack(&umbrage__v1__query_reply__descriptor, scratch.bytes, scratch.size,
+                                 &rest, error));
     take_stats(((const Umbrage__V1__QueryReply *)rest)->stats, reply);
     umbw_message_free(rest);
     reply->visibility = found[FIELD_VISIBILITY].bytes;

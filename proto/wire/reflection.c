@@ -9,6 +9,7 @@
 #include "wire/reflection.h"
 
 #include <string.h>
+#include "base/try.h"
 #include "grpc/reflection/v1/reflection.pb-c.h"
 #include "wire/codec.h"
 #include "wire/descriptor_set.h"
@@ -243,12 +244,9 @@ enum umb_status umbw_reflection_answer(const uint8_t *message, size_t size,
                                        struct umbw_buffer *buffer, struct umb_error *error)
 {
     ProtobufCMessage *base;
-    enum umb_status status = umbw_message_unpack(
-        &grpc__reflection__v1__server_reflection_request__descriptor, message, size, &base, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = answer_request((request_message *)base, buffer, error);
+    UMB__TRY(umbw_message_unpack(&grpc__reflection__v1__server_reflection_request__descriptor,
+                                 message, size, &base, error));
+    enum umb_status status = answer_request((request_message *)base, buffer, error);
     umbw_message_free(base);
     return status;
 }

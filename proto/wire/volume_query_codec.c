@@ -8,6 +8,7 @@
 
 #include <string.h>
 
+#include "base/try.h"
 #include "wire/codec.h"
 #include "wire/proto_scan.h"
 #include "wire/query_check.h"
@@ -272,10 +273,7 @@ static enum umb_status put_message(const struct item *items, size_t count,
     for (size_t i = 0; i < count; i++) {
         size += item_bytes(&items[i]);
     }
-    enum umb_status status = umbw_buffer_begin_message(buffer, size, (size_t)size, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_buffer_begin_message(buffer, size, (size_t)size, error));
     uint8_t *at = buffer->bytes + buffer->size;
     for (size_t i = 0; i < count; i++) {
         at = put_item(&items[i], at);

@@ -2,6 +2,8 @@
 /* The growing byte buffer of the encoders. */
 #include "wire/wire_buffer.h"
 
+#include "base/try.h"
+
 #include <stdlib.h>
 
 void umbw_buffer_finish(struct umbw_buffer *buffer)
@@ -46,10 +48,7 @@ enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t m
     if (room > SIZE_MAX - UMBW_PREFIX_BYTES) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", room);
     }
-    enum umb_status status = umbw_buffer_reserve(buffer, UMBW_PREFIX_BYTES + room, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbw_buffer_reserve(buffer, UMBW_PREFIX_BYTES + room, error));
     uint8_t *p = buffer->bytes + buffer->size;
     p[0] = 0; /* not compressed */
     for (unsigned i = 0; i < 4; i++) {

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "bake/effect_options.h"
+#include "base/try.h"
 #include "tool/bake_settings.h"
 
 #define AT(field) UMBU_AT(struct umbb_options, field)
@@ -224,10 +225,7 @@ static enum umb_status check_together(struct umbb_options *o, bool tile_given,
     if (o->scene == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "SCENE: no scene file given; see --help");
     }
-    const enum umb_status status = check_task(o, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(check_task(o, error));
     if (o->output == NULL && !o->plan) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: no output file given (or --plan)");
     }

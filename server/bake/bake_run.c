@@ -25,6 +25,7 @@
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
+#include "base/try.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "scene/scene_file.h"
@@ -219,10 +220,7 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
     if (!o->quiet) {
         print_notices(run->analysis.choice.notices);
     }
-    status = choose_resolution(run, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(choose_resolution(run, error));
     o = run->options;
     status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
     if (status == UMB_OK) {
@@ -427,11 +425,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
     umbb_progress_phase("verify");
     const uint64_t points = run->analysis.count > 0 ? run->options->verify_points : 0;
     if (points > 0) {
-        const enum umb_status status =
-            umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbb_analysis_to_world(&run->analysis, &run->scene->view, error));
         umbb_analysis_orient(&run->analysis); /* from here on kinds are 1 for closed or 0 */
     }
     const struct umbb_check check = {
@@ -455,11 +449,8 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
 {
     umbb_interrupt_defer();
-    enum umb_status status = umbb_publish_begin(&run->publish, run->options->output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = bake(run, error);
+    UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
+    enum umb_status status = bake(run, error);
     if (status == UMB_OK) {
         status = write_asset(run, error);
     }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "bake/bake_frusta.h"
+#include "base/try.h"
 #include "common/sha256.h"
 #include "format/content.h"
 #include "tool/clock.h"
@@ -139,10 +140,7 @@ static enum umb_status fail_memory(const struct umbb_resolution_job *job,
     while (log2_size > SMALL_LOG2 && !fits(job, log2_size, &forecast)) {
         extrapolate(samples, --log2_size, &forecast);
     }
-    const enum umb_status status = fit(job, log2_size, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(fit(job, log2_size, error));
     return umb_fail(error, UMB_E_LIMIT,
                     "--max-error: %g m needs %u voxels a side, about %.0f MiB of nodes while it is "
                     "baked: too much for --memory %llu MiB; %u voxels reach %.3g m",
@@ -158,10 +156,7 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
     const double wanted_m = job->options->max_error_m;
     for (*log2_size = UMBB_RESOLUTION_LOG2_MIN; *log2_size <= UMBB_RESOLUTION_LOG2_MAX;
          ++*log2_size) {
-        const enum umb_status status = fit(job, *log2_size, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(fit(job, *log2_size, error));
         forecast->bound_m = bound_m(job->analysis);
         if (forecast->bound_m <= wanted_m) {
             return UMB_OK;

@@ -6,6 +6,7 @@
  * While `batch` is set the pool may read the message, so the call neither frees nor changes it. A
  * failed call keeps no request bytes.
  */
+#include "base/try.h"
 #include "daemon/call_rights.h"
 #include "daemon/job_request.h"
 #include "tool/clock.h"
@@ -461,10 +462,7 @@ static enum umb_status on_message(void *user, const uint8_t *message, size_t siz
     umbd_bucket_credit(&call->conn->control, 1); /* a tiny frame with a whole request is work */
     call->message_ms = uv_now(&call->conn->loop->uv);
     if (compressed) {
-        enum umb_status status = inflate_message(call, message, size, &bytes, &size);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(inflate_message(call, message, size, &bytes, &size));
         owned = 1;
     } else if (message == call->reader.message && size > 0) {
         bytes = call->reader.message;

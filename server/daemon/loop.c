@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "daemon/admin.h"
 #include "daemon/call.h"
 #include "daemon/job_request.h"
@@ -303,10 +304,7 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
     loop->daemon = daemon;
     loop->index = index;
     loop->optimistic.turn = 1;
-    enum umb_status status = umbs_reader_open(daemon->store, &loop->reader, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_reader_open(daemon->store, &loop->reader, error));
     loop->read_buffer = malloc(UMBD_READ_BYTES);
     loop->out = malloc(UMBD_OUT_CAPACITY);
     int code = loop->read_buffer != NULL && loop->out != NULL ? uv_loop_init(&loop->uv) : UV_ENOMEM;
@@ -314,7 +312,7 @@ enum umb_status umbd_loop_init(struct umbd_loop *loop, struct umbd_daemon *daemo
         free_parts(loop);
         return umb_fail(error, UMB_E_NO_MEMORY, "cannot start a loop: %s", uv_strerror(code));
     }
-    status = umbd_loop_reserve(&loop->uv, error);
+    enum umb_status status = umbd_loop_reserve(&loop->uv, error);
     if (status != UMB_OK) {
         uv_loop_close(&loop->uv);
         free_parts(loop);

@@ -12,6 +12,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "daemon/conn.h"
 #include "tool/clock.h"
 
@@ -30,10 +31,7 @@ enum umb_status umbd_loops_init(struct umbd_daemon *daemon, struct umb_error *er
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %u loops", count);
     }
     for (uint32_t i = 0; i < count; i++) {
-        enum umb_status status = umbd_loop_init(&daemon->loops[i], daemon, i, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbd_loop_init(&daemon->loops[i], daemon, i, error));
         daemon->loop_count++;
     }
     return UMB_OK;

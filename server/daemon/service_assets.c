@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
+#include "base/try.h"
 #include "daemon/calibrations.h"
 #include "daemon/call_rights.h"
 #include "daemon/volume_query_work.h"
@@ -75,10 +76,7 @@ static enum umb_status fill_description(const struct umbs_entry *entry,
     reply->settings = (char *)(uintptr_t)info.settings;
     memcpy(reply->scene_hash, info.scene_hash, sizeof reply->scene_hash);
     for (uint32_t i = 0; i < info.light_count; i++) {
-        enum umb_status status = fill_light(asset, i, &reply->lights[i]);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(fill_light(asset, i, &reply->lights[i]));
         if (calibrations != NULL) {
             fill_curve(calibrations, entry, i, &reply->lights[i].curve);
         }

@@ -23,6 +23,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 
 #define FOLDER_EVENTS                                                                              \
@@ -209,10 +210,7 @@ enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch, struct um
     watch->rescan_at_ms =
         (uint64_t)umbu_clock_ms(); /* at once: for changes between the first scan and now */
     watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + UMBD_SCRUB_PAUSE_MS;
-    enum umb_status status = umbs_store_lane_start(store, UMBD_LANE_BYTES, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_store_lane_start(store, UMBD_LANE_BYTES, error));
     int code = pthread_create(&watch->thread, NULL, watch_thread, watch);
     if (code != 0) {
         (void)umbs_store_lane_stop(store, UMBD_WATCH_END_MS); /* it has no file to load yet */

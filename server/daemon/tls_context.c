@@ -9,6 +9,7 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include "base/try.h"
 #include "net/tls_rules.h"
 
 struct umbd_tls {
@@ -132,10 +133,7 @@ void umbd_tls_destroy(struct umbd_tls *tls)
 enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error)
 {
     SSL_CTX *fresh = NULL;
-    enum umb_status status = make_context(&tls->files, &fresh, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(make_context(&tls->files, &fresh, error));
     pthread_mutex_lock(&tls->mutex);
     SSL_CTX *old = tls->context;
     tls->context = fresh;

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "common/sha256.h"
 
 #define LINE_BYTES 1024
@@ -209,10 +210,7 @@ void umbd_tokens_destroy(struct umbd_tokens *tokens)
 enum umb_status umbd_tokens_reload(struct umbd_tokens *tokens, struct umb_error *error)
 {
     struct umbd_token_set *fresh = NULL;
-    enum umb_status status = load(tokens->path, &fresh, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(load(tokens->path, &fresh, error));
     pthread_mutex_lock(&tokens->mutex);
     struct umbd_token_set *old = tokens->set;
     tokens->set = fresh;

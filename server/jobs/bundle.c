@@ -8,6 +8,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/try.h"
 #include "scene/scene_file.h"
 #include "common/sha256.h"
 #include "tool/bake_settings.h"
@@ -175,10 +176,7 @@ static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_
         const struct umbj_bundle_file *file = &manifest->files[i];
         char what[40];
         snprintf(what, sizeof what, "files[%zu].path", i);
-        enum umb_status status = check_path(what, file->path, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_path(what, file->path, error));
         if (file->size > max_bytes - *bytes) {
             return umb_fail(error, UMB_E_TOO_LARGE,
                             "files: together over the limit of %llu bytes (--max-bundle)",

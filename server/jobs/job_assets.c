@@ -3,6 +3,7 @@
  * Assets made by jobs, and their owners. An asset lives as long as it has an owner. Its file is
  * removed first and its row after that, so that no file is ever left without a row.
  */
+#include "base/try.h"
 #include "jobs/job_table_internal.h"
 
 enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset, int64_t bytes,
@@ -129,14 +130,11 @@ enum umb_status umbj_table_forget(struct umbj_table *table, const uint8_t *asset
                                   struct umb_error *error)
 {
     struct umbj_sql *sql = &table->sql;
-    enum umb_status status = umbj_sql_begin(sql, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbj_sql_run(sql, error, NULL, NULL,
-                          "DELETE FROM asset WHERE id = ?1 AND NOT EXISTS"
-                          " (SELECT 1 FROM owned WHERE asset = ?1)",
-                          "h", asset);
+    UMB__TRY(umbj_sql_begin(sql, error));
+    enum umb_status status = umbj_sql_run(sql, error, NULL, NULL,
+                                          "DELETE FROM asset WHERE id = ?1 AND NOT EXISTS"
+                                          " (SELECT 1 FROM owned WHERE asset = ?1)",
+                                          "h", asset);
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL,
                               "DELETE FROM bake WHERE asset = ?1 AND NOT EXISTS"

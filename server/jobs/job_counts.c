@@ -7,6 +7,8 @@
 
 #include <string.h>
 
+#include "base/try.h"
+
 const char *const umbj__count_schema[] = {
     "CREATE TABLE state_count(state INTEGER PRIMARY KEY, count INTEGER NOT NULL)",
     /* jobs: finished jobs; bytes: size of the owner's assets */
@@ -181,10 +183,7 @@ enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *own
     static const struct umbj_pending none = {0, 0, 0};
     const struct umbj_limits *limits = &table->limits;
     struct umbj_pending used = {0, 0, 0};
-    enum umb_status status = count_unfinished(table, owner, &used, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(count_unfinished(table, owner, &used, error));
     pending = pending != NULL ? pending : &none;
     const int64_t jobs = used.own_jobs + pending->own_jobs;
     const int64_t bytes = used.own_bytes + pending->own_bytes;

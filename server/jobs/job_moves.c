@@ -8,6 +8,8 @@
 #include <string.h>
 #include <sys/random.h>
 
+#include "base/try.h"
+
 static enum umb_status make_id(char id[UMBJ_ID_SIZE], struct umb_error *error)
 {
     static const char digits[] = "0123456789abcdef";
@@ -44,11 +46,9 @@ enum umb_status umbj_table_submit(struct umbj_table *table,
                                   struct umbj_job *job, int *is_new, struct umb_error *error)
 {
     *is_new = 0;
-    enum umb_status status = umbj_sql_begin(&table->sql, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbj_table_find_same(table, submission->owner, submission->key, job, error);
+    UMB__TRY(umbj_sql_begin(&table->sql, error));
+    enum umb_status status =
+        umbj_table_find_same(table, submission->owner, submission->key, job, error);
     if (status == UMB_E_NOT_FOUND) {
         *is_new = 1;
         status =
@@ -143,14 +143,12 @@ enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_jo
                                   struct umb_error *error)
 {
     struct umbj_sql *sql = &table->sql;
-    enum umb_status status = umbj_sql_begin(sql, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbj_sql_run(sql, error, NULL, NULL,
-                          "UPDATE job SET state = 2, failure = 0, cause = '', asset = ?, ended_ms"
-                          " = ? WHERE id = ? AND epoch = ? AND state = 1",
-                          "hiti", asset, now, job->id, job->epoch);
+    UMB__TRY(umbj_sql_begin(sql, error));
+    enum umb_status status =
+        umbj_sql_run(sql, error, NULL, NULL,
+                     "UPDATE job SET state = 2, failure = 0, cause = '', asset = ?, ended_ms"
+                     " = ? WHERE id = ? AND epoch = ? AND state = 1",
+                     "hiti", asset, now, job->id, job->epoch);
     status = fenced(table, status, job->id, job->epoch, error);
     if (status == UMB_OK) {
         status = umbj_sql_run(sql, error, NULL, NULL, "INSERT OR IGNORE INTO asset(id) VALUES(?)",
@@ -211,13 +209,10 @@ enum umb_status umbj_table_fail(struct umbj_table *table, struct umbj_job *job,
                                 struct umb_error *error)
 {
     struct umbj_job after;
-    enum umb_status status = umbj_table_get(table, job->id, NULL, &after, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbj_table_get(table, job->id, NULL, &after, error));
     after.failure = failure;
     judge(&after, now);
-    status = umbj_sql_run(
+    enum umb_status status = umbj_sql_run(
         &table->sql, error, NULL, NULL,
         "UPDATE job SET state = ?, failure = ?, tries = ?, hard_tries = ?, not_before_ms = ?,"
         " ended_ms = ?, cause = ? WHERE id = ? AND epoch = ? AND state = 1",

@@ -16,6 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 #include "common/private_folder.h"
 #include "jobs/folder.h"
@@ -284,18 +285,14 @@ static enum umb_status open_folder(struct umbj_service *service, struct umb_erro
 {
     static const char *const names[] = {"incoming", "bundles", "work", "tiles"};
     const char *path = service->options.folder;
-    enum umb_status status =
-        umbj_service_prepare(path, service->assets_path, sizeof service->assets_path, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbj_service_prepare(path, service->assets_path, sizeof service->assets_path, error));
     service->folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (service->folder < 0) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "--jobs: cannot use '%.150s'",
                               path);
     }
     warn_if_shared(service);
-    status = umbj_place_take(path, service->options.table, &service->place, error);
+    enum umb_status status = umbj_place_take(path, service->options.table, &service->place, error);
     for (size_t i = 0; status == UMB_OK && i < sizeof names / sizeof names[0]; i++) {
         status = umbj_folder_make(service->folder, names[i], error);
     }
@@ -344,10 +341,7 @@ static enum umb_status make_executor(struct umbj_service *service, struct umb_er
     if (service->executor != NULL) {
         return UMB_OK; /* a test's executor */
     }
-    enum umb_status status = make_farm(service, &farm, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(make_farm(service, &farm, error));
     snprintf(service->work_path, sizeof service->work_path, "%s/work", service->folder_path);
     const struct umbj_try_options tries = {
         .program = options->program,

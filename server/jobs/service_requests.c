@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "jobs/staging.h"
 
 /* Forgets an asset whose file was removed from outside: otherwise it could never be made again. */
@@ -110,11 +111,8 @@ enum umb_status umbj_service_submit(struct umbj_service *service, const char *ow
     const uint8_t *key = prepared->key;
     *upload = NULL;
     memset(job, 0, sizeof *job);
-    enum umb_status status = check_ours(service, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbj_table_find_same(service->table, owner, key, job, error);
+    UMB__TRY(check_ours(service, error));
+    enum umb_status status = umbj_table_find_same(service->table, owner, key, job, error);
     if (status == UMB_OK) {
         disown_missing(service, job);
         status = umbj_table_find_same(service->table, owner, key, job, error);
@@ -216,10 +214,7 @@ enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint
     struct stat info;
     *fd = -1;
     *bytes = 0;
-    enum umb_status status = check_owned(service, asset, owner, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(check_owned(service, asset, owner, error));
     umbj_asset_path(service->assets_path, asset, path, sizeof path);
     *fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (*fd < 0 || fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "rays/verify_block.h"
 #include "tool/threads.h"
 
@@ -143,10 +144,7 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
     if (status != UMB_OK) {
         return umb_fail(error, UMB_E_ARGUMENT, "light %u is not in the asset", light);
     }
-    status = umb_query_prepare(job->asset, &settings, &job->query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_query_prepare(job->asset, &settings, &job->query, error));
     if (job->options->kind != UMBR_VERIFY_POINTS) {
         status = umb_volume_prepare(job->asset, light, &job->volume, error);
     }

@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "scene/parts_nest.h"
 #include "scene/parts_weld.h"
 
@@ -399,10 +400,7 @@ enum umb_status umbs_parts_find(const double (*corners)[3][3], size_t count,
                         UMBS_WELD_TRIANGLES_MAX);
     }
     struct finder f = {.corners = corners, .count = (uint32_t)count};
-    enum umb_status status = umbs_weld(corners, count, &f.vertex_of, &f.vertex_count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_weld(corners, count, &f.vertex_of, &f.vertex_count, error));
     int good = mark_triangles(&f, parts) && bucket_edges(&f, parts) &&
                join_triangles(&f, &parts->duplicate_triangles) && number_parts(&f, parts);
     if (good) {

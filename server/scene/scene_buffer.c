@@ -12,6 +12,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "common/clean_text.h"
 
 _Static_assert(sizeof(struct umbs_scene_header) == 200, "header without padding");
@@ -229,10 +230,7 @@ static enum umb_status check_meshes(const struct umbs_scene_view *view, struct u
 {
     uint64_t triangles = 0;
     for (size_t i = 0; i < view->mesh_count; i++) {
-        enum umb_status status = check_mesh(view, i, triangles, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_mesh(view, i, triangles, error));
         triangles += view->meshes[i].triangle_count;
     }
     if (triangles != view->triangle_count) {

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "scene/scene_buffer.h"
 #include "common/clean_text.h"
 
@@ -196,12 +197,9 @@ enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
 {
     struct umbs_texture copy = *texture;
     copy.offset = builder->alpha.count;
-    enum umb_status status = append(&builder->textures, &copy, 1, UMBS_SECTION_TEXTURES, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = append(&builder->alpha, pixels, (size_t)copy.width * copy.height, UMBS_SECTION_ALPHA,
-                    error);
+    UMB__TRY(append(&builder->textures, &copy, 1, UMBS_SECTION_TEXTURES, error));
+    enum umb_status status = append(&builder->alpha, pixels, (size_t)copy.width * copy.height,
+                                    UMBS_SECTION_ALPHA, error);
     if (status != UMB_OK) {
         builder->textures.count--;
     }

@@ -14,6 +14,7 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "common/private_folder.h"
 #include "tool/output.h"
 
@@ -26,11 +27,8 @@ enum umb_status umbs_scene_save(const struct umbs_scene *scene, const char *path
     memcpy(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES);
     umb__store64(head + 8, XXH3_64bits(scene->map, scene->map_bytes));
     struct umbu_output file;
-    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbu_output_write(&file, head, sizeof head, error);
+    UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error));
+    enum umb_status status = umbu_output_write(&file, head, sizeof head, error);
     if (status == UMB_OK) {
         status = umbu_output_write(&file, scene->map, scene->map_bytes, error);
     }

@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 #include "base/open_status.h"
+#include "base/try.h"
 #include "scene/scene_contract.h"
 #include "scene/scene_process.h"
 #include "common/clean_text.h"
@@ -212,10 +213,7 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
 static enum umb_status take_output(const struct import *import, struct umbs_scene *scene,
                                    struct umb_error *error)
 {
-    enum umb_status status = umbs_memfd_seal(import->output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_memfd_seal(import->output, error));
     struct stat facts;
     if (fstat(import->output, &facts) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot look at the scene buffer");
@@ -230,7 +228,7 @@ static enum umb_status take_output(const struct import *import, struct umbs_scen
     }
     scene->map = map;
     scene->map_bytes = size;
-    status = umbs_scene_view(map, size, &scene->view, error);
+    enum umb_status status = umbs_scene_view(map, size, &scene->view, error);
     if (status == UMB_OK && scene->view.world_triangle_count > import->options.max_triangles) {
         return umb_fail(error, UMB_E_LIMIT, "%s: %" PRIu64 " triangles, limit %" PRIu64,
                         import->shown, scene->view.world_triangle_count,

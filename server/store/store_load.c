@@ -16,6 +16,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "common/sha256.h"
@@ -140,13 +141,10 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
 {
     struct umb_asset *asset = NULL;
     struct umbu_output file = {.fd = -1};
-    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_PRIVATE, &file, error));
     struct hashing hashing = {.to = umbu_output_sink(&file)};
     umbs_sha256_begin(&hashing.run);
-    status = expand(store, packed, &asset, error);
+    enum umb_status status = expand(store, packed, &asset, error);
     if (status == UMB_OK) {
         struct umb_sink sink = {.write = hash_and_write, .user = &hashing};
         status = umb__mapped_write(asset, &sink, error);
@@ -262,10 +260,7 @@ static enum umb_status prove(struct umbs_entry *entry, const struct packed *pack
                              struct umb_error *error)
 {
     struct umb__head head;
-    enum umb_status status = umb__head_parse(packed->bytes, packed->size, &head, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__head_parse(packed->bytes, packed->size, &head, error));
     memcpy(entry->item.id, head.id, UMB_ID_BYTES);
     entry->has_id = 1;
     if (head.encoding != UMB_ENCODING_PACKED) {

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/json.h"
 #include "study/gbuffer.h"
 #include "tool/output.h"
@@ -248,11 +249,7 @@ static void heat_color(float most, uint8_t out[3])
 static enum umb_status heat_write(const struct aliasing *a, struct umb_error *error)
 {
     struct umbt_picture picture;
-    enum umb_status status =
-        umbt_picture_init(&picture, a->options.size[0], a->options.size[1], error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_picture_init(&picture, a->options.size[0], a->options.size[1], error));
     for (size_t i = 0; i < (size_t)picture.width * picture.height; i++) {
         const uint32_t slot = a->buffer.slots[i];
         memset(&picture.pixels[3 * i], 30, 3);
@@ -260,7 +257,7 @@ static enum umb_status heat_write(const struct aliasing *a, struct umb_error *er
             heat_color(a->most[slot], &picture.pixels[3 * i]);
         }
     }
-    status = umbt_picture_write(&picture, a->output, error);
+    enum umb_status status = umbt_picture_write(&picture, a->output, error);
     umbt_picture_finish(&picture);
     return status;
 }

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/json.h"
 #include "study/light_hits.h"
 #include "study/moment_rows.h"
@@ -156,11 +157,8 @@ static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_setting
     const struct umb_map_filter filter = filter_of(d);
     struct umb_map *map;
     struct umb_map_query query;
-    enum umb_status status = umb_map_build_deep(&d->frustum, &in, settings, NULL, &map, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_map_prepare(map, &filter, &query, error);
+    UMB__TRY(umb_map_build_deep(&d->frustum, &in, settings, NULL, &map, error));
+    enum umb_status status = umb_map_prepare(map, &filter, &query, error);
     result->query_ns = INFINITY;
     for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
         const double start = umbu_thread_cpu_s();

@@ -4,6 +4,7 @@
 
 #include <math.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 
 #define REPEATS 3
@@ -52,13 +53,10 @@ enum umb_status umbt_moment_row_run(const struct umbt_moment_row *row,
     settings.blur = question->taps;
     *result = (struct umbt_moment_result){.query_ns = INFINITY};
     const double start = umbu_thread_cpu_s();
-    enum umb_status status = umb_map_build_translucent(question->frustum, question->fragments,
-                                                       &settings, NULL, &map, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_map_build_translucent(question->frustum, question->fragments, &settings, NULL,
+                                       &map, error));
     result->build_s = umbu_thread_cpu_s() - start;
-    status = umb_map_prepare(map, &filter, &query, error);
+    enum umb_status status = umb_map_prepare(map, &filter, &query, error);
     for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
         const double asked = umbu_thread_cpu_s();
         umb_map_run(&query, question->points, 0, count, values);

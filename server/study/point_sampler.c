@@ -10,6 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "study/gbuffer.h"
 #include "tool/threads.h"
 #include "tool/progress.h"
@@ -251,10 +252,7 @@ enum umb_status umbt_points_sample(const struct umbt_point_request *request,
 static enum umb_status hits_take(const struct umbt_gbuffer *buffer, size_t count,
                                  struct umbt_point_set *set, struct umb_error *error)
 {
-    const enum umb_status status = set_init(set, count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(set_init(set, count, error));
     for (size_t i = 0; i < count; i++) {
         const size_t at = (size_t)((double)i * ((double)buffer->receiver_count / (double)count));
         memcpy(set->positions[i], &buffer->positions[3 * at], sizeof set->positions[i]);

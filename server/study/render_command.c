@@ -9,6 +9,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/json.h"
 #include "tool/clock.h"
 #include "tool/output.h"
@@ -116,12 +117,9 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         .z_up = options->z_up,
     };
     memcpy(subject.to_light, truth->to_light, sizeof subject.to_light);
-    enum umb_status status = truth_check(render, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umbt_camera_make(&options->camera, &subject, options->size[0], options->size[1],
-                              &render->camera, error);
+    UMB__TRY(truth_check(render, error));
+    enum umb_status status = umbt_camera_make(&options->camera, &subject, options->size[0],
+                                              options->size[1], &render->camera, error);
     if (status == UMB_OK && options->settings.filter == UMB_FILTER_FOOTPRINT) {
         const double rows = (double)options->size[1] * options->aa;
         status = umbt_source_look(&render->source, render->camera.eye,

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/try.h"
 #include "study/study_scene.h"
 
 /* Bytes of a request: of a point with its normal, and of everything else. */
@@ -29,21 +30,16 @@ int umbt_source_is_file(const char *argument)
 
 static enum umb_status file_open(struct umbt_source *source, struct umb_error *error)
 {
-    enum umb_status status = umb_asset_open_file(source->name, NULL, &source->asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_query_prepare(source->asset, &source->settings, &source->query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
+    UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
     struct umb_asset_info info;
     umb_asset_get_info(source->asset, &info);
     memcpy(source->id, info.id, sizeof source->id);
     memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
     memcpy(source->origin, info.origin, sizeof source->origin);
     source->translucent = umbt_plan_has(info.plan, "transmittance");
-    status = umb_asset_get_light(source->asset, source->settings.light, &source->light);
+    enum umb_status status =
+        umb_asset_get_light(source->asset, source->settings.light, &source->light);
     const uint32_t count = status == UMB_OK ? source->light.frustum_count : 0;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
     if (source->frusta == NULL) {

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/study_vec.h"
 #include "study/traced_shadow.h"
@@ -255,13 +256,9 @@ static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peer
     struct umbt_peer *peer = &peers->list[peers->count];
     const struct umb_frustum_info *frustum = &study->bakes[bake].frustum;
     *peer = (struct umbt_peer){.method = UMBT_STUDY_DEPTH_MAP, .bake = bake, .name = "depth map"};
-    enum umb_status status =
-        umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error));
     peers->count++;
-    status = map_fill(study, &study->bakes[bake], &peer->map, error);
+    enum umb_status status = map_fill(study, &study->bakes[bake], &peer->map, error);
     if (status == UMB_OK) {
         status = map_tune(study, peers, peer, error);
     }

@@ -6,6 +6,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_vec.h"
@@ -353,11 +354,7 @@ static void result_finish(struct frame *frame)
 static enum umb_status frame_init(struct frame *frame, uint32_t width, uint32_t rows,
                                   struct umb_error *error)
 {
-    const enum umb_status status =
-        umbt_gbuffer_init(&frame->buffer, width, frame->request->aa, rows, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_gbuffer_init(&frame->buffer, width, frame->request->aa, rows, error));
     frame->answers = calloc(frame->buffer.capacity, sizeof *frame->answers);
     frame->truths = calloc(frame->buffer.capacity, sizeof *frame->truths);
     if (frame->answers == NULL || frame->truths == NULL) {

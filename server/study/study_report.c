@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/output.h"
 #include "study/study_techniques.h"
 #include "umbrage/version.h"
@@ -199,10 +200,7 @@ static enum umb_status print_file(const struct umbt_study *study, const char *na
     if (snprintf(path, sizeof path, "%s/%s", study->options.folder, name) >= (int)sizeof path) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
     }
-    const enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error));
     print(output.file, study);
     return umbu_output_commit(&output, error);
 }

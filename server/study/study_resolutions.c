@@ -21,6 +21,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
 #include "tool/exit_code.h"
@@ -180,13 +181,10 @@ static int times_load(const char *path, struct umbt_study_bake *bake)
 static enum umb_status resolution_open(struct umbt_study_bake *bake, const char *path,
                                        struct umb_error *error)
 {
-    enum umb_status status = umb_asset_open_file(path, NULL, &bake->asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_asset_open_file(path, NULL, &bake->asset, error));
     umb_asset_get_info(bake->asset, &bake->info);
     bake->packed_bytes = bake->info.packed_bytes;
-    status = umb_asset_get_light(bake->asset, 0, &bake->light);
+    enum umb_status status = umb_asset_get_light(bake->asset, 0, &bake->light);
     if (status == UMB_OK) {
         status = umb_asset_get_frustum(bake->asset, bake->light.first_frustum, &bake->frustum);
     }
@@ -248,10 +246,7 @@ static enum umb_status resolution_bake(const struct umbt_study *study, struct um
     if (status != UMB_OK || resolution_reuse(study, bake, &paths)) {
         return status;
     }
-    status = run_bake(study, bake, &paths, &code, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(run_bake(study, bake, &paths, &code, error));
     if (code == 0) {
         times_save(paths.times, bake);
         return resolution_open(bake, paths.asset, error);

@@ -9,6 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
@@ -236,12 +237,9 @@ static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe
     const int rays_too = study->rays.spread > UMBT_STUDY_SPREAD_MAX;
     for (int run = 0; run < UMBT_STUDY_RUNS; run++) {
         for (uint32_t i = 0; i < study->result_count; i++) {
-            const enum umb_status status =
-                is_noisy(&study->results[i]) ? time_once(&probes[i], &times[i], run, values, error)
-                                             : UMB_OK;
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(is_noisy(&study->results[i])
+                         ? time_once(&probes[i], &times[i], run, values, error)
+                         : UMB_OK);
         }
         if (rays_too) {
             study->rays.stopped += rays_once(study, &rays, run, window);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/study_vec.h"
 #include "tool/clock.h"
@@ -122,11 +123,7 @@ static enum umb_status answer(struct cascades *c, const struct umbt_technique_ro
     result->query = umbt_steady_time(ask, &asking, points.count, UMBT_TECHNIQUE_STEADY);
     const float *truth = view->truth[row->truth];
     if (row->truth == UMBT_BOX) {
-        const enum umb_status status =
-            umbu_range_run(view->threads, points.count, BLOCK, traced_block, c, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbu_range_run(view->threads, points.count, BLOCK, traced_block, c, error));
         truth = c->traced;
     }
     umbt_technique_compare(view, truth, values, result);

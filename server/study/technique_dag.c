@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/study_vec.h"
 
@@ -17,11 +18,8 @@ enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char
                               struct umb_asset **asset, struct umb_error *error)
 {
     struct umb_light_info light;
-    enum umb_status status = umb_asset_open_file(path, NULL, asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb_asset_get_light(*asset, 0, &light);
+    UMB__TRY(umb_asset_open_file(path, NULL, asset, error));
+    enum umb_status status = umb_asset_get_light(*asset, 0, &light);
     if (status != UMB_OK || light.kind != UMB_LIGHT_DIRECTIONAL ||
         !(1.0 + umb__dot(light.direction, view->to_light) < SAME_SUN)) {
         umb_asset_close(*asset);

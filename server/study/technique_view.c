@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "maps/map_poisson.h"
 #include "tool/threads.h"
 #include "study/shading.h"
@@ -266,12 +267,9 @@ enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
     struct umb_map *map;
     struct umb_map_query query;
     const double start = umbu_thread_cpu_s();
-    enum umb_status status = umb_map_build(&view->frustum, &layer, &settings, NULL, &map, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_map_build(&view->frustum, &layer, &settings, NULL, &map, error));
     result->build_s = umbu_thread_cpu_s() - start;
-    status = umb_map_prepare(map, &filter, &query, error);
+    enum umb_status status = umb_map_prepare(map, &filter, &query, error);
     if (status == UMB_OK) {
         struct asking asking = {.query = &query,
                                 .points = {.positions = view->buffer.positions,

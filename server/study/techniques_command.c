@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/threads.h"
@@ -71,11 +72,7 @@ static const struct umbu_command COMMAND = {
 static enum umb_status view_open(struct study *study, struct umb_error *error)
 {
     struct umbt_technique_view *view = &study->view;
-    const enum umb_status status =
-        umbt_view_open(&study->options, study->scene_path, &study->opened, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_view_open(&study->options, study->scene_path, &study->opened, error));
     view->threads = (unsigned)study->threads;
     view->scene = &study->opened.scene;
     view->camera = study->opened.camera;

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "rays/verify.h"
 #include "study/bound_check.h"
 #include "study/study_scene.h"
@@ -94,10 +95,7 @@ static enum umb_status options_check(struct verify *verify, struct umb_error *er
 
 static enum umb_status inputs_open(struct verify *verify, struct umb_error *error)
 {
-    enum umb_status status = umb_asset_open_file(verify->file, NULL, &verify->asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_asset_open_file(verify->file, NULL, &verify->asset, error));
     umb_asset_get_info(verify->asset, &verify->info);
     verify->light_count = verify->info.light_count;
     if (verify->light != UINT64_MAX) {
@@ -108,7 +106,8 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    status = umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error);
+    enum umb_status status =
+        umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error);
     if (status == UMB_OK && !verify->force) {
         status = umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
     }
@@ -280,10 +279,7 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
         .bound_m = row->bound_m,
         .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
     };
-    const enum umb_status status = umbt_bound_check(&job, &result, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_bound_check(&job, &result, error));
     if (verify->json) {
         put_row(&verify->bounds_json, light, row, &result);
     } else if (!verify->quiet) {

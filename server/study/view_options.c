@@ -3,6 +3,7 @@
 #include "study/view_options.h"
 
 #include <string.h>
+#include "base/try.h"
 #include "study/study_vec.h"
 
 enum umb_status umbt_read_sun(const struct umbu_option *option, const char *text, void *field,
@@ -41,10 +42,7 @@ enum umb_status umbt_view_open(const struct umbt_view_options *options, const ch
                                struct umbt_view *view, struct umb_error *error)
 {
     memset(view, 0, sizeof *view);
-    const enum umb_status status = umbt_scene_init(&view->scene, scene, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_scene_init(&view->scene, scene, error));
     sun_choose(options, view);
     struct umbt_camera_subject subject = {
         .points = (const double(*)[3])view->scene.corners,

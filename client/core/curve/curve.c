@@ -6,6 +6,7 @@
 #include <stdio.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "format/asset_parts.h"
 
 /* Returns the largest bound of a light's frusta. */
@@ -178,10 +179,7 @@ enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_
                                 struct umb_error *error)
 {
     struct choice choice = {.dial = dial, .calibration = calibration};
-    enum umb_status status = check_dial(dial, settings, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(check_dial(dial, settings, error));
     if (settings->light >= asset->canonical.content.light_count) {
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
                         asset->canonical.content.light_count);

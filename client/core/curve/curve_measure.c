@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "curve/octree_window.h"
 #include "format/asset_parts.h"
 #include "query/perspective.h"
@@ -110,13 +111,10 @@ static enum umb_status prepare(const struct umb_asset *bare, struct umb_query_se
 {
     struct umb_query query;
     memset(s, 0, sizeof *s);
-    enum umb_status status = umb_query_prepare(bare, &settings, &query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_query_prepare(bare, &settings, &query, error));
     memcpy(&s->query, query.opaque, sizeof s->query);
     settings.level = 0;
-    status = umb_query_prepare(bare, &settings, &query, error);
+    enum umb_status status = umb_query_prepare(bare, &settings, &query, error);
     memcpy(&s->fine, query.opaque, sizeof s->fine);
     s->beside = s->fine;
     s->beside.taps++;

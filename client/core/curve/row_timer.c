@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/asset_parts.h"
 
 enum {
@@ -67,11 +68,7 @@ static enum umb_status time_runs(const struct umb__row_timer *timer, double runs
                                                         .taps = timer->rows[row].taps,
                                                         .level = timer->rows[row].level};
             struct umb_query query;
-            const enum umb_status status =
-                umb_query_prepare(timer->asset, &settings, &query, error);
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(umb_query_prepare(timer->asset, &settings, &query, error));
             runs[row][run] = time_intervals(timer, &query, run * timer->count + row, answers);
         }
     }

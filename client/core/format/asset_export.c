@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/asset_parts.h"
 #include "format/content.h"
 #include "format/node_pool.h"
@@ -113,10 +114,7 @@ static enum umb_status export_part(struct exporter *e, uint32_t frustum, struct 
     for (unsigned c = 0; c < 8; c++) {
         struct part child = {part.level - 1, part.x + (c & 1) * half, part.y + (c >> 1 & 1) * half,
                              part.z + (c >> 2) * half};
-        enum umb_status status = export_part(e, frustum, child, &children[c]);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(export_part(e, frustum, child, &children[c]));
     }
     return umb__pool_node(&e->pool, part.level, children, ref, e->error);
 }

@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "base/try.h"
 #include "format/asset_parts.h"
 
 static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
@@ -24,11 +25,8 @@ static enum umb_status pack_again(const struct umb_asset *asset, const struct um
     if (!sha256) {
         return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, packing needs one");
     }
-    enum umb_status status = umb__asset_export(asset, &octree, &content, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb__pack_write(&content, &octree, sha256, sink, id, error);
+    UMB__TRY(umb__asset_export(asset, &octree, &content, error));
+    enum umb_status status = umb__pack_write(&content, &octree, sha256, sink, id, error);
     umb__octree_finish(&octree);
     if (status == UMB_OK && memcmp(id, asset->id, sizeof id) != 0) {
         char made[UMB_ID_TEXT_SIZE], claimed[UMB_ID_TEXT_SIZE];

@@ -5,6 +5,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
 #include "format/occluder_depth.h"
@@ -204,11 +205,8 @@ static enum umb_status read_transmittance(const struct entries *entries,
     if (!bytes) {
         return UMB_OK;
     }
-    const enum umb_status status = umb__transmittance_load(
-        bytes, length, content->frusta, content->frustum_count, alloc, &canonical->trans, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__transmittance_load(bytes, length, content->frusta, content->frustum_count, alloc,
+                                     &canonical->trans, error));
     content->transmittance = umb__alloc(alloc, (size_t)length, 1);
     if (!content->transmittance) {
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
@@ -285,11 +283,8 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     for (uint32_t i = 0; i < content->curve_count; i++) {
         read_curve(entries->bytes[ENTRY_CURVE] + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
     }
-    enum umb_status status = read_counts(entries->bytes[ENTRY_COUNTS], canonical, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = umb__occluder_depth_load(
+    UMB__TRY(read_counts(entries->bytes[ENTRY_COUNTS], canonical, error));
+    enum umb_status status = umb__occluder_depth_load(
         entries->bytes[ENTRY_OCCLUDER_DEPTH], entries->lengths[ENTRY_OCCLUDER_DEPTH], alloc,
         &content->occluder_depth, &content->occluder_depth_words, error);
     if (status == UMB_OK) {

@@ -5,6 +5,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "base/utf8.h"
 #include "format/canonical_parts.h"
 #include "format/receiver_mask.h"
@@ -186,10 +187,7 @@ enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
                                       uint64_t *length, struct umb_error *error)
 {
     uint64_t lengths[ENTRY_COUNT];
-    const enum umb_status status = measure(&canonical->content, lengths, length, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(measure(&canonical->content, lengths, length, error));
     *bytes = umb__alloc_zeroed(alloc, (size_t)*length, 1);
     if (!*bytes) {
         return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory for %llu bytes",

@@ -9,6 +9,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/layout.h"
 
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block)
@@ -95,10 +96,7 @@ enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, c
     struct umb__block_extent seen = {begin, begin, 0};
     for (uint32_t i = 0; i < size / UMB__PAGE_ENTRY; i++) {
         const struct umb__page_entry entry = load(bytes + (size_t)i * UMB__PAGE_ENTRY, first + i);
-        enum umb_status status = check_entry(head, &entry, seen.end, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_entry(head, &entry, seen.end, error));
         seen.end += entry.stored_length;
         seen.raw_bytes += entry.raw_length;
     }
@@ -150,11 +148,7 @@ enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw
     *raw_total = 0;
     for (uint32_t block = 0; block < head->directory_count; block++) {
         struct umb__block_extent extent;
-        enum umb_status status =
-            umb__block_check(head, block, umb__block_view(head, block), &extent, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb__block_check(head, block, umb__block_view(head, block), &extent, error));
         /* The first block precedes its pages; all others stand together before theirs. */
         const bool placed = block > 1 || umb__block_offset(head, block) == expected;
         expected += block == 0   ? umb__block_bytes(head->page_count, 0)

@@ -7,6 +7,7 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "format/directory.h"
 #include "format/layout.h"
 
@@ -134,14 +135,8 @@ static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, stru
                              struct umb_error *error)
 {
     memset(head, 0, sizeof *head);
-    enum umb_status status = parse_magic(bytes, size, head, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = parse_lengths(bytes, size, front, head, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(parse_magic(bytes, size, head, error));
+    UMB__TRY(parse_lengths(bytes, size, front, head, error));
     if (head_checksum(bytes, head->head_length) != umb__load64(bytes + UMB__HEAD_CHECK)) {
         return umb_fail(error, UMB_E_CORRUPT, "head: checksum does not match");
     }

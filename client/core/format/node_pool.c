@@ -8,6 +8,7 @@
 #include <xxhash.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 
 #define EMPTY UMB__SLOT_EMPTY
 
@@ -84,10 +85,7 @@ enum umb_status umb__pool_brick_from(struct umb__pool *pool, const uint64_t slic
         place = umb__slot_after(slots, place);
         word = slots->words[place];
     }
-    const enum umb_status status = umb__pool_brick_room(pool, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__pool_brick_room(pool, error));
     if (slots->log2_size != log2_size) {
         place = umb__slot_free(slots, tag);
     }
@@ -103,10 +101,7 @@ static enum umb_status find_late_brick(struct umb__pool *pool, const uint64_t sl
 {
     const uint32_t tag = umb__brick_tag(pool, slices);
     if (pool->brick_count == pool->brick_capacity) {
-        const enum umb_status status = umb__pool_brick_room(pool, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb__pool_brick_room(pool, error));
     }
     uint64_t *word = pool->brick_slots.words + umb__slot_place(&pool->brick_slots, tag);
     const uint32_t number = umb__slot_number(*word);
@@ -185,10 +180,7 @@ enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t level_numbe
         place = umb__slot_after(slots, place);
         word = slots->words[place];
     }
-    const enum umb_status status = umb__pool_node_room(pool, level, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__pool_node_room(pool, level, error));
     if (slots->log2_size != log2_size) {
         place = umb__slot_free(slots, tag);
     }
@@ -204,10 +196,7 @@ static enum umb_status add_late_node(struct umb__pool *pool, uint32_t level_numb
 {
     struct umb__pool_level *level = &pool->level[level_number];
     if (level->count == level->capacity || level->child_capacity - level->child_count < 8) {
-        const enum umb_status status = umb__pool_node_room(pool, level, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb__pool_node_room(pool, level, error));
     }
     *ref = node_add(level, key);
     return UMB_OK;

@@ -13,6 +13,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/directory.h"
 #include "format/layout.h"
 #include "format/page.h"
@@ -291,10 +292,7 @@ static enum umb_status make_pages(struct packing *p, const struct umb_workers *w
     enum umb_status status = UMB_OK;
     while (status == UMB_OK &&
            (!umb__pack_order_complete(p->ordering) || p->done < p->pages->order.page_count)) {
-        status = begin_round(p, workers != NULL, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(begin_round(p, workers != NULL, error));
         const uint32_t count = p->ready - p->done;
         const uint32_t jobs = p->orders + count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
         if (workers) {

@@ -18,6 +18,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/directory.h"
 #include "format/layout.h"
 #include "format/node_pool_parts.h"
@@ -101,10 +102,7 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
     uint64_t used = 0;
     for (uint32_t page = 0; page < count; page++) {
         struct umb__page_entry entry = umb__directory_load(r->head, page);
-        enum umb_status status = parse_one(r, &entry, check, r->raw + used, raw_total - used);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(parse_one(r, &entry, check, r->raw + used, raw_total - used));
         used += entry.raw_length;
         for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
             r->first[page][level] = (uint32_t)totals[level];
@@ -406,11 +404,7 @@ static enum umb_status batch_fill(struct batch *batch, ZSTD_DCtx *zstd, const ui
             return wrong_checksum(&entry, error);
         }
         uint8_t *raw = batch->raw + batch->raw_size;
-        const enum umb_status status =
-            umb__page_expand(zstd, file + entry.offset, &entry, raw, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb__page_expand(zstd, file + entry.offset, &entry, raw, error));
         batch->messages[batch->count] = raw;
         batch->sizes[batch->count++] = entry.raw_length;
         batch->raw_size += entry.raw_length;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 
 struct surveyor {
     const struct umb__octree *octree;
@@ -76,10 +77,7 @@ static enum umb_status survey_level(struct surveyor *s, uint32_t number)
     for (size_t i = 0; i < words; i++) {
         for (uint64_t bits = reached[i]; bits != 0; bits &= bits - 1) {
             const uint32_t node = (uint32_t)(64 * i) + (uint32_t)__builtin_ctzll(bits);
-            const enum umb_status status = survey_node(s, number, node);
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(survey_node(s, number, node));
         }
     }
     return UMB_OK;

@@ -7,6 +7,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "base/utf8.h"
 #include "format/canonical.h"
 #include "format/directory.h"
@@ -31,10 +32,7 @@ static enum umb_status no_memory(struct umb_error *error)
 
 static enum umb_status write_pages(struct writer *w, const struct umb__pack_job *job)
 {
-    enum umb_status status = umb__pack_pages(job, &w->pages, w->error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__pack_pages(job, &w->pages, w->error));
     const uint32_t blocks = umb__block_count(w->pages.order.page_count);
     w->blocks = umb__alloc_zeroed(w->alloc, blocks, UMB__BLOCK_ENTRY);
     return w->blocks ? UMB_OK : no_memory(w->error);
@@ -236,10 +234,7 @@ enum umb_status umb_packed_prove(const void *bytes, size_t size, const uint8_t *
     if (!sha256) {
         return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, a proof needs one");
     }
-    enum umb_status status = umb__head_parse(bytes, size, &head, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__head_parse(bytes, size, &head, error));
     if (head.encoding != UMB_ENCODING_PACKED) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "encoding: a mapped file is a cache and proves nothing");

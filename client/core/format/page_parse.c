@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/try.h"
 #include "format/layout.h"
 
 static enum umb_status damaged(struct umb_error *error, const char *what)
@@ -81,10 +82,7 @@ static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
 static enum umb_status parse_nodes(const uint8_t **at, const uint8_t *end, uint32_t level,
                                    struct umb__page *page, struct umb_error *error)
 {
-    enum umb_status status = parse_others(at, end, level, page, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(parse_others(at, end, level, page, error));
     const uint64_t limit = (uint64_t)page->node_count[level - 1] + page->external_count[level];
     uint64_t written;
     if (!parse_masks(at, end, level, page, &written)) {
@@ -134,10 +132,7 @@ static enum umb_status parse_bricks(const uint8_t **at, const uint8_t *end, stru
 {
     const uint32_t bricks = page->node_count[UMB_LEVEL_BRICK];
     struct umb__number_list *numbers = &page->references[UMB_LEVEL_BRICK];
-    enum umb_status status = parse_leaves(at, end, page, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(parse_leaves(at, end, page, error));
     if (!umb__take(at, end, bricks, 1, &page->runs)) {
         return damaged(error, "bricks are cut");
     }
@@ -194,16 +189,10 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
     }
     for (uint32_t level = page->level_high; level >= page->level_low && level > UMB_LEVEL_BRICK;
          level--) {
-        enum umb_status status = parse_nodes(&at, end, level, page, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(parse_nodes(&at, end, level, page, error));
     }
     if (page->level_low == UMB_LEVEL_BRICK) {
-        enum umb_status status = parse_bricks(&at, end, page, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(parse_bricks(&at, end, page, error));
     }
     return at == end ? UMB_OK : damaged(error, "bytes are left over");
 }

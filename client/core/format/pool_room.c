@@ -10,6 +10,7 @@
 
 #include "base/memory.h"
 #include "base/page_alloc.h"
+#include "base/try.h"
 #include "format/node_pool_parts.h"
 
 #define SLOTS_LOG2_MIN 10U
@@ -59,10 +60,7 @@ static enum umb_status grow(struct umb__pool *pool, void **block, size_t item, s
 {
     const size_t copied = grows_by_pages(pool) ? 0 : old_count * item;
     const size_t more = (new_count - old_count) * item + copied;
-    const enum umb_status status = charge(pool, more, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(charge(pool, more, error));
     void *grown = resize(pool->alloc, *block, old_count * item, new_count * item);
     if (grown == NULL) {
         pool->bytes -= more;
@@ -113,10 +111,7 @@ static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots
     }
     const size_t old_count = slots->words == NULL ? 0 : (size_t)1 << slots->log2_size;
     const size_t bytes = ((size_t)1 << log2_size) * sizeof *slots->words;
-    const enum umb_status status = charge(pool, bytes, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(charge(pool, bytes, error));
     struct umb__hash_slots larger = {umb__alloc_large(pool->alloc, bytes, 1), log2_size};
     if (larger.words == NULL) {
         pool->bytes -= bytes;

@@ -8,6 +8,7 @@
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/numbers.h"
+#include "base/try.h"
 
 struct walk {
     const uint8_t *at, *end;
@@ -152,10 +153,7 @@ static enum umb_status walk_entry(const uint8_t *bytes, uint64_t length,
             trans->maps[i] = (struct umb__transmittance_map){level, (uint32_t)trans->square_count};
         }
         w.size = (uint32_t)1 << frusta[i].log2_size;
-        const enum umb_status status = level == 0 ? UMB_OK : take_map(&w, i, level, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(level == 0 ? UMB_OK : take_map(&w, i, level, error));
     }
     return w.at == w.end ? UMB_OK
                          : umb_fail(error, UMB_E_CORRUPT, "transmittance: %llu bytes too many",
@@ -177,20 +175,18 @@ enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
 {
     struct umb__trans counts = {0};
     memset(trans, 0, sizeof *trans);
-    enum umb_status status = walk_entry(bytes, length, frusta, frustum_count, &counts, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(walk_entry(bytes, length, frusta, frustum_count, &counts, error));
     /* One more of each, since an entry may have none. */
     trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
     trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
     trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);
     trans->starts = umb__alloc(alloc, (size_t)counts.list_count + 1, sizeof *trans->starts);
     trans->steps = umb__alloc(alloc, (size_t)counts.step_count + 1, sizeof *trans->steps);
-    status = trans->maps && trans->squares && trans->blocks && trans->starts && trans->steps
-                 ? walk_entry(bytes, length, frusta, frustum_count, trans, error)
-                 : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: no memory for %llu steps",
-                            (unsigned long long)counts.step_count);
+    enum umb_status status =
+        trans->maps && trans->squares && trans->blocks && trans->starts && trans->steps
+            ? walk_entry(bytes, length, frusta, frustum_count, trans, error)
+            : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: no memory for %llu steps",
+                       (unsigned long long)counts.step_count);
     if (status != UMB_OK) {
         umb__transmittance_finish(trans, alloc);
         return status;

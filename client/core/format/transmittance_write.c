@@ -7,6 +7,7 @@
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/numbers.h"
+#include "base/try.h"
 
 #define STEP_BYTES_MAX (2 * UMB__NUMBER_BYTES_MAX)
 
@@ -132,10 +133,7 @@ enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes
 enum umb_status umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data,
                                           size_t count, size_t max_bytes, struct umb_error *error)
 {
-    const enum umb_status status = reserve(bytes, count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(reserve(bytes, count, error));
     if (count > 0) {
         memcpy(bytes->data + bytes->count, data, count);
         bytes->count += count;

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/bytes.h"
+#include "base/try.h"
 #include "base/vec.h"
 
 /* Metres along the view. */
@@ -53,10 +54,7 @@ static enum umb_status seam_difference(const struct umb_cascade_seam *seam, doub
     float *coarse = scratch + points->count;
     double sum = 0.0;
     filter.contrast = contrast;
-    const enum umb_status status = umb_map_prepare(seam->coarse, &filter, &query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_map_prepare(seam->coarse, &filter, &query, error));
     umb_map_run(&query, points, 0, points->count, coarse);
     for (size_t i = 0; i < points->count; i++) {
         const double d = (double)coarse[i] - (double)scratch[i];
@@ -75,13 +73,10 @@ enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct u
     const double golden = 0.61803398874989484820;
     struct umb_map_query query;
     double low = -10.0, high = 10.0, at[2], value[2] = {0.0, 0.0};
-    enum umb_status status = umb_map_prepare(seam->fine, &seam->fine_filter, &query, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_map_prepare(seam->fine, &seam->fine_filter, &query, error));
     umb_map_run(&query, points, 0, points->count, scratch);
     seam->contrast = 1.0;
-    status = seam_difference(seam, 1.0, points, scratch, &seam->difference, error);
+    enum umb_status status = seam_difference(seam, 1.0, points, scratch, &seam->difference, error);
     seam->after = seam->difference;
     for (int step = 0; step < 20 && status == UMB_OK; step++) {
         at[0] = high - golden * (high - low);

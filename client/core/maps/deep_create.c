@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/try.h"
 #include "maps/deep_parts.h"
 
 enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
@@ -224,10 +225,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
 {
     *out = NULL;
     const size_t texels = (size_t)frustum->width * frustum->height;
-    enum umb_status status = umb__fragments_check(fragments, texels, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__fragments_check(fragments, texels, error));
     const uint64_t total = fragments->first[texels] - fragments->first[0];
     struct umb__deep *deep = umb__alloc_zeroed(alloc, 1, sizeof *deep);
     if (deep != NULL) {
@@ -243,7 +241,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
         return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
                         (unsigned long long)total);
     }
-    status = lists_make(deep, fragments, alloc, error);
+    enum umb_status status = lists_make(deep, fragments, alloc, error);
     deep->way = status == UMB_OK ? choose_way(deep) : settings->way;
     if (status == UMB_OK && deep->way == UMB_MAP_DEEP_LINKS) {
         status = links_open(deep, alloc, error);

@@ -9,6 +9,7 @@
 #include <string.h>
 #include "base/reserved.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "maps/derive_parts.h"
 #include "maps/map_view.h"
 #include "umbrage/volume.h"
@@ -191,10 +192,7 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     }
     const double size = (double)((uint64_t)1 << frustum.log2_size);
     if (!is_whole_frustum(asked->rect)) {
-        enum umb_status status = rect_check(asked->rect, size, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(rect_check(asked->rect, size, error));
     }
     rect_frustum(&frustum, info.origin, &light, derived, &derived->frusta[0]);
     return UMB_OK;
@@ -292,10 +290,7 @@ enum umb_status umb__derive(const struct umb_asset *asset,
                             struct umb_derived **out, struct umb_error *error)
 {
     *out = NULL;
-    enum umb_status status = settings_check(settings, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(settings_check(settings, error));
     struct umb__derived *whole = umb__alloc_zeroed(alloc, 1, sizeof *whole);
     if (whole == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "a derived map does not fit in memory");
@@ -311,7 +306,7 @@ enum umb_status umb__derive(const struct umb_asset *asset,
     derived->settings.cancelled = NULL;
     derived->settings.cancel_user = NULL;
     fill_in(&derived->settings.map);
-    status = place_maps(asset, settings, view, derived, error);
+    enum umb_status status = place_maps(asset, settings, view, derived, error);
     if (status == UMB_OK) {
         status = derive_maps(asset, settings, alloc, derived, error);
     }

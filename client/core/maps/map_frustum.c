@@ -2,6 +2,7 @@
 /* Frusta of lights: makes them, and maps texels back to the world. */
 #include <math.h>
 #include <string.h>
+#include "base/try.h"
 #include "maps/map_receiver.h"
 #include "base/reserved.h"
 #include "base/vec.h"
@@ -50,10 +51,7 @@ enum umb_status umb_map_frustum_fit(const double to_light[3], const struct umb_b
 {
     memset(frustum, 0, sizeof *frustum);
     double axes[3][3], diagonal = 0.0;
-    enum umb_status status = sides_check(width, height, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(sides_check(width, height, error));
     struct umb_map_frustum f = {.width = width, .height = height, .directional = 1};
     for (int k = 0; k < 3; k++) {
         axes[2][k] = -to_light[k];
@@ -98,10 +96,7 @@ enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot, uint32_t w
     if (UMB__UNKNOWN(spot, "spot", error)) {
         return UMB_E_ARGUMENT;
     }
-    enum umb_status status = sides_check(width, height, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(sides_check(width, height, error));
     double z[3], x[3], y[3];
     memcpy(z, spot->forward, sizeof z);
     const int has_forward = umb__unit(z);
@@ -134,7 +129,7 @@ enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot, uint32_t w
     }
     f.world_to_map[2][3] = paraboloid ? 0.0 : -spot->near_m / f.depth_m;
     f.world_to_map[3][3] = paraboloid ? 1.0 : 0.0;
-    status = umb__frustum_check(&f, error);
+    enum umb_status status = umb__frustum_check(&f, error);
     if (status == UMB_OK) {
         *frustum = f;
     }

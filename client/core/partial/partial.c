@@ -9,6 +9,7 @@
 #include "base/reserved.h"
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "partial/partial_parts.h"
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
@@ -96,10 +97,7 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
                                   const uint8_t *id, struct umb_error *error)
 {
     struct umb__head head;
-    enum umb_status status = umb__head_parse_front(front, size, &head, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__head_parse_front(front, size, &head, error));
     if (head.encoding != UMB_ENCODING_PACKED) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "encoding: a mapped file has no pages");
     }
@@ -109,7 +107,8 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
                         (unsigned long long)head.head_length, (unsigned long long)p->meter.limit);
     }
     memcpy(p->head_bytes, front, (size_t)head.head_length);
-    status = umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error);
+    enum umb_status status =
+        umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error);
     if (status == UMB_OK) {
         status = check_id(p, id, error);
     }
@@ -182,10 +181,7 @@ enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_f
         struct umb__page_others others = umb__page_others(page, level);
         for (size_t i = 0; i < page->external_count[level]; i++) {
             const struct umb__node_place place = umb__page_others_next(&others);
-            enum umb_status status = visit(user, level, place.page, place.position);
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(visit(user, level, place.page, place.position));
         }
     }
     return UMB_OK;

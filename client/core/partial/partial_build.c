@@ -9,6 +9,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "partial/partial_parts.h"
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -321,13 +322,10 @@ static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
 {
     umb__partial_unbuild(p);
-    enum umb_status status = build_graph(p, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(build_graph(p, error));
     uint64_t(*bricks)[8] = p->graph.bricks;
     p->graph.bricks = NULL;
-    status = lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error);
+    enum umb_status status = lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error);
     if (status == UMB_OK) {
         status = lay_out(p, UMB__NODE_LIT, NULL, &p->upper.mapped, error);
     }

@@ -6,6 +6,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/layout.h"
 #include "partial/partial_parts.h"
 
@@ -95,10 +96,7 @@ static enum umb_status add_blocks(struct umb_partial *p, struct saved *s, struct
         if (!umb__take(&s->at, s->end, length, 1, &bytes)) {
             return umb_fail(error, UMB_E_TRUNCATED, "partial file: block %u is cut", block);
         }
-        enum umb_status status = umb_partial_add_block(p, block, bytes, length, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb_partial_add_block(p, block, bytes, length, error));
     }
     return UMB_OK;
 }

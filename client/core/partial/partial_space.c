@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "base/vec.h"
 #include "format/canonical.h"
 
@@ -117,10 +118,7 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
         return umb_fail(error, UMB_E_ARGUMENT, "taps: %u, at most %d", view->taps, UMB_TAPS_MAX);
     }
     if (view->has_box) {
-        enum umb_status status = check_box(view, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_box(view, error));
     }
     return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }

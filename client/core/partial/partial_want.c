@@ -16,6 +16,7 @@
 
 #include "base/memory.h"
 #include "base/reserved.h"
+#include "base/try.h"
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 
@@ -200,10 +201,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
         return umb_fail(error, UMB_E_ARGUMENT, "light: %u, the asset has %u", view->light,
                         content->light_count);
     }
-    enum umb_status status = umb__sight_init(&sight, view, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__sight_init(&sight, view, error));
     for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
         memset(p->seen[level], 0, p->graph.level[level].count * sizeof(float));
     }

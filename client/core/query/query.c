@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "format/asset_parts.h"
 #include "query/effect_switches.h"
 #include "query/footprint.h"
@@ -372,10 +373,7 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
     const struct umb_frustum_info *frustum = &content->frusta[light->first_frustum];
     const struct umb__top *top = &asset->view.tops[light->first_frustum];
     int32_t taps;
-    status = choose_taps(settings, frustum, &taps, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(choose_taps(settings, frustum, &taps, error));
     struct umb__query q = {
         .kernel = choose_stages(settings),
         .grid = asset->view.grid + top->first_cell,

@@ -2,6 +2,7 @@
 /* Prepares a light's voxels for segments, columns and boxes; see umbrage/volume.h. */
 #include "umbrage/volume.h"
 
+#include "base/try.h"
 #include "format/asset_parts.h"
 #include "query/volume_parts.h"
 
@@ -73,10 +74,7 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
         .occluder_depth_roots = content->occluder_depth ? content->occluder_depth + index : NULL,
     };
     if (content->lights[light].kind != UMB_LIGHT_DIRECTIONAL) {
-        enum umb_status status = set_faces(asset, light, &v, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(set_faces(asset, light, &v, error));
     }
     memcpy(v.world_to_voxel, frustum->world_to_voxel, sizeof v.world_to_voxel);
     memcpy(v.voxel_step, frustum->voxel_step, sizeof v.voxel_step);

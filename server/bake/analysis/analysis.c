@@ -14,6 +14,7 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/cut_out.h"
 #include "bake/depth/tile.h"
+#include "base/try.h"
 #include "base/vec.h"
 #include "scene/parts.h"
 
@@ -303,11 +304,8 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                   struct umbb_analysis *analysis, struct umb_error *error)
 {
     memset(analysis, 0, sizeof *analysis);
-    enum umb_status status = check_memory(view, options->memory_bytes, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = flatten(analysis, view, error);
+    UMB__TRY(check_memory(view, options->memory_bytes, error));
+    enum umb_status status = flatten(analysis, view, error);
     if (status != UMB_OK) {
         goto done;
     }
@@ -370,11 +368,7 @@ enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
     }
     free(analysis->corners);
     analysis->corners = NULL;
-    const enum umb_status status =
-        umbs_scene_flatten(view, &analysis->corners, NULL, &count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_scene_flatten(view, &analysis->corners, NULL, &count, error));
     if (count != analysis->flat_count) {
         return umb_fail(error, UMB_E_INTERNAL, "scene: %zu triangles became %zu",
                         analysis->flat_count, count);

@@ -10,6 +10,7 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/sun_position.h"
 #include "bake/print_text.h"
+#include "base/try.h"
 
 #define RAD_A_DEG 0.017453292519943295
 
@@ -122,10 +123,7 @@ static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path
             continue;
         }
         struct umb_light_info *light;
-        const enum umb_status status = add_sun(c, &light, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(add_sun(c, &light, error));
         const int whole = (int)minutes, seconds = (int)((minutes - whole) * 60.0);
         snprintf(light->name, sizeof light->name, "sun %04d-%02d-%02d %02d:%02d:%02d", path->year,
                  path->month, path->day, whole / 60, whole % 60, seconds);
@@ -147,11 +145,7 @@ static enum umb_status choose_at(struct chooser *c, const struct umbb_light_requ
     const int is_spot = request->kind == UMBB_REQUEST_SPOT;
     const double *p = request->position;
     struct umb_light_info *light;
-    const enum umb_status status =
-        add_light(c, is_spot ? UMB_LIGHT_SPOT : UMB_LIGHT_POINT, &light, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(add_light(c, is_spot ? UMB_LIGHT_SPOT : UMB_LIGHT_POINT, &light, error));
     snprintf(light->name, sizeof light->name, "%s %g,%g,%g", is_spot ? "spot" : "point", p[0], p[1],
              p[2]);
     memcpy(light->position, p, sizeof light->position);
@@ -209,10 +203,7 @@ static enum umb_status choose_named(struct chooser *c, const char *wanted, struc
 static enum umb_status choose_default(struct chooser *c, struct umb_error *error)
 {
     for (uint32_t i = 0; i < c->view->light_count; i++) {
-        const enum umb_status status = choose_of_file(c, &c->view->lights[i], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(choose_of_file(c, &c->view->lights[i], error));
     }
     if (c->choice->count > 0) {
         return UMB_OK;

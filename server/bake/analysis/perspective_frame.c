@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "base/vec.h"
 #include "bake/analysis/eye_clip.h"
 #include "bake/depth/cut_out.h"
@@ -162,10 +163,7 @@ static enum umb_status add_polygon(struct umbb_projected *projected,
         at[i][2] = source->near / p[2];
     }
     for (size_t i = 2; i < polygon->count; i++) {
-        const enum umb_status status = reserve(projected, source, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(reserve(projected, source, error));
         double(*to)[3] = projected->corners[projected->count];
         memcpy(to[0], at[0], sizeof at[0]);
         memcpy(to[1], at[i - 1], sizeof at[0]);

@@ -9,6 +9,7 @@
 
 #include "bake/build/brick_slices.h"
 #include "bake/build/columns.h"
+#include "base/try.h"
 
 /* State of the building of a tile's bricks. */
 struct walk {
@@ -128,10 +129,7 @@ static enum umb_status low_column(const struct walk *walk, size_t block,
     for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
         uint32_t ref;
         next = next_brick(walk, values, z, column->mixed_end);
-        const enum umb_status status = build_brick(walk, values, z, &ref, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(build_brick(walk, values, z, &ref, error));
         for (uint32_t i = z; i < next; i++) {
             bricks[i - first][q] = ref;
         }
@@ -187,11 +185,7 @@ static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_c
     }
     for (size_t q = 0; q < 4; q++) {
         four[q].run_first = walk->runs->count;
-        const enum umb_status status =
-            brick_column(user, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(brick_column(user, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error));
     }
     return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, mark, walk->runs, column, error);
 }

@@ -7,6 +7,8 @@
  */
 #include "bake/build/columns.h"
 
+#include "base/try.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,10 +41,7 @@ static enum umb_status reserve(struct umbb_runs *runs, size_t more, struct umb_e
 enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
                                struct umbb_column *column, struct umb_error *error)
 {
-    const enum umb_status status = reserve(to, column->run_count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(reserve(to, column->run_count, error));
     if (column->run_count > 0) {
         memcpy(to->items + to->count, from->items + column->run_first,
                column->run_count * sizeof *to->items);
@@ -59,10 +58,7 @@ enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first, uint
         runs->items[runs->count - 1].z_end = z_end;
         return UMB_OK;
     }
-    const enum umb_status status = reserve(runs, 1, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(reserve(runs, 1, error));
     runs->items[runs->count++] = (struct umbb_column_run){z_end, ref};
     return UMB_OK;
 }
@@ -168,11 +164,7 @@ enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_
     struct umbb_column four[4];
     for (size_t q = 0; q < 4; q++) {
         const size_t quarter[2] = {2 * place[0] + (q & 1), 2 * place[1] + (q >> 1)};
-        const enum umb_status status =
-            umbb_column_of_tree(tree, level - 1, quarter, &four[q], error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbb_column_of_tree(tree, level - 1, quarter, &four[q], error));
     }
     return umbb_column_join(tree->pool, level, four, mark, tree->runs, column, error);
 }

@@ -14,6 +14,7 @@
 
 #include "base/page_alloc.h"
 #include "bake/build/columns.h"
+#include "base/try.h"
 #include "tool/threads.h"
 #include "bake/build/tile_occluder_depth.h"
 #include "bake/build/tile_squares.h"
@@ -252,16 +253,13 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     const struct umbb_cached_tiles *cached_tiles = loop->options->cached_tiles;
     const struct umbb_tile_place place = place_of(loop, number);
     struct umbb_tile_result result;
-    enum umb_status status = share_memory(loop, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(share_memory(loop, error));
     /* A quarter of the rest is for the tile cache's work; three quarters are for the nodes that it
      * adds to the pool. */
     loop->pool->max_bytes -= loop->spare_bytes / 4;
     loop->runs.count = 0;
-    status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4, loop->pool,
-                                &loop->runs, &result, found, error);
+    enum umb_status status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4,
+                                                loop->pool, &loop->runs, &result, found, error);
     if (status == UMB_OK && *found) {
         loop->figures.tiles++;
         loop->figures.tiles_found++;
@@ -435,10 +433,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
         .user = loop,
     };
     const size_t whole[2] = {0, 0};
-    const enum umb_status status = umbb_column_of_tree(&tree, level, whole, &column, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbb_column_of_tree(&tree, level, whole, &column, error));
     /* A single node along z: mixed, lit if nothing is shadowed, or shadowed. */
     *root = column.mixed_end == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
     if (column.mixed_first < column.mixed_end) {

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "bake/depth/coverage.h"
 #include "bake/depth/cut_out.h"
@@ -109,10 +110,7 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
             if (!(opacity > 0.0)) {
                 continue;
             }
-            const enum umb_status status = reserve(m, bench, error);
-            if (status != UMB_OK) {
-                return status;
-            }
+            UMB__TRY(reserve(m, bench, error));
             bench->fragments[bench->count++] =
                 (struct fragment){(uint32_t)((row - y0) * SIDE + (x - x0)), lit, opacity};
         }
@@ -231,10 +229,7 @@ static void row_job(void *user, uint32_t row, unsigned thread)
 static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_error *error)
 {
     struct umbu_threads *jobs;
-    const enum umb_status status = umbu_threads_create(m->threads, &jobs, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_threads_create(m->threads, &jobs, error));
     atomic_store(&m->total, 0);
     umbu_threads_start(jobs, row_job, m, rows);
     umbu_threads_wait(jobs, NULL, NULL);

@@ -22,6 +22,7 @@
 #include "bake/import/face_builder.h"
 #include "bake/import/gltf_guard.h"
 #include "bake/import/gltf_texcoords.h"
+#include "base/try.h"
 #include "common/clean_text.h"
 
 /* Parts of a scene that are hidden from the validator. */
@@ -185,11 +186,8 @@ static enum umb_status add_material(struct conversion *c, unsigned number, struc
                         "counts all over",
                         material.name);
     }
-    const enum umb_status status =
-        umbb_assimp_texture(c->scene, source, &c->textures, &material, &c->mappings[number], error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbb_assimp_texture(c->scene, source, &c->textures, &material, &c->mappings[number],
+                                 error));
     if (material.texture != UMBS_NO_INDEX) {
         obey_texture_transform(c, &material, &name, &c->mappings[number]);
     }
@@ -236,11 +234,7 @@ static enum umb_status add_vertices(const struct conversion *c, const struct aiM
         const double position[3] = {(double)at->x, (double)at->y, (double)at->z};
         float uv[2];
         umbb_assimp_uv(mapping, mesh, i, uv);
-        enum umb_status status =
-            umbs_scene_add_vertex(c->faces.scene, position, has_uvs ? uv : NULL, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbs_scene_add_vertex(c->faces.scene, position, has_uvs ? uv : NULL, error));
     }
     return UMB_OK;
 }
@@ -253,17 +247,11 @@ static enum umb_status add_faces(struct umbb_faces *faces, const struct aiMesh *
         const struct aiFace *face = &mesh->mFaces[i];
         for (unsigned k = 0; face->mNumIndices >= 3 && k < face->mNumIndices; k++) {
             unsigned index = face->mIndices[k];
-            enum umb_status status = umbb_face_corner(
+            UMB__TRY(umbb_face_corner(
                 faces, index < mesh->mNumVertices ? (uint64_t)first + index : UMBB_BAD_CORNER,
-                error);
-            if (status != UMB_OK) {
-                return status;
-            }
+                error));
         }
-        enum umb_status status = face->mNumIndices >= 3 ? umbb_face_end(faces, error) : UMB_OK;
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(face->mNumIndices >= 3 ? umbb_face_end(faces, error) : UMB_OK);
     }
     return UMB_OK;
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "bake/import/json_scan.h"
+#include "base/try.h"
 
 #define SIZE_LIMIT ((int64_t)1 << 40)
 #define NO_NUMBER  (-1)
@@ -293,11 +294,7 @@ enum umb_status umbb_gltf_column_open(struct umbb_gltf_columns *columns, int64_t
         return bad_accessor(number, "has no buffer", error);
     }
     struct buffer *buffer = (struct buffer *)columns->buffers.data + view->buffer;
-    const enum umb_status status =
-        buffer->bytes == NULL ? open_buffer(columns, buffer, error) : UMB_OK;
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(buffer->bytes == NULL ? open_buffer(columns, buffer, error) : UMB_OK);
     const int64_t stride = view->stride != 0 ? view->stride : (int64_t)bytes;
     if (!in_size(accessor->offset) || !in_size(view->offset) || !in_size(view->length) ||
         stride < 1 || stride > 65536 || accessor->count < 1 || accessor->count > UINT32_MAX ||

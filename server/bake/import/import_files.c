@@ -7,6 +7,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "common/open_beneath.h"
 
 #define NAME_BYTES UMBS_BENEATH_NAME_BYTES
@@ -75,10 +76,7 @@ enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char
 {
     char clean[NAME_BYTES];
     memset(file, 0, sizeof(*file));
-    enum umb_status status = clean_name(name, length, clean, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(clean_name(name, length, clean, error));
     int fd = folder->open(folder->handle, clean);
     if (fd < 0 && (errno == EISDIR || errno == ENODEV)) {
         return umb_fail(error, UMB_E_NOT_FOUND, "file '%.100s' is not a regular file", clean);
@@ -89,7 +87,7 @@ enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char
         return umb_fail_errno(error, leaves ? UMB_E_PERMISSION : UMB_E_NOT_FOUND, saved,
                               "file '%.100s'", clean);
     }
-    status = umbb_file_map(fd, max_bytes, file, error);
+    enum umb_status status = umbb_file_map(fd, max_bytes, file, error);
     (void)close(fd);
     return status;
 }

@@ -18,6 +18,7 @@
 #include "bake/import/face_builder.h"
 #include "bake/import/import_job.h"
 #include "bake/import/mtl_reader.h"
+#include "base/try.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
 #define LIBRARIES_MAX  64U        /* mtllib names read: each may be as large as the scene */
@@ -111,11 +112,8 @@ static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, 
         return no_memory(error);
     }
     const float *uvs = obj->uvs.data;
-    enum umb_status status = umbs_scene_add_vertex(scene, point->position,
-                                                   uv != NONE ? uvs + 2 * (size_t)uv : NULL, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbs_scene_add_vertex(scene, point->position, uv != NONE ? uvs + 2 * (size_t)uv : NULL,
+                                   error));
     fresh->uv = uv;
     fresh->next = point->first;
     point->first = (uint32_t)obj->made.count;
@@ -161,10 +159,7 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
     uint64_t vertex = UMBB_BAD_CORNER;
     if (point != NONE) {
         struct corner_point *points = obj->points.data;
-        enum umb_status status = find_vertex(obj, &points[point], uv, &vertex, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(find_vertex(obj, &points[point], uv, &vertex, error));
     }
     return umbb_face_corner(&obj->faces, vertex, error);
 }
@@ -172,10 +167,7 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
 static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
 {
     while (umbb_skip_blanks(&line) && *line.at != '#') {
-        enum umb_status status = read_corner(obj, &line, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(read_corner(obj, &line, error));
     }
     obj->face_count++;
     return umbb_face_end(&obj->faces, error);
@@ -186,11 +178,8 @@ static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
 {
     struct umbb_cursor name = umbb_trim(line);
     struct run next = {.first = (uint32_t)obj->job->scene.triangles.count};
-    enum umb_status status = umbb_material_get(&obj->materials, name.at,
-                                               (size_t)(name.end - name.at), &next.material, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at),
+                               &next.material, error));
     struct run *runs = obj->runs.data;
     if (obj->runs.count > 0 && (runs[obj->runs.count - 1].material == next.material ||
                                 runs[obj->runs.count - 1].first == next.first)) {
@@ -321,10 +310,7 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
                             (unsigned long long)obj->line_number, (size_t)(line.end - line.at),
                             LINE_BYTES_MAX);
         }
-        enum umb_status status = read_line(obj, line, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(read_line(obj, line, error));
     }
     return UMB_OK;
 }

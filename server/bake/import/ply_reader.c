@@ -15,6 +15,7 @@
 #include "bake/import/import_job.h"
 #include "bake/import/ply_header.h"
 #include "bake/import/text_number.h"
+#include "base/try.h"
 
 struct ply {
     struct umbb_import *job;
@@ -154,11 +155,8 @@ static enum umb_status read_vertices(struct ply *ply, const struct umbb_ply_elem
         if (!isfinite(uv[0]) || !isfinite(uv[1])) {
             uv[0] = uv[1] = 0.0F;
         }
-        enum umb_status status = umbs_scene_add_vertex(&ply->job->scene, &values[UMBB_PLY_X],
-                                                       ply->has_uvs ? uv : NULL, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbs_scene_add_vertex(&ply->job->scene, &values[UMBB_PLY_X],
+                                       ply->has_uvs ? uv : NULL, error));
     }
     return UMB_OK;
 }
@@ -177,11 +175,7 @@ static enum umb_status read_corners(struct ply *ply, const struct umbb_ply_eleme
             return bad_item(element, item, error);
         }
         int good = value >= 0.0 && value < (double)UINT32_MAX && floor(value) >= value;
-        enum umb_status status =
-            umbb_face_corner(&ply->faces, good ? (uint64_t)value : UMBB_BAD_CORNER, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbb_face_corner(&ply->faces, good ? (uint64_t)value : UMBB_BAD_CORNER, error));
     }
     return umbb_face_end(&ply->faces, error);
 }
@@ -293,16 +287,12 @@ static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)
 {
     struct ply ply = {.job = job};
-    enum umb_status status =
-        umbb_ply_header_read(job->file.bytes, job->file.size, &ply.header, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbb_ply_header_read(job->file.bytes, job->file.size, &ply.header, error));
     struct umbs_scene_builder *scene = &job->scene;
     ply.data.at = job->file.bytes + ply.header.bytes;
     ply.data.end = job->file.bytes + job->file.size;
     umbb_faces_init(&ply.faces, scene);
-    status = check_header(&ply, error);
+    enum umb_status status = check_header(&ply, error);
     if (status == UMB_OK) {
         status = read_elements(&ply, error);
     }

@@ -10,6 +10,7 @@
 
 #include "bake/tiles/tile_occluder_depth_code.h"
 #include "base/bytes.h"
+#include "base/try.h"
 
 /* Pointers to the parts. Counts are the file's; sections are proven to fit it. */
 struct decoder {
@@ -209,19 +210,13 @@ enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint
                                  struct umbb_tile_result *result, struct umb_error *error)
 {
     struct decoder d = {.top = shape->tile_log2};
-    enum umb_status status = check_all(&d, shape, bytes, size, result, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(check_all(&d, shape, bytes, size, result, error));
     uint32_t *occluder_depth = NULL, *top;
     if (shape->occluder_depth != NULL) {
-        status = umbb_tile_occluder_depth_read(shape, bytes + d.bytes, size - d.bytes,
-                                               &occluder_depth, error);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umbb_tile_occluder_depth_read(shape, bytes + d.bytes, size - d.bytes,
+                                               &occluder_depth, error));
     }
-    status = add_all(&d, pool, &top, error);
+    enum umb_status status = add_all(&d, pool, &top, error);
     if (status == UMB_OK && occluder_depth != NULL) {
         status = umbb_tile_occluder_depth_add(shape, occluder_depth, error);
     }

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "bake/tiles/tile_key.h"
+#include "base/try.h"
 
 enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_folder,
                                       enum umbb_tile_folder_mode mode, const char *folder,
@@ -91,11 +92,7 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place, siz
     *found = 0;
     turn_to(tile_folder, place);
     umbb_tile_key(tile_folder->depth, &tile_folder->shape, place, key);
-    const enum umb_status status =
-        take(tile_folder, key, max_bytes, pool, runs, result, found, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(take(tile_folder, key, max_bytes, pool, runs, result, found, error));
     tile_folder->found += *found != 0;
     if (!*found && tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
         return umb_fail(error, UMB_E_BUSY,

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/page_alloc.h"
+#include "base/try.h"
 #include "tool/threads.h"
 #include "bake/interrupt.h"
 #include "bake/bake_progress.h"
@@ -48,10 +49,7 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
         error->message[0] = '\0';
     }
     struct umbu_threads *jobs;
-    enum umb_status status = umbu_threads_create(publish->threads, &jobs, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_threads_create(publish->threads, &jobs, error));
     const struct umb_workers workers = umbu_threads_workers(jobs);
     const struct umb__pack_job job = {.content = content,
                                       .octree = octree,
@@ -59,7 +57,7 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                       .sink = &sink,
                                       .workers = &workers,
                                       .cancelled = umbb_interrupted};
-    status = umb__pack_run(&job, publish->id, error);
+    enum umb_status status = umb__pack_run(&job, publish->id, error);
     umbu_threads_destroy(jobs);
     publish->bytes = counter.bytes;
     if (status == UMB_E_CANCELLED) {
