@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "rpc_client.h"
 #include "umbrage/region.h"
 #include "wire/regions.h"
@@ -112,7 +113,7 @@ static size_t cut(const struct umb_range *ranges, size_t count, struct gathering
             if (out) {
                 struct gather_call *call = &out[calls - 1];
                 call->request.ranges[call->request.count++] =
-                    (struct umbw_range){ranges[i].offset + at, length};
+                    (struct umb_range){ranges[i].offset + at, length};
                 call->wanted += (size_t)length;
             }
             taken++;
@@ -269,11 +270,8 @@ enum umb_status umb_region_daemon_open(struct umb_client *client, const char *as
                                        struct umb_region_source *source, struct umb_error *error)
 {
     *source = (struct umb_region_source){0};
-    const size_t length = strlen(asset);
-    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,
-                        UMBW_ASSET_NAME_MAX);
-    }
+    char name[UMBW_ASSET_NAME_MAX + 1];
+    UMB__TRY(umb__asset_take(asset, name, error));
     struct daemon_source *made = calloc(1, sizeof *made);
     if (!made || pthread_mutex_init(&made->lock, NULL) != 0) {
         free(made);
@@ -285,7 +283,7 @@ enum umb_status umb_region_daemon_open(struct umb_client *client, const char *as
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
     made->client = client;
-    memcpy(made->asset, asset, length + 1);
+    memcpy(made->asset, name, sizeof made->asset);
     *source = (struct umb_region_source){.read = read_ranges, .user = made};
     return UMB_OK;
 }

@@ -11,6 +11,18 @@ enum {
     SLOWEST_BYTES_S = 1024, /* Least rate of a call with many messages, after the stall time-out */
 };
 
+enum umb_status umb__asset_take(const char *asset, char out[UMBW_ASSET_NAME_MAX + 1],
+                                struct umb_error *error)
+{
+    const size_t length = asset == NULL ? 0 : strlen(asset);
+    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
+                        UMBW_ASSET_NAME_MAX);
+    }
+    memcpy(out, asset, length + 1);
+    return UMB_OK;
+}
+
 static void list_remove(struct umb__call *call)
 {
     struct umb__call_list *list = call->list;

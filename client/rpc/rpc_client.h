@@ -163,6 +163,10 @@ struct umb_client {
 
 /* --- calls (rpc_calls.c) --- */
 
+/* Copies the name or id of an asset. In: asset: may be NULL. Fails: E_ARGUMENT (its length). */
+UMB_CHECKED enum umb_status umb__asset_take(const char *asset, char out[UMBW_ASSET_NAME_MAX + 1],
+                                            struct umb_error *error);
+
 /*
  * Starts a call whose request is encoded.
  *

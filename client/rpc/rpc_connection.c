@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "rpc_endpoint.h"
-#include "wire/wire_buffer.h"
 
 /* Returns libuv's text of an error, without its allocation for unknown codes. */
 static const char *uv_text(int code, char text[96])

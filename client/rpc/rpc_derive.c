@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "wire/regions.h"
 
 struct gathered {
@@ -64,12 +65,7 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
         UMB__UNKNOWN(&settings->cascades, "settings.cascades", error)) {
         return UMB_E_ARGUMENT;
     }
-    const size_t length = strlen(asset);
-    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "asset: %zu bytes, must be 1 to %d", length,
-                        UMBW_ASSET_NAME_MAX);
-    }
-    memcpy(request.asset, asset, length + 1);
+    UMB__TRY(umb__asset_take(asset, request.asset, error));
     if (settings->cascades.count > 0 && settings->camera == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
                         settings->cascades.count);

@@ -2,38 +2,18 @@
 /* Bakes.Watch, Cancel, List, Fetch and Delete. Submit is in rpc_submit.c. */
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "rpc_client.h"
 #include "umbrage/jobs.h"
 #include "wire/bakes.h"
 
 #define FOR_EVER_MS UINT32_MAX /* 49 days */
 
-static void status_from_wire(const struct umbw_job_status *from, struct umb_job_status *to)
+/* Frees the texts of a decoded status: one block, which the plan begins. */
+static void drop_texts(struct umb_job_status *status)
 {
-    memset(to, 0, sizeof *to);
-    memcpy(to->job, from->job, sizeof to->job);
-    memcpy(to->owner, from->owner, sizeof to->owner);
-    memcpy(to->cause, from->cause, sizeof to->cause);
-    memcpy(to->phase, from->phase, sizeof to->phase);
-    memcpy(to->unit, from->unit, sizeof to->unit);
-    memcpy(to->asset, from->asset, sizeof to->asset);
-    to->state = from->state;
-    to->failure = from->failure;
-    to->priority = from->priority;
-    to->epoch = from->epoch;
-    to->bundle_bytes = from->bundle_bytes;
-    to->submitted_ms = from->submitted_ms;
-    to->started_ms = from->started_ms;
-    to->ended_ms = from->ended_ms;
-    to->not_before_ms = from->not_before_ms;
-    to->has_asset = from->has_asset;
-    to->done = from->done;
-    to->total = from->total;
-    to->rate = from->rate;
-    to->left_ms = from->left_ms;
-    to->tiles_done = from->tiles_done;
-    to->tiles_total = from->tiles_total;
-    to->tiles_found = from->tiles_found;
+    free((void *)(uintptr_t)status->plan);
+    status->plan = status->notices = NULL;
 }
 
 static enum umb_status encode_job(const char *job, struct umbw_buffer *body,
@@ -59,16 +39,12 @@ struct watch {
 static bool take_status(void *user, const uint8_t *message, size_t size)
 {
     struct watch *watch = user;
-    struct umbw_job_status wire;
     struct umb_job_status status;
-    if (umbw_decode_job_status(message, size, &wire, &watch->error) != UMB_OK) {
+    if (umbw_decode_job_status(message, size, &status, &watch->error) != UMB_OK) {
         return false;
     }
-    status_from_wire(&wire, &status);
-    status.plan = wire.plan;
-    status.notices = wire.notices;
     watch->stopped = !watch->on_status(watch->user, &status);
-    umbw_job_status_finish(&wire);
+    drop_texts(&status);
     return !watch->stopped;
 }
 
@@ -113,15 +89,13 @@ static enum umb_status decode_status(void *context, const uint8_t *message, size
                                      struct umb_error *error)
 {
     const struct cancel *cancel = context;
-    struct umbw_job_status wire;
-    enum umb_status status = umbw_decode_job_status(message, size, &wire, error);
-    if (status == UMB_OK && cancel->out != NULL) {
-        status_from_wire(&wire, cancel->out);
+    struct umb_job_status job;
+    UMB__TRY(umbw_decode_job_status(message, size, &job, error));
+    drop_texts(&job);
+    if (cancel->out != NULL) {
+        *cancel->out = job;
     }
-    if (status == UMB_OK) {
-        umbw_job_status_finish(&wire);
-    }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umb_client_cancel_job(struct umb_client *client, const char *job,
@@ -152,23 +126,14 @@ static enum umb_status decode_list(void *out, const uint8_t *message, size_t siz
                                    struct umb_error *error)
 {
     struct list *list = out;
-    struct umbw_job_list wire;
-    enum umb_status status = umbw_decode_job_list(message, size, &wire, error);
-    if (status != UMB_OK) {
-        return status;
+    struct umbw_job_list reply;
+    UMB__TRY(umbw_decode_job_list(message, size, &reply, error));
+    for (size_t i = 0; i < reply.count; i++) {
+        reply.jobs[i].plan = reply.jobs[i].notices = NULL; /* they are in the list's own block */
     }
-    struct umb_job_status *jobs = calloc(wire.count + 1, sizeof *jobs);
-    if (jobs != NULL) {
-        *list->jobs = jobs;
-        *list->count = wire.count;
-        for (size_t i = 0; i < wire.count; i++) {
-            status_from_wire(&wire.jobs[i], &jobs[i]);
-        }
-    } else {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu jobs", wire.count);
-    }
-    umbw_job_list_finish(&wire);
-    return status;
+    *list->jobs = reply.jobs;
+    *list->count = reply.count;
+    return UMB_OK;
 }
 
 enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
@@ -185,7 +150,7 @@ enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
     *list = (struct list){jobs, count};
     const struct umb__ending ending = {list, decode_list, NULL};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_LIST};
-    enum umb_status status = umbw_encode_list_jobs_request(limit, &body, error);
+    enum umb_status status = umbw_encode_list_jobs_request(&limit, &body, error);
     return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
                             : umb__call_drop(&body, &ending, status, error);
 }

@@ -55,17 +55,12 @@ static enum umb_status encode(const struct umb_client_query_request *request,
     if (request->pack && request->base) {
         wire.base_mark = umb_picture_mark(request->base, value_bytes_of(request));
     }
-    size_t length = request->asset == NULL ? 0 : strlen(request->asset);
-    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
-                        UMBW_ASSET_NAME_MAX);
-    }
+    UMB__TRY(umb__asset_take(request->asset, wire.asset, error));
     if (request->settings.footprint_m != 0 && request->settings.filter != UMB_FILTER_FOOTPRINT) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "footprint_m: %g; the protocol has windows of a number of taps only",
                         request->settings.footprint_m);
     }
-    memcpy(wire.asset, request->asset, length + 1);
     enum umb_status status = umbw_encode_query_request(&wire, body, error);
     if (status != UMB_OK) {
         umbw_buffer_finish(body);

@@ -96,17 +96,13 @@ static enum umb_status make_manifest(struct upload *upload, struct umb_error *er
     manifest->scene = submission->scene;
     manifest->priority = submission->priority;
     manifest->files = calloc(submission->file_count + 1, sizeof *manifest->files);
-    manifest->settings = calloc(submission->setting_count + 1, sizeof *manifest->settings);
     upload->piece = malloc(PIECE_BYTES);
-    if (manifest->files == NULL || manifest->settings == NULL || upload->piece == NULL) {
+    if (manifest->files == NULL || upload->piece == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a submission");
     }
     manifest->file_count = submission->file_count;
+    manifest->settings = (struct umb_job_setting *)(uintptr_t)submission->settings; /* read only */
     manifest->setting_count = submission->setting_count;
-    for (size_t i = 0; i < submission->setting_count; i++) {
-        manifest->settings[i].name = submission->settings[i].name;
-        manifest->settings[i].value = submission->settings[i].value;
-    }
     enum umb_status status = UMB_OK;
     for (size_t i = 0; status == UMB_OK && i < submission->file_count; i++) {
         status = hash_file(upload, i, error);
@@ -149,7 +145,8 @@ static enum umb_status feed(void *user, struct umbw_buffer *body)
         status = umb_fail(&upload->error, UMB_E_IO, "'%.200s' was cut while it was sent", source);
     }
     if (status == UMB_OK) {
-        status = umbw_encode_submit_data(upload->piece, count, body, &upload->error);
+        const struct umbw_submit_request request = {.data = upload->piece, .data_size = count};
+        status = umbw_encode_submit_request(&request, body, &upload->error);
     }
     upload->left -= count;
     upload->sent += count;
@@ -162,14 +159,8 @@ static enum umb_status feed(void *user, struct umbw_buffer *body)
 static enum umb_status decode(void *out, const uint8_t *message, size_t size,
                               struct umb_error *error)
 {
-    struct umb_job_submitted *submitted = ((struct upload *)out)->submitted;
-    struct umbw_submit_reply reply;
-    enum umb_status status = umbw_decode_submit_reply(message, size, &reply, error);
-    if (status == UMB_OK) {
-        memcpy(submitted->job, reply.job, sizeof submitted->job);
-        submitted->existing = reply.existing;
-    }
-    return status;
+    const struct upload *upload = out;
+    return umbw_decode_submit_reply(message, size, upload->submitted, error);
 }
 
 static enum umb_status finish(void *context, enum umb_status status, struct umb_error *error)
@@ -181,7 +172,7 @@ static enum umb_status finish(void *context, enum umb_status status, struct umb_
     if (upload->fd >= 0) {
         close(upload->fd);
     }
-    umbw_manifest_finish(&upload->manifest);
+    free(upload->manifest.files);
     free(upload->piece);
     return status;
 }
@@ -209,7 +200,9 @@ enum umb_status umb_client_submit(struct umb_client *client,
                                         .flows = true};
     enum umb_status status = make_manifest(upload, error);
     if (status == UMB_OK) {
-        status = umbw_encode_manifest(&upload->manifest, &body, error);
+        const struct umbw_submit_request request = {.has_manifest = 1,
+                                                    .manifest = upload->manifest};
+        status = umbw_encode_submit_request(&request, &body, error);
     }
     return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
                             : umb__call_drop(&body, &ending, status, error);

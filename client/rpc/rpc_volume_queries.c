@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "rpc_client.h"
 #include "wire/volume_queries.h"
 
@@ -114,20 +115,17 @@ static enum umb_status ask(struct umb_client *client, const struct umb_volume_qu
         return UMB_E_ARGUMENT;
     }
     struct umbw_buffer body = {NULL, 0, 0};
-    const size_t length = volume_query->asset != NULL ? strlen(volume_query->asset) : 0;
+    char asset[UMBW_ASSET_NAME_MAX + 1];
     if (asked->reply != NULL) {
         memset(asked->reply, 0, sizeof *asked->reply);
     }
-    if (length == 0 || length > UMBW_ASSET_NAME_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
-                        UMBW_ASSET_NAME_MAX);
-    }
+    UMB__TRY(umb__asset_take(volume_query->asset, asset, error));
     struct asked *kept = malloc(sizeof *kept);
     if (kept == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
     *kept = *asked;
-    memcpy(kept->request.asset, volume_query->asset, length + 1);
+    memcpy(kept->request.asset, asset, sizeof asset);
     kept->request.light = volume_query->light;
     kept->request.want_stats = 1;
     const struct umb__ending ending = {.context = kept, .decode = decode};

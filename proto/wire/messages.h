@@ -2,23 +2,21 @@
 #ifndef UMBRAGE_WIRE_MESSAGES_H
 #define UMBRAGE_WIRE_MESSAGES_H
 /*
- * The messages of umbrage.v1 as plain structs, and their codecs. No I/O. Only this library sees
- * protobuf-c.
+ * The messages of umbrage.v1.Shadows and of the health service as plain structs, and their codecs.
+ * Where the public API has a struct for a message, it is that struct. No I/O. Only this library
+ * sees protobuf-c; codec.h describes the tables that drive it.
  *
- * Reading in place: the large byte fields (points, normals, visibility) are never copied. Decoding
- * scans the top level of the message, stores pointers to these fields in the caller's buffer, and
- * gives only the small rest to protobuf-c. The buffer must live as long as the struct.
+ * Reading in place: the large byte fields (points, normals, visibility) are never copied. The
+ * decoder stores pointers to them, so the message must live as long as the struct.
  *
- * Encoding: writes into a caller's umbw_buffer (growing, one allocation), after room reserved for
- * the 5-byte gRPC prefix if asked.
+ * Encoding writes into a caller's umbw_buffer (growing, one allocation), behind the 5-byte prefix
+ * of gRPC.
  *
  * Trust: decoders are safe on hostile bytes; every limit is checked here and named in the error.
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "umbrage/curve.h"
-#include "umbrage/picture.h"
-#include "umbrage/query.h"
+#include "umbrage/client.h"
 
 #define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
 #define UMBW_PATH_STREAM    "/umbrage.v1.Shadows/QueryStream"
@@ -29,7 +27,8 @@
 #define UMBW_PATH_WATCH     "/grpc.health.v1.Health/Watch"
 #define UMBW_PREFIX_BYTES   5 /* compressed flag and big-endian length before each message */
 #define UMBW_ASSET_NAME_MAX 255
-#define UMBW_TARGETS_MAX    64 /* of one request */
+#define UMBW_TARGETS_MAX    64    /* Most targets of one request */
+#define UMBW_LIST_MAX       65536 /* Most assets in one reply: a larger store needs paging */
 
 /* A growing byte buffer; zero it before use, umbw_buffer_finish frees it. */
 struct umbw_buffer {
@@ -37,6 +36,40 @@ struct umbw_buffer {
     size_t size, capacity;
 };
 void umbw_buffer_finish(struct umbw_buffer *buffer);
+
+/* Makes room for `count` more bytes behind buffer->size; the caller writes them and adds to size.
+ * Fails: E_NO_MEMORY; the buffer is unchanged. */
+UMB_CHECKED enum umb_status umbw_buffer_reserve(struct umbw_buffer *buffer, size_t count,
+                                                struct umb_error *error);
+
+/* Appends the prefix of a message of `message_size` bytes and makes room for `room` of them.
+ * Fails: E_TOO_LARGE (over 4 GiB), E_NO_MEMORY; the buffer is unchanged. */
+UMB_CHECKED enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer,
+                                                      uint64_t message_size, size_t room,
+                                                      struct umb_error *error);
+
+/* Writes the prefix of a message of `message_size` bytes. */
+void umbw_prefix_write(uint64_t message_size, uint8_t bytes[UMBW_PREFIX_BYTES]);
+
+/*
+ * Declares umbw_decode_NAME and umbw_encode_NAME of a message (codec.h).
+ *
+ * Decoder: message: uint8[size] without the prefix. Out: out: zeros on failure. Fails: E_ARGUMENT
+ * (not such a message, or a field out of its range: the field is named), E_TOO_LARGE, E_NO_MEMORY.
+ * Encoder: appends prefix and message. Fails: E_ARGUMENT (a field out of its range), E_TOO_LARGE,
+ * E_NO_MEMORY.
+ */
+#define UMBW_MESSAGE(name, type)                                                                   \
+    UMB_CHECKED enum umb_status umbw_decode_##name(const uint8_t *message, size_t size, type *out, \
+                                                   struct umb_error *error);                       \
+    UMB_CHECKED enum umb_status umbw_encode_##name(const type *in, struct umbw_buffer *buffer,     \
+                                                   struct umb_error *error)
+
+/* Bytes within a message. */
+struct umbw_bytes {
+    const uint8_t *at;
+    size_t size;
+};
 
 struct umbw_query_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
@@ -52,6 +85,9 @@ struct umbw_query_request {
     /* Decoded only: targets instead of asset and light, which are then empty and 0. */
     size_t target_count;
     const uint8_t *targets_at, *targets_end; /* Place where umbw_query_target_next continues */
+    /* Fields as they stand in the message; the codec makes them from `points` and back. */
+    struct umbw_bytes f32, f64, normals, footprints, depth;
+    size_t eye_count; /* Numbers of settings.eye: 3 or 0 */
 };
 
 /* One light of one asset. */
@@ -70,9 +106,9 @@ enum umbw_packing {
 struct umbw_query_reply {
     const uint8_t *visibility; /* into the message */
     size_t visibility_bytes;
-    uint8_t asset_id[UMB_ID_BYTES]; /* With targets: the first one's */
-    const uint8_t *asset_ids; /* encoder: uint8[asset_id_count * UMB_ID_BYTES], with targets */
-    size_t asset_id_count;    /* 0 = no targets */
+    uint8_t asset_id[UMB_ID_BYTES]; /* Id of the asset; decoded with targets: one of them */
+    const uint8_t *asset_ids;       /* Encoded only: uint8[asset_id_count * UMB_ID_BYTES] */
+    size_t asset_id_count;          /* Number of targets; 0: a request without them */
     struct umb_query_stats stats;
     uint64_t nanoseconds;
     double voxel_m;
@@ -80,66 +116,52 @@ struct umbw_query_reply {
     uint32_t level, taps;
     double bound_m, visibility_error, lines, expected_ns;
     int has_stats;
+    int has_asset_id;          /* 0; for the codec */
     enum umbw_packing packing; /* of visibility */
 };
 
-/* What a server takes. */
+/* Limits of a server: those that the public API shows, and the others. */
 struct umbw_limits {
-    uint64_t max_points, max_message_bytes;
-    uint32_t max_targets, max_taps, max_streams, queue;
-    char version[32];
-    int takes_gzip; /* beside identity */
+    struct umb_client_limits client;
+    uint32_t max_streams, queue;
+    /* Encodings of request messages. Encoded only. */
+    const char *const *encodings;
+    size_t encoding_count;
     /* Limits of jobs; 0 = the server takes none. */
     uint64_t max_bundle_bytes;
     uint32_t max_bundle_files, max_owner_jobs;
-    /* Limits of volume queries (volume_queries.h); 0 = the server takes none. */
-    uint64_t max_segments, max_columns, max_boxes, max_box_steps;
 };
 
-struct umbw_asset_summary {
-    char name[UMBW_ASSET_NAME_MAX + 1];
-    uint8_t id[UMB_ID_BYTES];
-    uint64_t packed_bytes, memory_bytes;
-    uint32_t light_count;
+struct umbw_describe_request {
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    int want_curves;
 };
-
-/* A light's accuracy curve, and the costs of its rows on the server; 0 where unknown. */
-struct umbw_curve {
-    size_t count;
-    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
-};
-
-struct umbw_light {
-    struct umb_light_info info;
-    uint64_t resolution;
-    double voxel_m[3];
-    int closed;
-    struct umbw_curve curve; /* only if asked for */
-};
-
-struct umbw_describe_reply {
-    struct umbw_asset_summary summary;
-    uint32_t light_count;
-    struct umbw_light *lights; /* malloc, owned when decoded */
-    double origin[3];
-    struct umb_box bounds;
-    char *plan, *settings; /* malloc, owned when decoded */
-    uint8_t scene_hash[UMB_ID_BYTES];
-};
-void umbw_describe_reply_finish(struct umbw_describe_reply *reply);
 
 struct umbw_list_reply {
     size_t count;
-    struct umbw_asset_summary *assets; /* malloc, owned when decoded */
+    struct umb_client_asset *assets; /* [count]; decoded: free() them */
 };
-void umbw_list_reply_finish(struct umbw_list_reply *reply);
 
-/*
- * Decoders. In: message: uint8[size] without the 5-byte prefix.
- * Fails: E_ARGUMENT (not a valid message, a field out of its range: the field is named),
- *        E_TOO_LARGE (max_points), E_NO_MEMORY. Finiteness is checked later by umb_points_check.
- */
+UMBW_MESSAGE(describe_request, struct umbw_describe_request);
+UMBW_MESSAGE(list_reply, struct umbw_list_reply);
+UMBW_MESSAGE(limits_reply, struct umbw_limits);
+UMBW_MESSAGE(health_request, char); /* char[256], the name of a service */
+UMBW_MESSAGE(health_reply, int);    /* ServingStatus of the .proto file */
+
+/* Decodes a description. Out: out: free() it; its lights and texts are in the same block. Fails: as
+ * above. */
+UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
+                                                       struct umb_client_description **out,
+                                                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbw_encode_describe_reply(const struct umb_client_description *in,
+                                                       struct umbw_buffer *buffer,
+                                                       struct umb_error *error);
+
+/* Appends a message without fields: ListRequest, LimitsRequest, DeleteReply. */
+UMB_CHECKED enum umb_status umbw_encode_empty(struct umbw_buffer *buffer, struct umb_error *error);
+
+/* Decodes a QueryRequest. Fails: as above; E_TOO_LARGE (max_points). umb_points_check finds numbers
+ * that are not finite later. */
 UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size,
                                                       size_t max_points,
                                                       struct umbw_query_request *request,
@@ -150,65 +172,31 @@ UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, si
 UMB_CHECKED enum umb_status umbw_query_target_next(struct umbw_query_request *request,
                                                    struct umbw_query_target *target,
                                                    struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
-                                                    struct umbw_query_reply *reply,
-                                                    struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_describe_request(const uint8_t *message, size_t size,
-                                                         char asset[UMBW_ASSET_NAME_MAX + 1],
-                                                         int *want_curves, struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
-                                                       struct umbw_describe_reply *reply,
-                                                       struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_list_reply(const uint8_t *message, size_t size,
-                                                   struct umbw_list_reply *reply,
-                                                   struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_limits_reply(const uint8_t *message, size_t size,
-                                                     struct umbw_limits *limits,
-                                                     struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_health_request(const uint8_t *message, size_t size,
-                                                       char service[256], struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_decode_health_reply(const uint8_t *message, size_t size,
-                                                     int *serving_status, struct umb_error *error);
 
-/*
- * Encoders: append prefix and message to buffer. Fails: E_NO_MEMORY, E_TOO_LARGE (over 4 GiB).
- *
- * umbw_encode_query_request writes the whole message, points and normals copied once. The query
- * reply's `visibility` comes last on the wire and is sent by the caller from where it lies: the
- * encoder writes everything before it, with both lengths already counting it.
- */
+/* Appends prefix and message, with the decoder's checks; points and normals are copied once. */
 UMB_CHECKED enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
                                                       struct umbw_buffer *buffer,
                                                       struct umb_error *error);
-/* Writes the reply without the `visibility_bytes` bytes that must follow. */
+
+UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
+                                                    struct umbw_query_reply *reply,
+                                                    struct umb_error *error);
+
+/*
+ * Appends the head of a reply: prefix and message up to `visibility`, which comes last on the wire.
+ * The caller sends the answers from their own place; all lengths count them already. Fails:
+ * E_TOO_LARGE, E_NO_MEMORY.
+ */
 UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
+
 /* Writes the same into uint8[room]; room: at least umbw_query_reply_room(reply). Returns the
  * bytes. */
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes);
 
 /* Returns the bytes of a reply's head: exactly, or with stats at most. Reads only the sizes, counts
- * and has_stats of the reply. */
+ * and has_stats of the reply, and packing. */
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
-UMB_CHECKED enum umb_status umbw_encode_describe_request(const char *asset, int want_curves,
-                                                         struct umbw_buffer *buffer,
-                                                         struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_describe_reply(const struct umbw_describe_reply *reply,
-                                                       struct umbw_buffer *buffer,
-                                                       struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_list_request(struct umbw_buffer *buffer,
-                                                     struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_list_reply(const struct umbw_list_reply *reply,
-                                                   struct umbw_buffer *buffer,
-                                                   struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_limits_reply(const struct umbw_limits *limits,
-                                                     struct umbw_buffer *buffer,
-                                                     struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_health_request(const char *service,
-                                                       struct umbw_buffer *buffer,
-                                                       struct umb_error *error);
-UMB_CHECKED enum umb_status umbw_encode_health_reply(int serving_status, struct umbw_buffer *buffer,
-                                                     struct umb_error *error);
 
 #endif

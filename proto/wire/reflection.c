@@ -8,24 +8,20 @@
  */
 #include "wire/reflection.h"
 
+#include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
 #include "grpc/reflection/v1/reflection.pb-c.h"
 #include "wire/codec.h"
-#include "wire/descriptor_set.h"
+#include "wire/field.h"
 #include "wire/grpc.h"
-#include "wire/proto_scan.h"
 
-#define SERVICES_MAX     16
+#define SERVICES_MAX     16  /* Most services of all files */
 #define SERVICE_NAME_MAX 128 /* Longest name of a service, with its package */
 
 #define FILE_NAME    1
 #define FILE_PACKAGE 2
 #define FILE_SERVICE 6
-
-typedef Grpc__Reflection__V1__ServerReflectionRequest request_message;
-typedef Grpc__Reflection__V1__ServerReflectionResponse response_message;
-#define RESPONSE_IS(kind) GRPC__REFLECTION__V1__SERVER_REFLECTION_RESPONSE__MESSAGE_RESPONSE_##kind
 
 struct span {
     const uint8_t *bytes;
@@ -122,70 +118,94 @@ static struct span find_file(int (*matches)(struct span file, const char *name),
     return (struct span){NULL, 0};
 }
 
-static enum umb_status send_error(response_message *response, int code, const char *text,
-                                  struct umbw_buffer *buffer, struct umb_error *error)
-{
-    Grpc__Reflection__V1__ErrorResponse answer = GRPC__REFLECTION__V1__ERROR_RESPONSE__INIT;
-    char copy[64];
-    size_t length = strlen(text);
-    length = length < sizeof copy ? length : sizeof copy - 1;
-    memcpy(copy, text, length);
-    copy[length] = '\0';
-    answer.error_code = code;
-    answer.error_message = copy;
-    response->message_response_case = RESPONSE_IS(ERROR_RESPONSE);
-    response->error_response = &answer;
-    return umbw_message_append(&response->base, buffer, error);
-}
-
-static enum umb_status send_file(response_message *response, struct span file,
-                                 struct umbw_buffer *buffer, struct umb_error *error)
-{
-    Grpc__Reflection__V1__FileDescriptorResponse answer =
-        GRPC__REFLECTION__V1__FILE_DESCRIPTOR_RESPONSE__INIT;
-    if (file.size == 0) {
-        return send_error(response, UMBW_GRPC_NOT_FOUND, "not found", buffer, error);
-    }
-    ProtobufCBinaryData data = {.len = file.size, .data = (uint8_t *)(uintptr_t)file.bytes};
-    answer.n_file_descriptor_proto = 1;
-    answer.file_descriptor_proto = &data;
-    response->message_response_case = RESPONSE_IS(FILE_DESCRIPTOR_RESPONSE);
-    response->file_descriptor_response = &answer;
-    return umbw_message_append(&response->base, buffer, error);
-}
-
-/* The messages have no extensions, which proto3 does not allow. */
-static enum umb_status send_no_extensions(response_message *response, char *type,
-                                          struct umbw_buffer *buffer, struct umb_error *error)
-{
-    Grpc__Reflection__V1__ExtensionNumberResponse answer =
-        GRPC__REFLECTION__V1__EXTENSION_NUMBER_RESPONSE__INIT;
-    if (find_file(has_symbol, type).size == 0) {
-        return send_error(response, UMBW_GRPC_NOT_FOUND, "not found", buffer, error);
-    }
-    answer.base_type_name = type;
-    response->message_response_case = RESPONSE_IS(ALL_EXTENSION_NUMBERS_RESPONSE);
-    response->all_extension_numbers_response = &answer;
-    return umbw_message_append(&response->base, buffer, error);
-}
-
-struct service_list {
-    size_t count;
-    char names[SERVICES_MAX][SERVICE_NAME_MAX];
+/* A ServerReflectionRequest. Its fields 3 to 7 exclude one another: the last one counts. */
+struct request {
+    char *host, *file, *symbol, *type, *services;
 };
 
-static void list_services(struct service_list *list)
+#define REQUEST(member) UMBW_AT(request, member)
+
+static const struct umbw_row REQUEST_ROWS[] = {
+    {1, REQUEST(host)}, {3, REQUEST(file)}, {4, REQUEST(symbol)},
+    {.number = 5},      {6, REQUEST(type)}, {7, REQUEST(services)},
+};
+
+static const struct umbw_table REQUEST_TABLE = {
+    &grpc__reflection__v1__server_reflection_request__descriptor, REQUEST_ROWS, "",
+    .size = sizeof(struct request), UMBW_BLOCK(request, host)};
+
+struct service {
+    char name[SERVICE_NAME_MAX];
+};
+
+/* A ServerReflectionResponse with one of four answers. */
+struct response {
+    const char *host;
+    const uint8_t *request; /* uint8[request_size], the request as it came */
+    size_t request_size;
+    int has_file, has_type, has_services, has_error;
+    struct span file;
+    const char *type;
+    struct service *services; /* [service_count] */
+    size_t service_count;
+    int error_code;
+    const char *error_message;
+};
+
+#define RESPONSE(member)       UMBW_AT(response, member)
+#define RESPONSE_COUNT(member) UMBW_COUNT(response, member)
+
+static const struct umbw_row FILE_ROWS[] = {{1, RESPONSE(file.bytes), RESPONSE_COUNT(file.size)}};
+static const struct umbw_table FILE_TABLE = {
+    &grpc__reflection__v1__file_descriptor_response__descriptor, FILE_ROWS, .prefix = ""};
+
+static const struct umbw_row TYPE_ROWS[] = {{1, RESPONSE(type)},
+                                            {.number = 2}}; /* there are no extensions */
+static const struct umbw_table TYPE_TABLE = {
+    &grpc__reflection__v1__extension_number_response__descriptor, TYPE_ROWS, .prefix = ""};
+
+static const struct umbw_row SERVICE_ROWS[] = {{1, UMBW_AT(service, name)}};
+static const struct umbw_table SERVICE = {&grpc__reflection__v1__service_response__descriptor,
+                                          SERVICE_ROWS, "", .size = sizeof(struct service)};
+
+static const struct umbw_row SERVICES_ROWS[] = {
+    {1, RESPONSE(services), RESPONSE_COUNT(service_count), .table = &SERVICE, .most = SERVICES_MAX},
+};
+static const struct umbw_table SERVICES = {&grpc__reflection__v1__list_service_response__descriptor,
+                                           SERVICES_ROWS, .prefix = ""};
+
+static const struct umbw_row ERROR_ROWS[] = {
+    {1, RESPONSE(error_code)},
+    {2, RESPONSE(error_message)},
+};
+static const struct umbw_table ERROR = {&grpc__reflection__v1__error_response__descriptor,
+                                        ERROR_ROWS, .prefix = ""};
+
+static const struct umbw_row RESPONSE_ROWS[] = {
+    {1, RESPONSE(host)},
+    {2, RESPONSE(request), RESPONSE_COUNT(request_size)},
+    {4, RESPONSE_COUNT(has_file), .table = &FILE_TABLE},
+    {5, RESPONSE_COUNT(has_type), .table = &TYPE_TABLE},
+    {6, RESPONSE_COUNT(has_services), .table = &SERVICES},
+    {7, RESPONSE_COUNT(has_error), .table = &ERROR},
+};
+static const struct umbw_table RESPONSE_TABLE = {
+    &grpc__reflection__v1__server_reflection_response__descriptor, RESPONSE_ROWS, "",
+    .size = sizeof(struct response)};
+
+static size_t list_services(struct service services[SERVICES_MAX])
 {
     struct span set = {umbw__descriptor_set, umbw__descriptor_set_bytes};
     struct umbw_item item;
+    size_t count = 0;
     while (next_item(&set, &item)) {
         struct span file = {item.payload, item.payload_size};
         struct span package = field_of(file, FILE_PACKAGE);
         while (next_item(&file, &item)) {
             struct span name = field_of((struct span){item.payload, item.payload_size}, FILE_NAME);
-            if (item.number == FILE_SERVICE && list->count < SERVICES_MAX &&
+            if (item.number == FILE_SERVICE && count < SERVICES_MAX &&
                 package.size + 1 + name.size < SERVICE_NAME_MAX) {
-                char *at = list->names[list->count++];
+                char *at = services[count++].name;
                 memcpy(at, package.bytes, package.size);
                 at[package.size] = '.';
                 memcpy(at + package.size + 1, name.bytes, name.size);
@@ -193,60 +213,71 @@ static void list_services(struct service_list *list)
             }
         }
     }
+    return count;
 }
 
-static enum umb_status send_services(response_message *response, struct umbw_buffer *buffer,
-                                     struct umb_error *error)
+static void set_error(struct response *response, int code, const char *message)
 {
-    struct service_list list = {0};
-    Grpc__Reflection__V1__ServiceResponse services[SERVICES_MAX];
-    Grpc__Reflection__V1__ServiceResponse *pointers[SERVICES_MAX];
-    Grpc__Reflection__V1__ListServiceResponse answer =
-        GRPC__REFLECTION__V1__LIST_SERVICE_RESPONSE__INIT;
-    list_services(&list);
-    for (size_t i = 0; i < list.count; i++) {
-        grpc__reflection__v1__service_response__init(&services[i]);
-        services[i].name = list.names[i];
-        pointers[i] = &services[i];
+    response->has_error = 1;
+    response->error_code = code;
+    response->error_message = message;
+}
+
+static void set_file(struct response *response, struct span file)
+{
+    response->file = file;
+    response->has_file = file.size > 0;
+    if (file.size == 0) {
+        set_error(response, UMBW_GRPC_NOT_FOUND, "not found");
     }
-    answer.n_service = list.count;
-    answer.service = pointers;
-    response->message_response_case = RESPONSE_IS(LIST_SERVICES_RESPONSE);
-    response->list_services_response = &answer;
-    return umbw_message_append(&response->base, buffer, error);
 }
 
-static enum umb_status answer_request(request_message *request, struct umbw_buffer *buffer,
-                                      struct umb_error *error)
+/* Fills in the answer. In: question: number of the request's field. */
+static void answer_question(const struct request *request, uint32_t question,
+                            struct response *response)
 {
-    response_message response = GRPC__REFLECTION__V1__SERVER_REFLECTION_RESPONSE__INIT;
-    response.valid_host = request->host;
-    response.original_request = request;
-    switch ((int)request->message_request_case) {
+    switch (question) {
     case 3:
-        return send_file(&response, find_file(has_name, request->file_by_filename), buffer, error);
+        set_file(response, find_file(has_name, request->file));
+        break;
     case 4:
-        return send_file(&response, find_file(has_symbol, request->file_containing_symbol), buffer,
-                         error);
-    case 5:
-        return send_error(&response, UMBW_GRPC_NOT_FOUND, "there are no extensions", buffer, error);
+        set_file(response, find_file(has_symbol, request->symbol));
+        break;
+    case 5: /* proto3 allows no extensions */
+        set_error(response, UMBW_GRPC_NOT_FOUND, "there are no extensions");
+        break;
     case 6:
-        return send_no_extensions(&response, request->all_extension_numbers_of_type, buffer, error);
+        response->type = request->type;
+        response->has_type = find_file(has_symbol, request->type).size > 0;
+        if (!response->has_type) {
+            set_error(response, UMBW_GRPC_NOT_FOUND, "not found");
+        }
+        break;
     case 7:
-        return send_services(&response, buffer, error);
+        response->has_services = 1;
+        response->service_count = list_services(response->services);
+        break;
     default:
-        return send_error(&response, UMBW_GRPC_INVALID_ARGUMENT, "nothing is asked for", buffer,
-                          error);
+        set_error(response, UMBW_GRPC_INVALID_ARGUMENT, "nothing is asked for");
     }
 }
 
 enum umb_status umbw_reflection_answer(const uint8_t *message, size_t size,
                                        struct umbw_buffer *buffer, struct umb_error *error)
 {
-    ProtobufCMessage *base;
-    UMB__TRY(umbw_message_unpack(&grpc__reflection__v1__server_reflection_request__descriptor,
-                                 message, size, &base, error));
-    enum umb_status status = answer_request((request_message *)base, buffer, error);
-    umbw_message_free(base);
+    struct service services[SERVICES_MAX] = {0};
+    struct response response = {.request = message, .request_size = size, .services = services};
+    struct request request;
+    struct span rest = {message, size};
+    struct umbw_item item;
+    uint32_t question = 0;
+    UMB__TRY(umbw_decode(&REQUEST_TABLE, message, size, &request, error));
+    while (next_item(&rest, &item)) {
+        question = item.number >= 3 && item.number <= 7 ? item.number : question;
+    }
+    response.host = request.host;
+    answer_question(&request, question, &response);
+    enum umb_status status = umbw_encode(&RESPONSE_TABLE, &response, buffer, error);
+    free(request.host); /* begins the block */
     return status;
 }

@@ -4,6 +4,10 @@
 /* grpc.reflection.v1 and v1alpha, whose messages have the same bytes. */
 #include "wire/messages.h"
 
+/* The descriptors of the .proto files, a google.protobuf.FileDescriptorSet made by the build. */
+extern const uint8_t umbw__descriptor_set[];
+extern const size_t umbw__descriptor_set_bytes;
+
 #define UMBW_PATH_REFLECTION       "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo"
 #define UMBW_PATH_REFLECTION_ALPHA "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"
 

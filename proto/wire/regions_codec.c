@@ -1,27 +1,39 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* RegionRequest and RegionReply. */
+/* See regions.h. */
 #include "wire/regions.h"
 
-#include <string.h>
-
+#include "base/try.h"
 #include "umbrage/v1/regions.pb-c.h"
 #include "wire/codec.h"
-#include "wire/proto_scan.h"
 
-static enum umb_status check_ranges(const Umbrage__V1__RegionRequest *message,
-                                    struct umbw_region_request *request, struct umb_error *error)
+#define RANGE_STRIDE .stride = sizeof(struct umb_range), .most = UMBW_RANGES_MAX
+
+/* Offsets and lengths are two arrays on the wire. */
+static const struct umbw_row RANGE_ROWS[] = {
+    {1, UMBW_AT(umbw_region_request, asset), .flags = UMBW_REQUIRED},
+    {2, UMBW_AT(umbw_region_request, ranges[0].offset), UMBW_COUNT(umbw_region_request, count),
+     RANGE_STRIDE},
+    {3, UMBW_AT(umbw_region_request, ranges[0].length),
+     UMBW_COUNT(umbw_region_request, length_count), RANGE_STRIDE},
+};
+
+static const struct umbw_table RANGES = {&umbrage__v1__region_request__descriptor, RANGE_ROWS, "",
+                                         .size = sizeof(struct umbw_region_request)};
+
+enum umb_status umbw_decode_region_request(const uint8_t *message, size_t size,
+                                           struct umbw_region_request *out, struct umb_error *error)
 {
     uint64_t total = 0;
-    if (message->n_offsets != message->n_lengths) {
+    UMB__TRY(umbw_decode(&RANGES, message, size, out, error));
+    if (out->count != out->length_count) {
         return umb_fail(error, UMB_E_ARGUMENT, "offsets, lengths: %zu and %zu, must be as many",
-                        message->n_offsets, message->n_lengths);
+                        out->count, out->length_count);
     }
-    if (message->n_offsets == 0 || message->n_offsets > UMBW_RANGES_MAX) {
-        return umb_fail(error, UMB_E_ARGUMENT, "offsets: %zu, must be 1 to %d", message->n_offsets,
-                        UMBW_RANGES_MAX);
+    if (out->count == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "offsets: none, must be 1 to %d", UMBW_RANGES_MAX);
     }
-    for (size_t i = 0; i < message->n_offsets; i++) {
-        const uint64_t offset = message->offsets[i], length = message->lengths[i];
+    for (size_t i = 0; i < out->count; i++) {
+        const uint64_t offset = out->ranges[i].offset, length = out->ranges[i].length;
         total += length;
         if (length == 0 || length > UMBW_REGION_BYTES_MAX || total > UMBW_REGION_BYTES_MAX ||
             offset > INT64_MAX - length) {
@@ -31,84 +43,93 @@ static enum umb_status check_ranges(const Umbrage__V1__RegionRequest *message,
                             i, (unsigned long long)length, (unsigned long long)offset,
                             UMBW_REGION_BYTES_MAX);
         }
-        request->ranges[i] = (struct umbw_range){offset, length};
     }
-    request->count = message->n_offsets;
+    out->length_count = 0;
     return UMB_OK;
 }
 
-enum umb_status umbw_decode_region_request(const uint8_t *message, size_t size,
-                                           struct umbw_region_request *request,
-                                           struct umb_error *error)
-{
-    static const struct umbw_field fields[] = {
-        {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset"},
-        {2, UMBW_FIELD_PACKED, UMBW_WIRE_VARINT, "offsets"},
-        {3, UMBW_FIELD_PACKED, UMBW_WIRE_VARINT, "lengths"},
-    };
-    struct umbw_field_found found[3];
-    struct umbw_scratch scratch;
-    ProtobufCMessage *unpacked = NULL;
-    memset(request, 0, sizeof *request);
-    enum umb_status status = umbw_proto_scan(message, size, fields, 3, found, &scratch, error);
-    if (status == UMB_OK) {
-        status = umbw_asset_copy(found[0].bytes, found[0].size, request->asset, error);
-    }
-    if (status == UMB_OK) {
-        status = umbw_message_unpack(&umbrage__v1__region_request__descriptor, scratch.bytes,
-                                     scratch.size, &unpacked, error);
-    }
-    if (status == UMB_OK) {
-        status = check_ranges((const Umbrage__V1__RegionRequest *)unpacked, request, error);
-        umbw_message_free(unpacked);
-    }
-    return status;
-}
-
-enum umb_status umbw_encode_region_request(const struct umbw_region_request *request,
+enum umb_status umbw_encode_region_request(const struct umbw_region_request *in,
                                            struct umbw_buffer *buffer, struct umb_error *error)
 {
-    Umbrage__V1__RegionRequest message = UMBRAGE__V1__REGION_REQUEST__INIT;
-    uint64_t offsets[UMBW_RANGES_MAX], lengths[UMBW_RANGES_MAX];
-    for (size_t i = 0; i < request->count; i++) {
-        offsets[i] = request->ranges[i].offset;
-        lengths[i] = request->ranges[i].length;
-    }
-    message.asset = (char *)(uintptr_t)request->asset; /* read only by the encoder */
-    message.n_offsets = message.n_lengths = request->count;
-    message.offsets = offsets;
-    message.lengths = lengths;
-    return umbw_message_append(&message.base, buffer, error);
+    struct umbw_region_request copy = *in;
+    copy.length_count = copy.count;
+    return umbw_encode(&RANGES, &copy, buffer, error);
 }
 
-enum umb_status umbw_decode_region_reply(const uint8_t *message, size_t size,
-                                         struct umbw_region_reply *reply, struct umb_error *error)
+static const struct umbw_row REPLY_ROWS[] = {
+    {1, UMBW_AT(umbw_region_reply, asset_id)},
+    {2, UMBW_AT(umbw_region_reply, file_bytes)},
+    {3, UMBW_AT(umbw_region_reply, data), UMBW_COUNT(umbw_region_reply, data_size)},
+};
+
+static const struct umbw_table REPLY = {&umbrage__v1__region_reply__descriptor, REPLY_ROWS, "",
+                                        .size = sizeof(struct umbw_region_reply)};
+
+UMBW_CODEC(region_reply, struct umbw_region_reply, &REPLY)
+
+/* The public enums, by their numbers on the wire. */
+static const int TECHNIQUES[] = {UMB_MAP_PCF, UMB_MAP_VSM, UMB_MAP_ESM, UMB_MAP_EVSM, UMB_MAP_MSM};
+static const int FORMATS[] = {UMB_MAP_F32, UMB_MAP_F16, UMB_MAP_U16};
+
+#define DERIVE(member) UMBW_AT(umbw_derive_request, member)
+
+static const struct umbw_row VIEW_ROWS[] = {
+    {1, DERIVE(view.eye)},
+    {2, DERIVE(view.right)},
+    {3, DERIVE(view.up)},
+    {4, DERIVE(view.forward)},
+    {5, DERIVE(view.tan_x)},
+    {6, DERIVE(view.tan_y)},
+    {7, DERIVE(view.near_m)},
+    {8, DERIVE(view.far_m)},
+    {9, DERIVE(settings.cascades.count)},
+    {10, DERIVE(settings.cascades.weight)},
+    {11, DERIVE(settings.cascades.fit), .flags = UMBW_CHECKED},
+};
+
+static const struct umbw_table VIEW = {&umbrage__v1__cascade_view__descriptor, VIEW_ROWS, "view.",
+                                       .size = sizeof(struct umbw_derive_request)};
+
+static const struct umbw_row DERIVE_ROWS[] = {
+    {1, DERIVE(asset), .flags = UMBW_REQUIRED},
+    {2, DERIVE(settings.light)},
+    {3, DERIVE(settings.map.technique), .flags = UMBW_CHECKED | UMBW_PARTIAL, .values = TECHNIQUES},
+    {4, DERIVE(settings.map.format), .flags = UMBW_CHECKED | UMBW_PARTIAL, .values = FORMATS},
+    {5, DERIVE(settings.width)},
+    {6, DERIVE(settings.height)},
+    {7, DERIVE(settings.rect), .flags = UMBW_SPARSE},
+    {8, UMBW_COUNT(umbw_derive_request, has_view), .table = &VIEW, .most = 1024}, /* same struct */
+    {9, DERIVE(settings.map.access)}, /* mips: 1, as UMB_MAP_MIPS is */
+    {10, DERIVE(settings.map.blur)},
+    {11, DERIVE(settings.map.exponent)},
+    {12, DERIVE(settings.map.negative_exponent)},
+    {13, DERIVE(settings.map.depth_plane)},
+    {14, DERIVE(settings.map.moment_bias)},
+};
+
+static const struct umbw_table DERIVE_TABLE = {&umbrage__v1__derive_map_request__descriptor,
+                                               DERIVE_ROWS, "",
+                                               .size = sizeof(struct umbw_derive_request)};
+
+enum umb_status umbw_decode_derive_request(const uint8_t *message, size_t size,
+                                           struct umbw_derive_request *out, struct umb_error *error)
 {
-    static const struct umbw_field fields[] = {
-        {1, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "asset_id"},
-        {2, UMBW_FIELD_SCALAR, UMBW_WIRE_VARINT, "file_bytes"},
-        {3, UMBW_FIELD_IN_PLACE, UMBW_WIRE_BYTES, "data"},
-    };
-    struct umbw_field_found found[3];
-    memset(reply, 0, sizeof *reply);
-    enum umb_status status = umbw_proto_scan(message, size, fields, 3, found, NULL, error);
-    if (status == UMB_OK) {
-        reply->file_bytes = found[1].count > 0 ? found[1].number : 0;
-        reply->data = found[2].bytes;
-        reply->data_size = found[2].size;
-        status = umbw_id_copy("asset_id", found[0].bytes, found[0].size, reply->asset_id, error);
-    }
-    return status;
+    UMB__TRY(umbw_decode(&DERIVE_TABLE, message, size, out, error));
+    const uint32_t count = out->settings.cascades.count;
+    const bool has_view = out->has_view;
+    out->has_view = 0;
+    return !has_view || (count >= 1 && count <= UMB_CASCADES_MAX)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "view.count: %u, must be 1 to %d", count,
+                          UMB_CASCADES_MAX);
 }
 
-enum umb_status umbw_encode_region_reply(const struct umbw_region_reply *reply,
-                                         struct umbw_buffer *buffer, struct umb_error *error)
+enum umb_status umbw_encode_derive_request(const struct umbw_derive_request *in,
+                                           struct umbw_buffer *buffer, struct umb_error *error)
 {
-    Umbrage__V1__RegionReply message = UMBRAGE__V1__REGION_REPLY__INIT;
-    message.asset_id.data = (uint8_t *)(uintptr_t)reply->asset_id;
-    message.asset_id.len = UMB_ID_BYTES;
-    message.file_bytes = reply->file_bytes;
-    message.data.data = (uint8_t *)(uintptr_t)reply->data;
-    message.data.len = reply->data_size;
-    return umbw_message_append(&message.base, buffer, error);
+    struct umbw_derive_request copy = *in;
+    copy.has_view = copy.settings.cascades.count > 0;
+    copy.settings.map.access =
+        copy.settings.map.access == UMB_MAP_MIPS ? UMB_MAP_MIPS : UMB_MAP_BASE;
+    return umbw_encode(&DERIVE_TABLE, &copy, buffer, error);
 }

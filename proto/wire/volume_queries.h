@@ -40,6 +40,8 @@ struct umbw_volume_query_request {
     size_t count;
     uint32_t max_intervals; /* of segments */
     int want_stats;
+    /* Fields as they stand in the message; the codec makes them from `records` and back. */
+    struct umbw_bytes f32, f64;
 };
 
 struct umbw_volume_query_reply {
@@ -50,6 +52,7 @@ struct umbw_volume_query_reply {
     uint64_t nodes, bricks, nanoseconds;
     size_t count;                              /* of records */
     const uint8_t *fields[UMBW_ANSWER_FIELDS]; /* little-endian, any alignment */
+    size_t sizes[UMBW_ANSWER_FIELDS];          /* Bytes of each; for the codec */
     size_t interval_count;                     /* Number of intervals, in the last field of
                                                   segments */
 };

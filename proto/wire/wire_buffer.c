@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The growing byte buffer of the encoders. */
-#include "wire/wire_buffer.h"
+#include "wire/messages.h"
 
 #include "base/try.h"
 
@@ -37,6 +37,14 @@ enum umb_status umbw_buffer_reserve(struct umbw_buffer *buffer, size_t count,
     return UMB_OK;
 }
 
+void umbw_prefix_write(uint64_t message_size, uint8_t bytes[UMBW_PREFIX_BYTES])
+{
+    bytes[0] = 0; /* not compressed */
+    for (unsigned i = 0; i < 4; i++) {
+        bytes[1 + i] = (uint8_t)(message_size >> (24 - 8 * i));
+    }
+}
+
 enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t message_size,
                                           size_t room, struct umb_error *error)
 {
@@ -49,11 +57,7 @@ enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t m
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", room);
     }
     UMB__TRY(umbw_buffer_reserve(buffer, UMBW_PREFIX_BYTES + room, error));
-    uint8_t *p = buffer->bytes + buffer->size;
-    p[0] = 0; /* not compressed */
-    for (unsigned i = 0; i < 4; i++) {
-        p[1 + i] = (uint8_t)(message_size >> (24 - 8 * i));
-    }
+    umbw_prefix_write(message_size, buffer->bytes + buffer->size);
     buffer->size += UMBW_PREFIX_BYTES;
     return UMB_OK;
 }

@@ -228,7 +228,7 @@ void umbd_job_requests_collect(struct umbd_loop *loop)
     }
 }
 
-void umbd_status_of_job(const struct umbj_job *job, struct umbw_job_status *status)
+void umbd_status_of_job(const struct umbj_job *job, struct umb_job_status *status)
 {
     memset(status, 0, sizeof *status);
     memcpy(status->job, job->id, sizeof status->job);

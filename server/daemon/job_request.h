@@ -98,6 +98,6 @@ void umbd_job_request_drop(struct umbd_call *call);
 void umbd_job_requests_collect(struct umbd_loop *loop);
 
 /* Fills what a job's status says on the wire; texts are borrowed. */
-void umbd_status_of_job(const struct umbj_job *job, struct umbw_job_status *status);
+void umbd_status_of_job(const struct umbj_job *job, struct umb_job_status *status);
 
 #endif

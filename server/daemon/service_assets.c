@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_store_item *item)
+static void fill_summary(struct umb_client_asset *summary, const struct umbs_store_item *item)
 {
     memset(summary, 0, sizeof *summary);
     memcpy(summary->name, item->name, strlen(item->name) + 1); /* 251 bytes at most */
@@ -23,7 +23,7 @@ static void fill_summary(struct umbw_asset_summary *summary, const struct umbs_s
 /* Describes a light. Resolution and voxel size are those of its first frustum; its others have the
  * same resolution. */
 static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
-                                  struct umbw_light *light)
+                                  struct umb_client_light *light)
 {
     struct umb_frustum_info frustum;
     enum umb_status status = umb_asset_get_light(asset, index, &light->info);
@@ -41,17 +41,17 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
 
 /* Fills a light's curve, with the costs of its rows that budgets have measured. */
 static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs_entry *entry,
-                       uint32_t light, struct umbw_curve *curve)
+                       uint32_t index, struct umb_client_light *light)
 {
     const uint8_t *id = umbs_entry_item(entry)->id;
     struct umb_calibration known;
-    (void)umb_asset_get_curve(umbs_entry_asset(entry), light, curve->rows, &curve->count);
-    if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_SCATTERED, &known) ||
-        umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_FEW, &known)) {
-        memcpy(curve->scattered_ns, known.ns, sizeof curve->scattered_ns);
+    (void)umb_asset_get_curve(umbs_entry_asset(entry), index, light->curve, &light->curve_count);
+    if (umbd_calibrations_get(calibrations, id, index, UMBD_POINTS_SCATTERED, &known) ||
+        umbd_calibrations_get(calibrations, id, index, UMBD_POINTS_FEW, &known)) {
+        memcpy(light->scattered_ns, known.ns, sizeof light->scattered_ns);
     }
-    if (umbd_calibrations_get(calibrations, id, light, UMBD_POINTS_COHERENT, &known)) {
-        memcpy(curve->coherent_ns, known.ns, sizeof curve->coherent_ns);
+    if (umbd_calibrations_get(calibrations, id, index, UMBD_POINTS_COHERENT, &known)) {
+        memcpy(light->coherent_ns, known.ns, sizeof light->coherent_ns);
     }
 }
 
@@ -59,12 +59,12 @@ static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs
  * The caller frees the lights. */
 static enum umb_status fill_description(const struct umbs_entry *entry,
                                         struct umbd_calibrations *calibrations,
-                                        struct umbw_describe_reply *reply)
+                                        struct umb_client_description *reply)
 {
     const struct umb_asset *asset = umbs_entry_asset(entry);
     struct umb_asset_info info;
     umb_asset_get_info(asset, &info);
-    fill_summary(&reply->summary, umbs_entry_item(entry));
+    fill_summary(&reply->asset, umbs_entry_item(entry));
     reply->light_count = info.light_count;
     reply->lights = calloc((size_t)info.light_count + 1, sizeof *reply->lights);
     if (reply->lights == NULL) {
@@ -78,7 +78,7 @@ static enum umb_status fill_description(const struct umbs_entry *entry,
     for (uint32_t i = 0; i < info.light_count; i++) {
         UMB__TRY(fill_light(asset, i, &reply->lights[i]));
         if (calibrations != NULL) {
-            fill_curve(calibrations, entry, i, &reply->lights[i].curve);
+            fill_curve(calibrations, entry, i, &reply->lights[i]);
         }
     }
     return UMB_OK;
@@ -100,20 +100,19 @@ static void finish(struct umbd_call *call, enum umb_status status, struct umbw_b
 
 void umbd_service_describe(struct umbd_call *call)
 {
-    char name[UMBW_ASSET_NAME_MAX + 1];
+    struct umbw_describe_request request;
     struct umbs_entry *entry = NULL;
-    struct umbw_describe_reply reply = {0};
+    struct umb_client_description reply = {0};
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
-    int want_curves;
     enum umb_status status =
-        umbw_decode_describe_request(call->message, call->message_size, name, &want_curves, &error);
+        umbw_decode_describe_request(call->message, call->message_size, &request, &error);
     if (status == UMB_OK) {
-        status = umbd_call_acquire(call, name, &entry, &error);
+        status = umbd_call_acquire(call, request.asset, &entry, &error);
     }
     if (status == UMB_OK) {
         status = fill_description(
-            entry, want_curves ? call->conn->loop->daemon->calibrations : NULL, &reply);
+            entry, request.want_curves ? call->conn->loop->daemon->calibrations : NULL, &reply);
     }
     if (status == UMB_OK) {
         status = umbw_encode_describe_reply(&reply, &head, &error);
@@ -154,19 +153,21 @@ void umbd_service_limits(struct umbd_call *call)
     const struct umbd_options *options = &call->conn->loop->daemon->options;
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
+    static const char *const encodings[] = {"identity", "gzip"};
     struct umbw_limits limits = {
-        .max_points = options->max_points,
-        .max_message_bytes = options->max_message,
-        .max_targets = UMBW_TARGETS_MAX,
-        .max_taps = UMB_TAPS_MAX,
+        .client = {.max_points = options->max_points,
+                   .max_message_bytes = options->max_message,
+                   .max_targets = UMBW_TARGETS_MAX,
+                   .max_taps = UMB_TAPS_MAX,
+                   .max_segments = options->max_points / umbw_volume_query_points(UMBW_SEGMENTS, 0),
+                   .max_columns = options->max_points / umbw_volume_query_points(UMBW_COLUMNS, 0),
+                   .max_boxes = options->max_points / umbw_volume_query_points(UMBW_BOXES, 0),
+                   .max_box_steps = UMBD_BOX_STEPS_MAX,
+                   .version = UMB_VERSION_TEXT},
         .max_streams = UMBD_STREAMS_MAX,
         .queue = options->queue,
-        .version = UMB_VERSION_TEXT,
-        .takes_gzip = 1,
-        .max_segments = options->max_points / umbw_volume_query_points(UMBW_SEGMENTS, 0),
-        .max_columns = options->max_points / umbw_volume_query_points(UMBW_COLUMNS, 0),
-        .max_boxes = options->max_points / umbw_volume_query_points(UMBW_BOXES, 0),
-        .max_box_steps = UMBD_BOX_STEPS_MAX,
+        .encodings = encodings,
+        .encoding_count = 2,
     };
     if (options->jobs != NULL) {
         limits.max_bundle_bytes = options->max_bundle;

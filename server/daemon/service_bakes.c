@@ -22,7 +22,7 @@ static void finish(struct umbd_call *call, enum umb_status status, struct umbw_b
     }
 }
 
-static void reply_status(struct umbd_call *call, const struct umbw_job_status *job)
+static void reply_status(struct umbd_call *call, const struct umb_job_status *job)
 {
     struct umbw_buffer reply = {0};
     struct umb_error error = {0};
@@ -41,7 +41,7 @@ static void cancel(struct umbd_job_request *job_request, struct umbj_service *se
 
 static void cancelled(struct umbd_job_request *job_request, struct umbd_call *call)
 {
-    struct umbw_job_status status;
+    struct umb_job_status status;
     umbd_status_of_job(&job_request->job, &status);
     reply_status(call, &status);
 }
@@ -82,7 +82,7 @@ struct look {
 static void take_look(void *user, const struct umbj_standing *standing)
 {
     struct look *look = user;
-    struct umbw_job_status status;
+    struct umb_job_status status;
     umbd_status_of_job(&standing->job, &status);
     if (standing->loading) { /* the asset cannot be queried yet */
         status.state = UMBJ_RUNNING;
@@ -218,7 +218,7 @@ static void deleted(struct umbd_job_request *job_request, struct umbd_call *call
     struct umbw_buffer reply = {0};
     struct umb_error error = {0};
     (void)job_request;
-    finish(call, umbw_encode_delete_reply(&reply, &error), &reply, &error);
+    finish(call, umbw_encode_empty(&reply, &error), &reply, &error);
 }
 
 void umbd_service_bakes_delete(struct umbd_call *call)

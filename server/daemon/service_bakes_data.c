@@ -19,7 +19,7 @@
 
 static void reply_job(struct umbd_call *call, const struct umbj_job *job, int existing)
 {
-    struct umbw_submit_reply reply = {.existing = existing};
+    struct umb_job_submitted reply = {.existing = existing};
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
     memcpy(reply.job, job->id, sizeof reply.job);

@@ -55,7 +55,7 @@ void umbd_service_health_check(struct umbd_call *call)
         status = umb_fail(&error, UMB_E_NOT_FOUND, "service: '%.100s' is not served here", service);
     }
     if (status == UMB_OK) {
-        status = umbw_encode_health_reply(state, &head, &error);
+        status = umbw_encode_health_reply(&state, &head, &error);
     }
     if (status != UMB_OK) {
         umbw_buffer_finish(&head);
@@ -80,7 +80,7 @@ void umbd_service_health_update(struct umbd_call *call)
     if (state == call->watch_last) {
         return;
     }
-    enum umb_status status = umbw_encode_health_reply(state, &head, &error);
+    enum umb_status status = umbw_encode_health_reply(&state, &head, &error);
     if (status != UMB_OK) {
         umbw_buffer_finish(&head);
         umbd_call_fail_status(call, status, &error);

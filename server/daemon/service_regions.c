@@ -26,8 +26,8 @@ struct reading {
 };
 
 /* Reads one range; shorter only at the end of the file. */
-static enum umb_status read_range(int fd, const struct umbw_range *range, uint8_t *data,
-                                  size_t *got, struct umb_error *error)
+static enum umb_status read_range(int fd, const struct umb_range *range, uint8_t *data, size_t *got,
+                                  struct umb_error *error)
 {
     *got = 0;
     while (*got < range->length) {

@@ -39,20 +39,21 @@ static void decode_all(const uint8_t *message, size_t size)
 {
     struct umbw_query_request request;
     struct umbw_query_reply query_reply;
-    struct umbw_describe_reply describe;
+    struct umb_client_description *describe;
     struct umbw_list_reply list;
     char text[256];
-    int serving, want_curves;
+    struct umbw_describe_request asked;
+    int serving;
     if (umbw_decode_query_request(message, size, 1000, &request, NULL) == UMB_OK) {
         FUZZ_DEMAND(request.points.count <= 1000);
         (void)!umb_points_check(&request.points, NULL);
     }
     (void)!umbw_decode_query_reply(message, size, &query_reply, NULL);
     if (umbw_decode_describe_reply(message, size, &describe, NULL) == UMB_OK) {
-        umbw_describe_reply_finish(&describe);
+        free(describe);
     }
     if (umbw_decode_list_reply(message, size, &list, NULL) == UMB_OK) {
-        umbw_list_reply_finish(&list);
+        free(list.assets);
     }
     struct umbw_region_request region;
     struct umbw_region_reply piece;
@@ -72,7 +73,7 @@ static void decode_all(const uint8_t *message, size_t size)
         (void)!umbw_decode_volume_query_reply((enum umbw_volume_query)q, message, size, size % 5,
                                               &answers, NULL);
     }
-    (void)!umbw_decode_describe_request(message, size, text, &want_curves, NULL);
+    (void)!umbw_decode_describe_request(message, size, &asked, NULL);
     (void)!umbw_decode_health_request(message, size, text, NULL);
     (void)!umbw_decode_health_reply(message, size, &serving, NULL);
     struct umbw_limits limits;

@@ -142,7 +142,7 @@ static void fake_query(struct fake_connection *connection, struct fake_stream *s
 static void fake_list(struct fake_stream *stream)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
-    struct umbw_asset_summary assets[2] = {{.name = "a", .light_count = 1}, {.name = "b"}};
+    struct umb_client_asset assets[2] = {{.name = "a", .light_count = 1}, {.name = "b"}};
     struct umbw_list_reply reply = {.count = 2, .assets = assets};
     if (umbw_encode_list_reply(&reply, &buffer, NULL) != UMB_OK) {
         abort();
@@ -154,9 +154,9 @@ static void fake_describe(struct fake_stream *stream)
 {
     char plan[] = "effect=closed state=on\n";
     struct umbw_buffer buffer = {NULL, 0, 0};
-    struct umbw_light light = {.info = {.name = "sun"}, .resolution = 1024, .closed = 1};
-    struct umbw_describe_reply reply = {
-        .summary = {.name = "a"}, .light_count = 1, .lights = &light, .plan = plan};
+    struct umb_client_light light = {.info = {.name = "sun"}, .resolution = 1024, .closed = 1};
+    struct umb_client_description reply = {
+        .asset = {.name = "a"}, .light_count = 1, .lights = &light, .plan = plan};
     if (umbw_encode_describe_reply(&reply, &buffer, NULL) != UMB_OK) {
         abort();
     }
@@ -167,20 +167,20 @@ static void fake_describe(struct fake_stream *stream)
 static void fake_limits(struct fake_stream *stream)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
-    const struct umbw_limits limits = {.max_points = 1001,
-                                       .max_message_bytes = (uint64_t)1002 << 32,
-                                       .max_targets = 1003,
-                                       .max_taps = 1004,
+    const struct umbw_limits limits = {.client = {.max_points = 1001,
+                                                  .max_message_bytes = (uint64_t)1002 << 32,
+                                                  .max_targets = 1003,
+                                                  .max_taps = 1004,
+                                                  .version = "1.2.3-fake",
+                                                  .max_segments = 1010,
+                                                  .max_columns = 1011,
+                                                  .max_boxes = 1012,
+                                                  .max_box_steps = (uint64_t)1013 << 32},
                                        .max_streams = 1005,
                                        .queue = 1006,
-                                       .version = "1.2.3-fake",
                                        .max_bundle_bytes = 1007,
                                        .max_bundle_files = 1008,
-                                       .max_owner_jobs = 1009,
-                                       .max_segments = 1010,
-                                       .max_columns = 1011,
-                                       .max_boxes = 1012,
-                                       .max_box_steps = (uint64_t)1013 << 32};
+                                       .max_owner_jobs = 1009};
     if (umbw_encode_limits_reply(&limits, &buffer, NULL) != UMB_OK) {
         abort();
     }
@@ -189,8 +189,9 @@ static void fake_limits(struct fake_stream *stream)
 
 static void fake_health(struct fake_stream *stream)
 {
+    const int serving = 1;
     struct umbw_buffer buffer = {NULL, 0, 0};
-    if (umbw_encode_health_reply(1, &buffer, NULL) != UMB_OK) {
+    if (umbw_encode_health_reply(&serving, &buffer, NULL) != UMB_OK) {
         abort();
     }
     fake_append_buffer(stream, &buffer);
@@ -241,9 +242,9 @@ static bool fake_segments(struct fake_stream *stream)
 static bool fake_jobs(struct fake_stream *stream)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
-    struct umbw_job_status jobs[2] = {{.job = "first", .state = 1}, {.job = "second", .state = 2}};
+    struct umb_job_status jobs[2] = {{.job = "first", .state = 1}, {.job = "second", .state = 2}};
     const struct umbw_job_list list = {.jobs = jobs, .count = 2};
-    const struct umbw_submit_reply submitted = {.job = "first", .existing = 1};
+    const struct umb_job_submitted submitted = {.job = "first", .existing = 1};
     char job[UMBW_JOB_MAX + 1] = "";
     enum umb_status status = UMB_OK;
     (void)!umbw_decode_job_request(stream->body + 5, stream->body_size - 5, job, NULL);
@@ -255,7 +256,7 @@ static bool fake_jobs(struct fake_stream *stream)
     } else if (strcmp(stream->path, UMBW_PATH_BAKES_SUBMIT) == 0) {
         status = umbw_encode_submit_reply(&submitted, &buffer, NULL);
     } else if (strcmp(stream->path, UMBW_PATH_BAKES_DELETE) == 0) {
-        status = umbw_encode_delete_reply(&buffer, NULL);
+        status = umbw_encode_empty(&buffer, NULL);
     } else if (strcmp(stream->path, UMBW_PATH_BAKES_CANCEL) == 0) {
         status = umbw_encode_job_status(&jobs[1], &buffer, NULL);
     } else {

@@ -14,7 +14,7 @@ static struct umbw_region_request sample(size_t count)
 {
     struct umbw_region_request request = {.asset = "city", .count = count};
     for (size_t i = 0; i < count; i++) {
-        request.ranges[i] = (struct umbw_range){(uint64_t)i << 40, i + 1};
+        request.ranges[i] = (struct umb_range){(uint64_t)i << 40, i + 1};
     }
     return request;
 }

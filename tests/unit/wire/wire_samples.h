@@ -58,16 +58,16 @@ static inline struct umbw_query_reply sample_reply(const uint8_t *visibility, si
     return reply;
 }
 
-static inline struct umbw_asset_summary sample_summary(unsigned number)
+static inline struct umb_client_asset sample_summary(unsigned number)
 {
-    struct umbw_asset_summary summary = {
+    struct umb_client_asset summary = {
         .packed_bytes = 1000ULL + number, .memory_bytes = 1ULL << 35, .light_count = number};
     (void)snprintf(summary.name, sizeof summary.name, "asset %u \xc3\xa9", number);
     memset(summary.id, (int)(number & 255U), sizeof summary.id);
     return summary;
 }
 
-static inline void sample_light(unsigned number, struct umbw_light *light)
+static inline void sample_light(unsigned number, struct umb_client_light *light)
 {
     memset(light, 0, sizeof *light);
     (void)snprintf(light->info.name, sizeof light->info.name, "sun %u", number);

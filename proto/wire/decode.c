@@ -1,0 +1,492 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The decoder of all messages, see codec.h.
+ *
+ * It looks at a message twice: a scan notes the last occurrence and the number of each field, then
+ * each row takes its field. Messages with arrays and texts are read once without a struct, which
+ * checks them and counts the bytes of their block, and then again into the block.
+ */
+#include "wire/codec.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/bytes.h"
+#include "base/compat.h"
+#include "base/try.h"
+#include "base/utf8.h"
+#include "wire/field.h"
+
+/* Last occurrence of a field, and the number of all. */
+struct found {
+    const uint8_t *bytes; /* Payload of the last occurrence; NULL if absent */
+    size_t size;
+    size_t count;
+    uint64_t value; /* Last value of a varint or of 64 bits */
+};
+
+/* State of one message's decoding, sub-messages included. */
+struct decoder {
+    uint8_t *block; /* Memory for arrays and texts; NULL: they are only counted */
+    size_t used;    /* Bytes of the block in use */
+    size_t nested;  /* Number of fields of sub-messages so far */
+    size_t unknown; /* Number of those that their tables do not have */
+    struct umb_error *error;
+};
+
+/* Bytes of a message: a piece, and the part of the parent in which further pieces of the
+ * sub-message `number` may follow. The parent is a whole message. */
+struct span {
+    const uint8_t *start, *at, *end;
+    const uint8_t *parent, *more, *more_end;
+    uint32_t number; /* 0: a whole message */
+};
+
+/* A field of a message being decoded, and its destination. */
+struct slot {
+    struct decoder *decoder;
+    const struct umbw_table *table;
+    const struct umbw_row *row;
+    const ProtobufCFieldDescriptor *field;
+    const struct found *found;
+    const struct span *span; /* of the message */
+    uint8_t *out;            /* Struct, or NULL: the field is only checked */
+    size_t index;            /* Index in the arrays that rows with a stride describe */
+};
+
+/* Fails with E_ARGUMENT, or a status, and a sentence that begins with the field's name. */
+#define REFUSE_AS(slot, status, format, ...)                                                       \
+    umb_fail((slot)->decoder->error, status, "%s%s: " format, (slot)->table->prefix,               \
+             (slot)->field->name, __VA_ARGS__)
+#define REFUSE(slot, format, ...) REFUSE_AS(slot, UMB_E_ARGUMENT, format, __VA_ARGS__)
+
+static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
+                                     const struct span *span, uint8_t *out, size_t index);
+
+/* Reads the next field of a message. Out: *any: false at its end. */
+static enum umb_status next_item(struct span *span, struct umbw_item *item, bool *any,
+                                 struct umb_error *error)
+{
+    struct umbw_item piece;
+    while (span->at == span->end) {
+        *any = span->more != span->more_end;
+        if (!*any) {
+            return UMB_OK;
+        }
+        UMB__TRY(umbw_item_read(span->parent, &span->more, span->more_end, &piece, error));
+        if (piece.number == span->number) {
+            span->start = span->at = piece.payload;
+            span->end = piece.payload + piece.payload_size;
+        }
+    }
+    *any = true;
+    return umbw_item_read(span->start, &span->at, span->end, item, error);
+}
+
+/* Returns the wire type of a field that is not packed. */
+static uint32_t wire_type(const ProtobufCFieldDescriptor *field)
+{
+    switch (field->type) {
+    case PROTOBUF_C_TYPE_DOUBLE:
+    case PROTOBUF_C_TYPE_FIXED64:
+        return UMBW_WIRE_FIXED64;
+    case PROTOBUF_C_TYPE_STRING:
+    case PROTOBUF_C_TYPE_BYTES:
+    case PROTOBUF_C_TYPE_MESSAGE:
+        return UMBW_WIRE_BYTES;
+    default:
+        return UMBW_WIRE_VARINT;
+    }
+}
+
+static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,
+                                 const struct umbw_item *item, bool nested, struct found *found)
+{
+    const ProtobufCFieldDescriptor *field =
+        protobuf_c_message_descriptor_get_field(table->descriptor, item->number);
+    if (field == NULL) { /* It may come from a newer peer */
+        return !nested || decoder->unknown++ < UMBW_FIELDS_MAX
+                   ? UMB_OK
+                   : umb_fail(decoder->error, UMB_E_TOO_LARGE,
+                              "message: has more than %d unknown fields", UMBW_FIELDS_MAX);
+    }
+    const uint32_t type = wire_type(field);
+    const bool packed = field->label == PROTOBUF_C_LABEL_REPEATED && item->type == UMBW_WIRE_BYTES;
+    if (item->type != type && !packed) {
+        return umb_fail(decoder->error, UMB_E_ARGUMENT, "%s%s: wire type is %lu, must be %lu",
+                        table->prefix, field->name, (unsigned long)item->type, (unsigned long)type);
+    }
+    const size_t i = (size_t)(field - table->descriptor->fields);
+    const struct umbw_row *row = &table->rows[i];
+    found += i;
+    if (row->table != NULL && field->label == PROTOBUF_C_LABEL_REPEATED &&
+        (double)found->count >= row->most) {
+        return umb_fail(decoder->error, UMB_E_TOO_LARGE, "%s%s: %zu are over the limit of %.0f",
+                        table->prefix, field->name, found->count + 1, row->most);
+    }
+    *found = (struct found){item->payload, item->payload_size, found->count + 1, item->value};
+    return UMB_OK;
+}
+
+/* Notes all fields of a message. */
+static enum umb_status scan(struct decoder *decoder, const struct umbw_table *table,
+                            struct span span, struct found *found)
+{
+    struct umbw_item item;
+    bool any;
+    memset(found, 0, table->descriptor->n_fields * sizeof *found);
+    for (size_t fields = 0;; fields++) {
+        UMB__TRY(next_item(&span, &item, &any, decoder->error));
+        if (!any) {
+            return UMB_OK;
+        }
+        if (span.number == 0 && fields == UMBW_FIELDS_MAX) {
+            return umb_fail(decoder->error, UMB_E_ARGUMENT, "message: has more than %d fields",
+                            UMBW_FIELDS_MAX);
+        }
+        if (span.number != 0 && decoder->nested++ == UMBW_NESTED_MAX) {
+            return umb_fail(decoder->error, UMB_E_TOO_LARGE,
+                            "message: its parts have more than %d fields", UMBW_NESTED_MAX);
+        }
+        UMB__TRY(note_item(decoder, table, &item, span.number != 0, found));
+    }
+}
+
+static void store(const struct slot *slot, size_t offset, const void *value, size_t size)
+{
+    if (slot->out != NULL) {
+        memcpy(slot->out + offset, value, size);
+    }
+}
+
+static void store_count(const struct slot *slot, size_t count)
+{
+    const uint32_t narrow = (uint32_t)count;
+    const struct umbw_row *row = slot->row;
+    if (row->count_size == sizeof narrow) {
+        store(slot, row->count, &narrow, sizeof narrow);
+    } else if (row->count_size > 0) {
+        store(slot, row->count, &count, sizeof count);
+    }
+}
+
+/* Takes bytes of the block; NULL while these are only counted. */
+static void *grab(struct decoder *decoder, size_t size, size_t alignment)
+{
+    decoder->used = (decoder->used + alignment - 1) / alignment * alignment;
+    void *at = decoder->block != NULL ? decoder->block + decoder->used : NULL;
+    decoder->used += size;
+    return at;
+}
+
+static enum umb_status take_enum(const struct slot *slot, uint32_t *value)
+{
+    const ProtobufCEnumDescriptor *type = slot->field->descriptor;
+    char names[160] = "";
+    size_t length = 0;
+    if (*value < type->n_values) { /* they count from 0 */
+        *value = slot->row->values != NULL ? (uint32_t)slot->row->values[*value] : *value;
+        return UMB_OK;
+    }
+    for (unsigned i = 0; i < type->n_values && length < sizeof names; i++) {
+        const char *name = strchr(type->values[i].name, '_');
+        length += (size_t)snprintf(names + length, sizeof names - length, "%s%d (%s)",
+                                   i > 0 ? ", " : "", type->values[i].value, name + 1);
+    }
+    return REFUSE_AS(slot, slot->row->flags & UMBW_NEWER ? UMB_E_UNSUPPORTED : UMB_E_ARGUMENT,
+                     "%ld is not one of %s", (long)(int32_t)*value, names);
+}
+
+/* Takes a single number at `offset` of the struct. A value is cut to the bits of its type, as
+ * protobuf says. */
+static enum umb_status take_number(const struct slot *slot, uint64_t bits, size_t offset)
+{
+    const struct umbw_row *row = slot->row;
+    uint32_t narrow = (uint32_t)bits;
+    switch (slot->field->type) {
+    case PROTOBUF_C_TYPE_DOUBLE: {
+        double value;
+        memcpy(&value, &bits, sizeof value);
+        if (row->most > 0 && !(value >= 0 && value <= row->most)) {
+            return REFUSE(slot, "%.9g is not within 0..%.9g", value, row->most);
+        }
+        store(slot, offset, &bits, sizeof bits);
+        return UMB_OK;
+    }
+    case PROTOBUF_C_TYPE_ENUM:
+        if (row->flags & UMBW_CHECKED) {
+            UMB__TRY(take_enum(slot, &narrow));
+        }
+        break;
+    case PROTOBUF_C_TYPE_BOOL:
+        narrow = bits != 0;
+        break;
+    case PROTOBUF_C_TYPE_INT32:
+    case PROTOBUF_C_TYPE_UINT32:
+        if (row->most > 0 && bits > (uint64_t)row->most) {
+            return REFUSE(slot, "%llu is over %.0f", (unsigned long long)bits, row->most);
+        }
+        break;
+    default:
+        store(slot, offset, &bits, sizeof bits);
+        return UMB_OK;
+    }
+    store(slot, offset, &narrow, sizeof narrow);
+    return UMB_OK;
+}
+
+/* Takes element i of a repeated number. */
+static enum umb_status take_element(const struct slot *slot, uint64_t bits, size_t i)
+{
+    const size_t step = slot->row->stride > 0 ? slot->row->stride : sizeof bits;
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    if ((slot->row->flags & UMBW_FINITE) && !isfinite(value)) {
+        return REFUSE(slot, "number %zu is %g, must be finite", i, value);
+    }
+    store(slot, slot->row->offset + i * step, &bits, sizeof bits);
+    return UMB_OK;
+}
+
+/* Takes a repeated number: none or all elements of an array, or with a stride up to `most`. */
+static enum umb_status take_numbers(const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const bool fixed = slot->field->type == PROTOBUF_C_TYPE_DOUBLE;
+    const size_t most = row->stride > 0 ? (size_t)row->most : row->size / sizeof(uint64_t);
+    struct span span = *slot->span;
+    struct umbw_item item;
+    size_t count = 0;
+    bool any;
+    for (;;) {
+        UMB__TRY(next_item(&span, &item, &any, slot->decoder->error));
+        if (!any) {
+            break;
+        }
+        const uint8_t *at = item.payload, *end = at + item.payload_size;
+        if (item.number != slot->field->id) {
+            continue;
+        }
+        if (fixed && item.payload_size % sizeof(double) != 0) {
+            return REFUSE(slot, "length is %zu bytes, must be a multiple of 8", item.payload_size);
+        }
+        for (; at < end; count++) {
+            uint64_t bits;
+            if (fixed) {
+                bits = umb__load64(at);
+                at += sizeof bits;
+            } else if (!umbw_varint_read(&at, end, &bits)) {
+                return REFUSE(slot, "number %zu is broken or cut short", count);
+            }
+            if (count < most) {
+                UMB__TRY(take_element(slot, bits, count));
+            }
+        }
+    }
+    store_count(slot, count);
+    if (row->stride > 0) {
+        return count <= most ? UMB_OK : REFUSE(slot, "%zu are over the limit of %zu", count, most);
+    }
+    return count == 0 || count == most
+               ? UMB_OK
+               : REFUSE(slot, "has %zu numbers, must have none or %zu", count, most);
+}
+
+static enum umb_status take_text(const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const uint8_t *bytes = slot->found->bytes;
+    const size_t size = slot->found->size;
+    const bool owned = row->size == sizeof(char *);
+    if (size == 0 && (row->flags & UMBW_REQUIRED)) {
+        return REFUSE(slot, "%s", "is empty, must be a name or an id");
+    }
+    if (!owned && size >= row->size) {
+        return REFUSE(slot, "%zu bytes are over the limit of %zu bytes", size, row->size - 1);
+    }
+    if (!umb__utf8_valid(bytes, size)) {
+        return REFUSE(slot, "%s", "not UTF-8 text without NUL");
+    }
+    if (!owned) {
+        store(slot, row->offset, size > 0 ? (const void *)bytes : "", size);
+        return UMB_OK;
+    }
+    char *text = grab(slot->decoder, size + 1, 1);
+    if (text != NULL && size > 0) {
+        memcpy(text, bytes, size);
+    }
+    store(slot, row->offset, &text, sizeof text);
+    return UMB_OK;
+}
+
+static enum umb_status take_bytes(const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const struct found *found = slot->found;
+    const bool in_place = row->size == sizeof found->bytes;
+    const size_t exact = in_place ? row->stride : row->size;
+    const bool absent = row->stride > 0 ? found->count == 0 : found->size == 0;
+    const bool may_be_absent = in_place || row->count_size > 0 || (row->flags & UMBW_OPTIONAL);
+    if (exact > 0 && found->size != exact && !(absent && may_be_absent)) {
+        return REFUSE(slot, "length is %zu bytes, must be %zu", found->size, exact);
+    }
+    if (in_place) {
+        store(slot, row->offset, &found->bytes, sizeof found->bytes);
+        store_count(slot, row->stride > 0 ? found->count : found->size);
+    } else if (found->size > 0) {
+        store(slot, row->offset, found->bytes, found->size);
+        store_count(slot, 1);
+    }
+    return UMB_OK;
+}
+
+/* Takes a repeated sub-message. */
+static enum umb_status take_structs(const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const size_t count = slot->found->count;
+    const bool own = row->table->size > 0;
+    struct span span = *slot->span;
+    struct umbw_item item;
+    uint8_t *array = slot->out;
+    bool any = true;
+    store_count(slot, count);
+    if (own) {
+        array = grab(slot->decoder, count * row->table->size, sizeof(uint64_t));
+        store(slot, row->offset, &array, sizeof array);
+    }
+    for (size_t i = 0; i < count;) { /* as many items as were counted are there */
+        UMB__TRY(next_item(&span, &item, &any, slot->decoder->error));
+        if (item.number != slot->field->id) {
+            continue;
+        }
+        const uint8_t *end = item.payload + item.payload_size;
+        const struct span part = {
+            .start = item.payload, .at = item.payload, .end = end, .number = slot->field->id};
+        uint8_t *out = own && array != NULL ? array + i * row->table->size : array;
+        UMB__TRY(decode_struct(slot->decoder, row->table, &part, out, own ? 0 : i));
+        i++;
+    }
+    return UMB_OK;
+}
+
+static enum umb_status take_message(const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const struct found *found = slot->found;
+    if (row->table == NULL) { /* It stays in the message */
+        if (row->size > 0) {
+            store(slot, row->offset, &found->bytes, sizeof found->bytes);
+        }
+        store_count(slot, row->size > 0 ? found->size : found->count);
+        return UMB_OK;
+    }
+    if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
+        return take_structs(slot);
+    }
+    if (found->count == 0) {
+        return row->flags & UMBW_REQUIRED ? REFUSE(slot, "%s", "is missing") : UMB_OK;
+    }
+    if (row->most > 0 && (double)found->size > row->most) {
+        return REFUSE(slot, "%zu bytes, at most %.0f", found->size, row->most);
+    }
+    store_count(slot, 1);
+    const struct span *parent = slot->span;
+    const struct span parts = {.parent = parent->start,
+                               .more = parent->start,
+                               .more_end = parent->end,
+                               .number = slot->field->id};
+    return decode_struct(slot->decoder, row->table, &parts,
+                         slot->out != NULL ? slot->out + row->offset : NULL, 0);
+}
+
+static enum umb_status take_field(const struct slot *slot)
+{
+    if (slot->row->flags & UMBW_SENT) {
+        return UMB_OK;
+    }
+    switch (slot->field->type) {
+    case PROTOBUF_C_TYPE_STRING:
+        return take_text(slot);
+    case PROTOBUF_C_TYPE_BYTES:
+        return take_bytes(slot);
+    case PROTOBUF_C_TYPE_MESSAGE:
+        return take_message(slot);
+    default:
+        if (slot->found->count == 0 && slot->row->values == NULL) { /* 0, as the struct is */
+            return UMB_OK;
+        }
+        return slot->field->label == PROTOBUF_C_LABEL_REPEATED
+                   ? take_numbers(slot)
+                   : take_number(slot, slot->found->value,
+                                 slot->row->offset + slot->index * slot->row->stride);
+    }
+}
+
+static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
+                                     const struct span *span, uint8_t *out, size_t index)
+{
+    struct found found[UMBW_ROWS_MAX] UMB__UNSET; /* set by the scan */
+    UMB__TRY(scan(decoder, table, *span, found));
+    struct slot slot = {decoder, table, table->rows, table->descriptor->fields,
+                        found,   span,  out,         index};
+    for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
+        UMB__TRY(take_field(&slot));
+        slot.row++;
+        slot.field++;
+        slot.found++;
+    }
+    return UMB_OK;
+}
+
+/* Decodes a whole message. In: head: bytes of the block before arrays and texts. out: NULL: the
+ * struct is the block's beginning. Out: block: to be freed on failure, too. */
+static enum umb_status decode_message(const struct umbw_table *table, const uint8_t *message,
+                                      size_t size, void *out, size_t head, uint8_t **block,
+                                      struct umb_error *error)
+{
+    static const uint8_t nothing;
+    struct decoder decoder = {.used = head, .error = error};
+    const uint8_t *start = size > 0 ? message : &nothing;
+    const struct span span = {.start = start, .at = start, .end = start + size};
+    *block = NULL;
+    if (head > 0 || table->block_size > 0) {
+        UMB__TRY(decode_struct(&decoder, table, &span, NULL, 0));
+        *block = calloc(1, decoder.used + 1);
+        if (*block == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
+                            table->descriptor->name, size);
+        }
+    }
+    decoder = (struct decoder){.block = *block, .used = head, .error = error};
+    return decode_struct(&decoder, table, &span, out != NULL ? out : *block, 0);
+}
+
+enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *message, size_t size,
+                            void *out, struct umb_error *error)
+{
+    uint8_t *block;
+    memset(out, 0, table->size);
+    enum umb_status status = decode_message(table, message, size, out, 0, &block, error);
+    if (status != UMB_OK) {
+        memset(out, 0, table->size);
+        free(block);
+    } else if (block != NULL) {
+        memcpy((uint8_t *)out + table->block, &block, sizeof block);
+    }
+    return status;
+}
+
+enum umb_status umbw_decode_new(const struct umbw_table *table, const uint8_t *message, size_t size,
+                                void **out, struct umb_error *error)
+{
+    uint8_t *block;
+    enum umb_status status = decode_message(table, message, size, NULL, table->size, &block, error);
+    if (status != UMB_OK) {
+        free(block);
+        block = NULL;
+    }
+    *out = block;
+    return status;
+}

@@ -1,0 +1,355 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The encoder of all messages, see codec.h: the same walk counts the bytes first, and then writes
+ * them. */
+#include "wire/codec.h"
+
+#include <math.h>
+#include <string.h>
+#include "base/bytes.h"
+#include "base/try.h"
+#include "base/utf8.h"
+#include "wire/field.h"
+
+/* Destination of a message. */
+struct sink {
+    uint8_t *bytes;         /* NULL: only counts */
+    size_t size;            /* Bytes so far */
+    size_t last;            /* Bytes behind them, which the caller appends */
+    enum umb_status status; /* UMB_OK, or a failure */
+    struct umb_error *error;
+};
+
+/* A field being encoded, and its source. */
+struct slot {
+    const struct umbw_table *table;
+    const struct umbw_row *row;
+    const ProtobufCFieldDescriptor *field;
+    const uint8_t *in; /* Struct */
+    size_t index;      /* Index in the arrays that rows with a stride describe */
+};
+
+/* Fails with a sentence that begins with the field's name. */
+#define REFUSE(sink, slot, code, format, ...)                                                      \
+    ((sink)->status = umb_fail((sink)->error, code, "%s%s: " format, (slot)->table->prefix,        \
+                               (slot)->field->name, __VA_ARGS__))
+
+static void put_struct(struct sink *sink, const struct umbw_table *table, const uint8_t *in,
+                       size_t index);
+
+static void put_bytes(struct sink *sink, const void *bytes, size_t size)
+{
+    if (sink->bytes != NULL && size > 0) {
+        memcpy(sink->bytes + sink->size, bytes, size);
+    }
+    sink->size += size;
+}
+
+static void put_varint(struct sink *sink, uint64_t value)
+{
+    uint8_t bytes[10];
+    put_bytes(sink, bytes, umbw_varint_write(value, bytes));
+}
+
+static void put_fixed64(struct sink *sink, uint64_t value)
+{
+    uint8_t bytes[8];
+    umb__store64(bytes, value);
+    put_bytes(sink, bytes, sizeof bytes);
+}
+
+static void put_tag(struct sink *sink, const struct slot *slot, enum umbw_wire_type type)
+{
+    put_varint(sink, (uint64_t)slot->field->id << 3 | type);
+}
+
+static void put_piece(struct sink *sink, const struct slot *slot, const void *bytes, size_t size)
+{
+    put_tag(sink, slot, UMBW_WIRE_BYTES);
+    put_varint(sink, size);
+    put_bytes(sink, bytes, size);
+}
+
+/* Returns the count of a field; `otherwise` if its row has none. */
+static size_t load_count(const struct slot *slot, size_t otherwise)
+{
+    uint32_t narrow;
+    size_t count = otherwise;
+    if (slot->row->count_size == sizeof narrow) {
+        memcpy(&narrow, slot->in + slot->row->count, sizeof narrow);
+        count = narrow;
+    } else if (slot->row->count_size > 0) {
+        memcpy(&count, slot->in + slot->row->count, sizeof count);
+    }
+    return count;
+}
+
+static const void *load_pointer(const struct slot *slot)
+{
+    const void *pointer;
+    memcpy(&pointer, slot->in + slot->row->offset, sizeof pointer);
+    return pointer;
+}
+
+/* Returns the wire's number of a value of the struct's enum. */
+static uint64_t wire_enum(struct sink *sink, const struct slot *slot, uint32_t value)
+{
+    const ProtobufCEnumDescriptor *type = slot->field->descriptor;
+    for (unsigned i = 0; i < type->n_values; i++) { /* they count from 0 */
+        if ((slot->row->values != NULL ? (uint32_t)slot->row->values[i] : i) == value) {
+            return i;
+        }
+    }
+    (void)REFUSE(sink, slot, slot->row->flags & UMBW_PARTIAL ? UMB_E_UNSUPPORTED : UMB_E_ARGUMENT,
+                 "%ld is not one of the protocol's", (long)(int32_t)value);
+    return 0;
+}
+
+/* Returns the bits of a number as a varint or 64 bits have them. */
+static uint64_t wire_number(struct sink *sink, const struct slot *slot, const uint8_t *at)
+{
+    uint64_t bits;
+    uint32_t narrow;
+    double value;
+    switch (slot->field->type) {
+    case PROTOBUF_C_TYPE_DOUBLE:
+        memcpy(&bits, at, sizeof bits);
+        memcpy(&value, at, sizeof value);
+        if (slot->row->most > 0 && !(value >= 0 && value <= slot->row->most)) {
+            (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%.9g is not within 0..%.9g", value,
+                         slot->row->most);
+        }
+        return value == 0 ? 0 : bits; /* -0 is left out, too */
+    case PROTOBUF_C_TYPE_ENUM:
+    case PROTOBUF_C_TYPE_INT32:
+        memcpy(&narrow, at, sizeof narrow);
+        return slot->row->flags & UMBW_CHECKED ? wire_enum(sink, slot, narrow)
+                                               : (uint64_t)(int64_t)(int32_t)narrow;
+    case PROTOBUF_C_TYPE_BOOL:
+        memcpy(&narrow, at, sizeof narrow);
+        return narrow != 0;
+    case PROTOBUF_C_TYPE_UINT32:
+        memcpy(&narrow, at, sizeof narrow);
+        return narrow;
+    default:
+        memcpy(&bits, at, sizeof bits);
+        return bits;
+    }
+}
+
+static void put_number(struct sink *sink, const struct slot *slot)
+{
+    const uint8_t *at = slot->in + slot->row->offset + slot->index * slot->row->stride;
+    const uint64_t bits = wire_number(sink, slot, at);
+    if (bits == 0) {
+        return;
+    }
+    if (slot->field->type == PROTOBUF_C_TYPE_DOUBLE ||
+        slot->field->type == PROTOBUF_C_TYPE_FIXED64) {
+        put_tag(sink, slot, UMBW_WIRE_FIXED64);
+        put_fixed64(sink, bits);
+    } else {
+        put_tag(sink, slot, UMBW_WIRE_VARINT);
+        put_varint(sink, bits);
+    }
+}
+
+/* Writes the elements of a repeated number, without tags. */
+static void put_elements(struct sink *sink, const struct slot *slot, size_t count)
+{
+    const size_t step = slot->row->stride > 0 ? slot->row->stride : sizeof(uint64_t);
+    const uint8_t *at = slot->in + slot->row->offset;
+    for (size_t i = 0; i < count; i++, at += step) {
+        uint64_t bits;
+        memcpy(&bits, at, sizeof bits);
+        if (slot->field->type == PROTOBUF_C_TYPE_DOUBLE) {
+            put_fixed64(sink, bits);
+        } else {
+            put_varint(sink, bits);
+        }
+    }
+}
+
+/* Writes a repeated number, packed. */
+static void put_numbers(struct sink *sink, const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const size_t most = row->stride > 0 ? (size_t)row->most : row->size / sizeof(double);
+    size_t count = load_count(slot, most);
+    struct sink packed = {0};
+    bool all_zero = true;
+    for (size_t i = 0; i < count && row->stride == 0; i++) {
+        double value;
+        memcpy(&value, slot->in + row->offset + i * sizeof value, sizeof value);
+        all_zero = all_zero && value == 0;
+        if ((row->flags & UMBW_FINITE) && !isfinite(value)) {
+            (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "number %zu is %g, must be finite", i, value);
+        }
+    }
+    if (count == 0 || (all_zero && (row->flags & UMBW_SPARSE))) {
+        return;
+    }
+    if (count > most) {
+        (void)REFUSE(sink, slot, UMB_E_TOO_LARGE, "%zu are over the limit of %zu", count, most);
+        return;
+    }
+    put_elements(&packed, slot, count);
+    put_tag(sink, slot, UMBW_WIRE_BYTES);
+    put_varint(sink, packed.size);
+    put_elements(sink, slot, count);
+}
+
+static void put_text(struct sink *sink, const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const bool owned = row->size == sizeof(char *);
+    const char *text = owned ? load_pointer(slot) : (const char *)slot->in + row->offset;
+    if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
+        const char *const *texts = load_pointer(slot);
+        for (size_t i = 0; i < load_count(slot, 0); i++) {
+            put_piece(sink, slot, texts[i], strlen(texts[i]));
+        }
+        return;
+    }
+    const size_t size = text == NULL ? 0 : owned ? strlen(text) : strnlen(text, row->size);
+    if (size == 0 && (row->flags & UMBW_REQUIRED)) {
+        (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%s", "is empty, must be a name or an id");
+    } else if (!owned && size == row->size) {
+        (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "over the limit of %zu bytes", size - 1);
+    } else if ((row->flags & UMBW_CHECKED) && !umb__utf8_valid((const uint8_t *)text, size)) {
+        (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%s", "not UTF-8 text without NUL");
+    } else if (size > 0) {
+        put_piece(sink, slot, text, size);
+    }
+}
+
+static void put_blob(struct sink *sink, const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const bool in_place = row->size == sizeof(uint8_t *);
+    const size_t count = load_count(slot, row->size);
+    const uint8_t *bytes = in_place ? load_pointer(slot) : slot->in + row->offset;
+    if (count == 0) {
+        return;
+    }
+    if (row->flags & UMBW_LAST) {
+        put_tag(sink, slot, UMBW_WIRE_BYTES);
+        put_varint(sink, count);
+        sink->last += count;
+    } else if (row->stride > 0) {
+        for (size_t i = 0; i < count; i++) {
+            put_piece(sink, slot, sink->bytes != NULL ? bytes + i * row->stride : NULL,
+                      row->stride);
+        }
+    } else {
+        put_piece(sink, slot, bytes, in_place ? count : row->size);
+    }
+}
+
+/* Writes one sub-message. */
+static void put_part(struct sink *sink, const struct slot *slot, const uint8_t *in, size_t index)
+{
+    struct sink part = {.error = sink->error};
+    put_struct(&part, slot->row->table, in, index);
+    if (part.status != UMB_OK) {
+        sink->status = part.status;
+    }
+    put_tag(sink, slot, UMBW_WIRE_BYTES);
+    put_varint(sink, part.size);
+    if (sink->bytes != NULL) {
+        put_struct(sink, slot->row->table, in, index);
+    } else {
+        sink->size += part.size;
+    }
+}
+
+static void put_message(struct sink *sink, const struct slot *slot)
+{
+    const struct umbw_row *row = slot->row;
+    const size_t count = load_count(slot, 1);
+    if (count == 0) {
+        return;
+    }
+    if (row->table == NULL) {
+        put_piece(sink, slot, load_pointer(slot), count);
+        return;
+    }
+    if (slot->field->label != PROTOBUF_C_LABEL_REPEATED) {
+        put_part(sink, slot, slot->in + row->offset, 0);
+        return;
+    }
+    const bool own = row->table->size > 0;
+    const uint8_t *array = own ? load_pointer(slot) : slot->in;
+    if ((double)count > row->most) {
+        (void)REFUSE(sink, slot, UMB_E_TOO_LARGE, "%zu are over the limit of %.0f", count,
+                     row->most);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        put_part(sink, slot, own ? array + i * row->table->size : array, own ? 0 : i);
+    }
+}
+
+static void put_field(struct sink *sink, const struct slot *slot)
+{
+    switch (slot->field->type) {
+    case PROTOBUF_C_TYPE_STRING:
+        put_text(sink, slot);
+        break;
+    case PROTOBUF_C_TYPE_BYTES:
+        put_blob(sink, slot);
+        break;
+    case PROTOBUF_C_TYPE_MESSAGE:
+        put_message(sink, slot);
+        break;
+    default:
+        if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
+            put_numbers(sink, slot);
+        } else {
+            put_number(sink, slot);
+        }
+    }
+}
+
+static void put_struct(struct sink *sink, const struct umbw_table *table, const uint8_t *in,
+                       size_t index)
+{
+    struct slot slot = {table, table->rows, table->descriptor->fields, in, index};
+    struct slot last = {0};
+    for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
+        if (slot.row->flags & UMBW_LAST) {
+            last = slot;
+        } else {
+            put_field(sink, &slot);
+        }
+        slot.row++;
+        slot.field++;
+    }
+    if (last.row != NULL) {
+        put_field(sink, &last);
+    }
+}
+
+size_t umbw_write(const struct umbw_table *table, const void *in, uint8_t *bytes)
+{
+    struct sink sink = {.bytes = bytes != NULL ? bytes + UMBW_PREFIX_BYTES : NULL};
+    put_struct(&sink, table, in, 0);
+    if (bytes != NULL) {
+        umbw_prefix_write(sink.size + sink.last, bytes);
+    }
+    return UMBW_PREFIX_BYTES + sink.size;
+}
+
+enum umb_status umbw_encode(const struct umbw_table *table, const void *in,
+                            struct umbw_buffer *buffer, struct umb_error *error)
+{
+    struct sink sink = {.error = error};
+    put_struct(&sink, table, in, 0);
+    if (sink.status != UMB_OK) {
+        return sink.status;
+    }
+    UMB__TRY(umbw_buffer_begin_message(buffer, sink.size + sink.last, sink.size, error));
+    sink = (struct sink){.bytes = buffer->bytes + buffer->size};
+    put_struct(&sink, table, in, 0);
+    buffer->size += sink.size;
+    return UMB_OK;
+}

@@ -1,0 +1,405 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * QueryRequest and QueryReply. Points, normals and answers stay in the message. Both directions
+ * apply the same checks, so that a client reports an error before it sends, in the server's words.
+ */
+#include "wire/messages.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+#include "base/try.h"
+#include "umbrage/v1/shadows.pb-c.h"
+#include "wire/codec.h"
+#include "wire/field.h"
+
+#define PICTURE_BYTES_MAX 512 /* Most bytes of a picture without depths: four times its fields */
+
+/* On the wire 0 is the usual answer, U8. */
+static const int FORMATS[] = {UMB_ANSWER_U8, UMB_ANSWER_F32, UMB_ANSWER_BIT};
+
+static const struct umbw_row PICTURE_ROWS[] = {
+    {1, UMBW_AT(umb_picture, camera.eye)}, {2, UMBW_AT(umb_picture, camera.forward)},
+    {3, UMBW_AT(umb_picture, camera.up)},  {4, UMBW_AT(umb_picture, camera.fov_y)},
+    {5, UMBW_AT(umb_picture, width)},      {6, UMBW_AT(umb_picture, height)},
+};
+
+static const struct umbw_table PICTURE = {&umbrage__v1__picture__descriptor, PICTURE_ROWS,
+                                          "picture.", .size = sizeof(struct umb_picture)};
+
+#define FIELD(member) UMBW_AT(umbw_query_request, member)
+#define BYTES(member)                                                                              \
+    UMBW_AT(umbw_query_request, member.at), UMBW_COUNT(umbw_query_request, member.size)
+
+/* All settings of a query: number, place and range. */
+static const struct umbw_row REQUEST_ROWS[] = {
+    {1, FIELD(asset), .flags = UMBW_CHECKED},
+    {2, FIELD(settings.light)},
+    {3, FIELD(settings.taps)},
+    {4, FIELD(settings.bias_mode), .flags = UMBW_CHECKED},
+    {5, FIELD(settings.bias), .most = UMB_BIAS_MAX},
+    {6, FIELD(settings.format), .flags = UMBW_CHECKED, .values = FORMATS},
+    {7, FIELD(points.origin), .flags = UMBW_FINITE | UMBW_SPARSE},
+    {8, FIELD(want_stats)},
+    {9, UMBW_COUNT(umbw_query_request, target_count)},
+    {11, BYTES(normals)},
+    {12, BYTES(f32)},
+    {13, BYTES(f64)},
+    {14, BYTES(depth)},
+    {20, FIELD(settings.level)},
+    {21, FIELD(dial.max_error_m)},
+    {22, FIELD(dial.max_visibility)},
+    {23, FIELD(dial.budget_ns)},
+    {24, FIELD(picture), UMBW_COUNT(umbw_query_request, has_picture), .table = &PICTURE,
+     .most = PICTURE_BYTES_MAX},
+    {25, FIELD(pack)},
+    {26, FIELD(base_mark)},
+    {30, FIELD(settings.filter), .flags = UMBW_CHECKED},
+    {31, FIELD(settings.light_extent), .most = UMB_EXTENT_MAX},
+    {32, BYTES(footprints)},
+    {33, FIELD(settings.footprint_m)},
+    {34, FIELD(settings.eye), UMBW_COUNT(umbw_query_request, eye_count)},
+    {35, FIELD(settings.pixel_rad)},
+    {36, FIELD(settings.opaque_only)},
+};
+
+static const struct umbw_table REQUEST = {&umbrage__v1__query_request__descriptor, REQUEST_ROWS, "",
+                                          .size = sizeof(struct umbw_query_request)};
+
+static const struct umbw_row TARGET_ROWS[] = {
+    {1, UMBW_AT(umbw_query_target, asset), .flags = UMBW_REQUIRED},
+    {2, UMBW_AT(umbw_query_target, light)},
+};
+
+static const struct umbw_table TARGET = {&umbrage__v1__target__descriptor, TARGET_ROWS, "targets.",
+                                         .size = sizeof(struct umbw_query_target)};
+
+static bool is_dialled(const struct umb_dial *dial)
+{
+    return dial->max_error_m > 0 || dial->max_visibility > 0 || dial->budget_ns > 0;
+}
+
+/* Checks the dial: finite amounts, and no setting beside it that it chooses. */
+static enum umb_status check_dial(const struct umbw_query_request *request, struct umb_error *error)
+{
+    const uint32_t taps = request->settings.taps, level = request->settings.level;
+    const struct umb_dial *dial = &request->dial;
+    const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
+    static const char *const names[3] = {"max_error_m", "max_visibility", "budget_ns"};
+    for (int i = 0; i < 3; i++) {
+        if (!isfinite(wanted[i]) || wanted[i] < 0) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: %.9g, must be finite and not below 0",
+                            names[i], wanted[i]);
+        }
+        if (wanted[i] > 0 && (taps != 0 || level != 0)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "%s: %.9g beside taps %lu and level %lu, which it chooses", names[i],
+                            wanted[i], (unsigned long)taps, (unsigned long)level);
+        }
+    }
+    if (dial->budget_ns > 0 && request->target_count > 1) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "budget_ns: %.9g beside %zu targets; it is of one light at a time",
+                        dial->budget_ns, request->target_count);
+    }
+    return UMB_OK;
+}
+
+/* Checks the settings of footprints, which belong to one filter. */
+static enum umb_status check_footprint(const struct umbw_query_request *request,
+                                       struct umb_error *error)
+{
+    const struct umb_query_settings *settings = &request->settings;
+    const bool own = request->footprints.size > 0, any = settings->footprint_m != 0;
+    if ((own || any || settings->pixel_rad != 0) && settings->filter != UMB_FILTER_FOOTPRINT) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "%s: belongs to the filter 3 (FOOTPRINT), this is %d",
+                        own   ? "footprints"
+                        : any ? "footprint_m"
+                              : "pixel_rad",
+                        (int)settings->filter);
+    }
+    if (request->eye_count > 0 && settings->pixel_rad == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "eye: without pixel_rad; give the angle of a pixel");
+    }
+    if (settings->filter == UMB_FILTER_FOOTPRINT && !own && !any && settings->pixel_rad == 0 &&
+        request->points.count > 0 && !request->has_picture) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "filter: 3 (FOOTPRINT) without one; give footprints, footprint_m, or eye "
+                        "with pixel_rad");
+    }
+    return UMB_OK;
+}
+
+/* Checks a picture, whose depths are the request's points. */
+static enum umb_status check_picture(const struct umbw_query_request *request,
+                                     struct umb_error *error)
+{
+    const struct umb_picture *picture = &request->picture;
+    const double *origin = request->points.origin;
+    if (!request->has_picture) {
+        return request->depth.size == 0
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT, "depth: %zu bytes without a picture",
+                              request->depth.size);
+    }
+    UMB__TRY(umb_picture_check(picture, error));
+    if ((uint64_t)picture->width * picture->height != request->points.count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "depth: %zu numbers for %u x %u pixels",
+                        request->points.count, picture->width, picture->height);
+    }
+    if (origin[0] != 0 || origin[1] != 0 || origin[2] != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "origin: beside a picture, which has an eye");
+    }
+    return UMB_OK;
+}
+
+/* Checks what the table cannot: fields that depend on others. Sets the default of taps. */
+static enum umb_status check_request(struct umbw_query_request *request, struct umb_error *error)
+{
+    uint32_t *taps = &request->settings.taps;
+    UMB__TRY(check_dial(request, error));
+    if (*taps == 0 && !is_dialled(&request->dial)) {
+        *taps = 1;
+    }
+    if (*taps != 0 && (*taps % 2 == 0 || *taps > UMB_TAPS_MAX)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "taps: %lu is not odd and within 1..%d",
+                        (unsigned long)*taps, UMB_TAPS_MAX);
+    }
+    if (request->target_count == 0 && request->asset[0] == '\0') {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset: is empty, must be a name or an id");
+    }
+    UMB__TRY(check_footprint(request, error));
+    return check_picture(request, error);
+}
+
+static enum umb_status check_targets(const struct umbw_query_request *request,
+                                     struct umb_error *error)
+{
+    if (request->target_count > UMBW_TARGETS_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "targets: %zu are over the limit of %d",
+                        request->target_count, UMBW_TARGETS_MAX);
+    }
+    if (request->target_count > 0 && (request->asset[0] != '\0' || request->settings.light != 0)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "targets: %zu, beside asset or light; give either those or targets",
+                        request->target_count);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbw_query_target_next(struct umbw_query_request *request,
+                                       struct umbw_query_target *target, struct umb_error *error)
+{
+    struct umbw_item item = {0};
+    while (item.number != 9) { /* targets */
+        if (request->targets_at == request->targets_end) {
+            return umb_fail(error, UMB_E_ARGUMENT, "targets: there are no more");
+        }
+        UMB__TRY(umbw_item_read(request->targets_at, &request->targets_at, request->targets_end,
+                                &item, error));
+    }
+    return umbw_decode(&TARGET, item.payload, item.payload_size, target, error);
+}
+
+/* Checks the length of an array beside the points. Out: place: the array, or NULL. */
+static enum umb_status take_beside(const char *name, const struct umbw_bytes *field, size_t each,
+                                   size_t count, const void **place, struct umb_error *error)
+{
+    if (field->size > 0 && field->size != count * each) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "%s: length is %zu bytes, must be 0 or %zu for %zu points", name,
+                        field->size, count * each, count);
+    }
+    *place = field->size > 0 ? field->at : NULL;
+    return UMB_OK;
+}
+
+/* Makes the points of a decoded request: those of one of the two fields, or a picture's depths. */
+static enum umb_status take_points(struct umbw_query_request *request, size_t max_points,
+                                   struct umb_error *error)
+{
+    struct umb_points *points = &request->points;
+    const struct umbw_bytes *f32 = &request->f32, *f64 = &request->f64;
+    const bool picture = request->has_picture, wide = f64->size > 0;
+    if (f32->size > 0 && wide) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "points: %zu bytes, and points_f64: %zu bytes; give only one of them",
+                        f32->size, f64->size);
+    }
+    if (picture && (f32->size > 0 || wide)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "picture: beside points; give only one of them");
+    }
+    const struct umbw_bytes *field = picture ? &request->depth : wide ? f64 : f32;
+    const char *name = picture ? "depth" : wide ? "points_f64" : "points";
+    const size_t each = picture ? sizeof(float) : 3 * (wide ? sizeof(double) : sizeof(float));
+    if (field->size % each != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be a multiple of %zu",
+                        name, field->size, each);
+    }
+    points->count = field->size / each;
+    if (points->count > max_points) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "%s: %zu is over the limit of %zu points", name,
+                        points->count, max_points);
+    }
+    if (request->target_count > 1 && points->count > max_points / request->target_count) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "%s: %zu for each of %zu targets is over the limit of %zu answers", name,
+                        points->count, request->target_count, max_points);
+    }
+    points->positions = points->count > 0 ? field->at : NULL;
+    points->format = wide ? UMB_POINT_F64 : UMB_POINT_F32;
+    request->picture.depth = request->depth.at;
+    UMB__TRY(take_beside("normals", &request->normals, 3 * sizeof(float), points->count,
+                         &points->normals, error));
+    return take_beside("footprints", &request->footprints, sizeof(float), points->count,
+                       &points->footprints, error);
+}
+
+/* Footprints that the request does not set are those of the picture's pixels. */
+static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
+{
+    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+        settings->pixel_rad == 0) {
+        memcpy(settings->eye, picture->camera.eye, sizeof settings->eye);
+        settings->pixel_rad = fmin(2 * tan(picture->camera.fov_y / 2) / picture->height, 1);
+    }
+}
+
+enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, size_t max_points,
+                                          struct umbw_query_request *request,
+                                          struct umb_error *error)
+{
+    UMB__TRY(umbw_decode(&REQUEST, message, size, request, error));
+    request->targets_at = message;
+    request->targets_end = size > 0 ? message + size : message;
+    UMB__TRY(check_targets(request, error));
+    UMB__TRY(take_points(request, max_points, error));
+    UMB__TRY(check_request(request, error));
+    if (request->has_picture) {
+        look_through(&request->picture, &request->settings);
+    }
+    return UMB_OK;
+}
+
+/* Makes the fields of the message from the points. */
+static enum umb_status put_points(struct umbw_query_request *request, struct umb_error *error)
+{
+    const struct umb_points *points = &request->points;
+    const bool wide = points->format == UMB_POINT_F64;
+    if (!wide && points->format != UMB_POINT_F32) {
+        return umb_fail(error, UMB_E_ARGUMENT, "points: format %d is unknown", (int)points->format);
+    }
+    if (points->count > UINT32_MAX / 24) { /* Most bytes of a point */
+        return umb_fail(error, UMB_E_TOO_LARGE, "points: %zu is over the limit of %zu points",
+                        points->count, (size_t)(UINT32_MAX / 24));
+    }
+    if (!request->has_picture && points->count > 0 && points->positions == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT, "points: no positions for %zu points",
+                        points->count);
+    }
+    const size_t scalars = points->count * sizeof(float);
+    request->f32 = request->f64 = request->depth = (struct umbw_bytes){NULL, 0};
+    *(request->has_picture ? &request->depth
+      : wide               ? &request->f64
+                           : &request->f32) =
+        request->has_picture ? (struct umbw_bytes){request->picture.depth, scalars}
+                             : (struct umbw_bytes){points->positions, 3 * scalars * (wide ? 2 : 1)};
+    request->normals =
+        (struct umbw_bytes){points->normals, points->normals != NULL ? 3 * scalars : 0};
+    request->footprints =
+        (struct umbw_bytes){points->footprints, points->footprints != NULL ? scalars : 0};
+    return UMB_OK;
+}
+
+enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
+                                          struct umbw_buffer *buffer, struct umb_error *error)
+{
+    struct umbw_query_request copy = *request;
+    const double *eye = copy.settings.eye;
+    copy.target_count = 0;
+    copy.eye_count =
+        copy.settings.pixel_rad > 0 || eye[0] != 0 || eye[1] != 0 || eye[2] != 0 ? 3 : 0;
+    UMB__TRY(put_points(&copy, error));
+    UMB__TRY(check_request(&copy, error));
+    return umbw_encode(&REQUEST, &copy, buffer, error);
+}
+
+#define REPLY(member) UMBW_AT(umbw_query_reply, member)
+
+static const struct umbw_row STATS_ROWS[] = {
+    {1, REPLY(stats.points)},
+    {2, REPLY(stats.outside)},
+    {3, REPLY(stats.before)},
+    {4, REPLY(stats.behind)},
+    {5, REPLY(stats.facing_away)},
+    {6, REPLY(stats.nodes)},
+    {7, REPLY(stats.bricks)},
+    {8, REPLY(nanoseconds)},
+    {9, REPLY(voxel_m)},
+    {10, REPLY(level)},
+    {11, REPLY(taps)},
+    {12, REPLY(bound_m)},
+    {13, REPLY(visibility_error)},
+    {14, REPLY(lines)},
+    {15, REPLY(expected_ns)},
+    {16, REPLY(stats.undefined)},
+};
+
+static const struct umbw_table STATS = {&umbrage__v1__query_stats__descriptor, STATS_ROWS, "stats.",
+                                        .size = sizeof(struct umbw_query_reply)};
+
+static const struct umbw_row REPLY_ROWS[] = {
+    {1, REPLY(visibility), UMBW_COUNT(umbw_query_reply, visibility_bytes), .flags = UMBW_LAST},
+    {2, REPLY(asset_id), UMBW_COUNT(umbw_query_reply, has_asset_id)},
+    {3, UMBW_COUNT(umbw_query_reply, has_stats), .table = &STATS}, /* of the same struct */
+    {4, REPLY(asset_ids), UMBW_COUNT(umbw_query_reply, asset_id_count), .stride = UMB_ID_BYTES},
+    {5, REPLY(packing), .flags = UMBW_CHECKED | UMBW_NEWER},
+};
+
+static const struct umbw_table REPLY_TABLE = {&umbrage__v1__query_reply__descriptor, REPLY_ROWS, "",
+                                              .size = sizeof(struct umbw_query_reply)};
+
+enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
+                                        struct umbw_query_reply *reply, struct umb_error *error)
+{
+    UMB__TRY(umbw_decode(&REPLY_TABLE, message, size, reply, error));
+    if (reply->asset_id_count > 0) {
+        memcpy(reply->asset_id, reply->asset_ids, UMB_ID_BYTES);
+    } else if (!reply->has_asset_id) {
+        return umb_fail(error, UMB_E_ARGUMENT, "asset_id: length is 0 bytes, must be %d",
+                        UMB_ID_BYTES);
+    }
+    return UMB_OK;
+}
+
+size_t umbw_query_reply_room(const struct umbw_query_reply *reply)
+{
+    struct umbw_query_reply widest = *reply;
+    memset(&widest.stats, 0xff, sizeof widest.stats);
+    widest.nanoseconds = UINT64_MAX;
+    widest.level = widest.taps = UINT32_MAX;
+    widest.voxel_m = widest.bound_m = widest.visibility_error = 1;
+    widest.lines = widest.expected_ns = 1;
+    return umbw_write_query_reply_head(&widest, NULL);
+}
+
+size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes)
+{
+    struct umbw_query_reply copy = *reply;
+    copy.has_asset_id = copy.asset_id_count == 0;
+    return umbw_write(&REPLY_TABLE, &copy, bytes);
+}
+
+enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
+                                             struct umbw_buffer *buffer, struct umb_error *error)
+{
+    const size_t room = umbw_write_query_reply_head(reply, NULL);
+    if (reply->visibility_bytes > UINT32_MAX - room) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "visibility: %zu bytes are over the limit of %lu",
+                        reply->visibility_bytes, (unsigned long)(UINT32_MAX - room));
+    }
+    UMB__TRY(umbw_buffer_reserve(buffer, room, error));
+    buffer->size += umbw_write_query_reply_head(reply, buffer->bytes + buffer->size);
+    return UMB_OK;
+}
