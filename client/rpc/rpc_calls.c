@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Calls: made on any thread, queued, completed on the loop thread. See rpc_client.h. */
 #include "rpc_connection.h"
-#include "rpc_endpoint.h"
 #include "rpc_stream.h"
 
 #include <stdlib.h>
@@ -21,6 +20,24 @@ enum umb_status umb__asset_take(const char *asset, char out[UMBW_ASSET_NAME_MAX 
     }
     memcpy(out, asset, length + 1);
     return UMB_OK;
+}
+
+/* Source: the finalizer of "Fast splittable pseudorandom number generators", 2014. */
+uint64_t umb__mix(uint64_t z)
+{
+    z += 0x9e3779b97f4a7c15U;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
+    return z ^ (z >> 31);
+}
+
+uint64_t umb__asset_key(const char *asset)
+{
+    uint64_t key = 0;
+    for (const char *at = asset; *at != '\0'; at++) {
+        key = umb__mix(key ^ (uint8_t)*at);
+    }
+    return key;
 }
 
 static void list_remove(struct umb__call *call)

@@ -14,8 +14,6 @@
 
 #include <errno.h>
 #include <signal.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,18 +25,6 @@
 #define MAX_REQUEST_BYTES  ((uint64_t)256 << 20)
 #define KEEPALIVE_MS       10000
 #define TOKENS_FULL        100
-
-void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
-{
-    if (client->options.log != NULL) {
-        char message[400];
-        va_list arguments;
-        va_start(arguments, format);
-        (void)vsnprintf(message, sizeof message, format, arguments);
-        va_end(arguments);
-        client->options.log(client->options.log_user, level, message);
-    }
-}
 
 /* Returns the earlier of a list's earliest deadline and the one given. */
 static uint64_t earliest(const struct umb__call_list *list, uint64_t known)

@@ -39,6 +39,7 @@
 
 struct umb__call;
 struct umb__connection;
+struct umb__endpoint;
 
 /* Called at the end of a call. Status UMB_OK: message is the reply, borrowed during the call; else
  * error is set. */
@@ -52,6 +53,13 @@ struct umb__call_list {
 /* Appends the next request message to an empty body; leaves it empty at the end of the requests. A
  * failure resets the call. Loop thread. */
 typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
+
+/* Source of request bytes of a call that has no body of its own; see rpc_stream.h. `user` is the
+ * call's. */
+struct umb__source {
+    size_t (*read)(void *user, uint8_t *buffer, size_t length); /* 0: none for now */
+    void (*rewind)(void *user); /* the unanswered requests are sent again */
+};
 
 /* Parameters of a call. */
 struct umb__call_plan {
@@ -99,10 +107,9 @@ struct umb__call {
     void *user;
     struct umb__connection *connection; /* NULL while waiting */
     int32_t stream_id;
-    bool headers_sent;                 /* True if its headers were sent on the present connection */
-    struct umb_client_stream *stream;  /* Stream that carries it, or NULL */
-    struct umb_client_stream *carries; /* Stream whose requests it carries, or NULL; see
-                                          rpc_stream.h */
+    bool headers_sent;                /* True if its headers were sent on the present connection */
+    struct umb_client_stream *stream; /* Stream that carries it, or NULL */
+    const struct umb__source *source; /* Source of its requests; NULL: body and feed */
     unsigned retries;
     struct umb__reply reply;
     char asset[]; /* "" if it is about none */
@@ -179,6 +186,12 @@ UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client,
                                             struct umbw_buffer *body, umb__done_fn done, void *user,
                                             struct umb_error *error);
 
+/* Returns a number that depends on all bits of z. */
+uint64_t umb__mix(uint64_t z);
+
+/* Returns the hash of an asset's name: any number, the same for the same text. */
+uint64_t umb__asset_key(const char *asset);
+
 /* Moves a call to the end of a list. */
 void umb__call_move(struct umb__call *call, struct umb__call_list *list);
 
@@ -199,9 +212,6 @@ void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error);
 
 /* --- loop (rpc_client.c) --- */
-
-void umb__client_log(struct umb_client *client, enum umb_log_level level, const char *format, ...)
-    UMB_PRINTF(3, 4);
 
 /* Runs a call and waits for it; decode turns the reply into *out on the loop thread. */
 typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,

@@ -3,14 +3,31 @@
 #include "rpc_connection.h"
 
 #include <errno.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "rpc_endpoint.h"
 
 /* Returns libuv's text of an error, without its allocation for unknown codes. */
 static const char *uv_text(int code, char text[96])
 {
     return uv_strerror_r(code, text, 96);
+}
+
+static void keep_alive(struct umb__connection *connection);
+
+/* Logs a line about a connection. */
+UMB_PRINTF(2, 3)
+static void tell(const struct umb_client *client, const char *format, ...)
+{
+    char message[400];
+    va_list arguments;
+    if (client->options.log != NULL) {
+        va_start(arguments, format);
+        (void)vsnprintf(message, sizeof message, format, arguments);
+        va_end(arguments);
+        client->options.log(client->options.log_user, UMB_LOG_INFO, message);
+    }
 }
 
 static void free_if_done(struct umb__connection *connection)
@@ -54,7 +71,8 @@ static void release_calls(struct umb__connection *connection, const struct umb_e
     struct umb__call *next;
     for (struct umb__call *call = connection->active.first; call != NULL; call = next) {
         next = call->next;
-        umb__call_conclude(connection->client, call, reason->status, reason, call->headers_sent);
+        connection->events->ended(connection->client, call, reason->status, reason,
+                                  call->headers_sent);
     }
 }
 
@@ -64,12 +82,11 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         return;
     }
     struct umb_client *client = connection->client;
-    bool opening = !connection->ready;
     connection->lost = true;
     unlink_connection(connection);
-    umb__client_log(client, UMB_LOG_INFO, "connection ended: %s", reason->message);
+    tell(client, "connection ended: %s", reason->message);
     if (connection->active.first != NULL) {
-        umb__client_spend(client); /* Once, for any number of lost calls */
+        connection->events->broken(client);
     }
     release_calls(connection, reason);
     nghttp2_session_del(connection->session);
@@ -84,12 +101,8 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         (void)uv_cancel((uv_req_t *)&connection->resolve); /* May be too late: it then completes as
                                                               usual */
     }
-    if (opening && !client->stopped) {
-        umb__endpoint_backoff(connection->endpoint, true);
-        umb__endpoint_unreached(connection->endpoint, reason);
-    } else if (!connection->used && !client->stopped) {
-        umb__endpoint_backoff(connection->endpoint, true);
-        umb__endpoint_deserted(connection->endpoint, reason);
+    if (!client->stopped && (!connection->ready || !connection->used)) {
+        connection->events->lost(connection->endpoint, reason, connection->ready);
     }
     if (!client->stopped) {
         (void)uv_async_send(&client->wake); /* Waiting calls need another connection */
@@ -269,8 +282,7 @@ static void start_draining(struct umb__connection *connection)
     struct umb_client *client = connection->client;
     if (connection->endpoint->current == connection) {
         connection->endpoint->current = NULL;
-        umb__client_log(client, UMB_LOG_INFO, "%s: the server is going away",
-                        connection->endpoint->text);
+        tell(client, "%s: the server is going away", connection->endpoint->text);
     }
     umb__session_give_back(connection);
 }
@@ -284,6 +296,11 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
         connection->http1 = count >= 5 && memcmp(bytes, "HTTP/", 5) == 0;
     }
     ssize_t taken = nghttp2_session_mem_recv(connection->session, bytes, count);
+    if (connection->ready && !connection->reported) {
+        connection->reported = true;
+        keep_alive(connection);
+        connection->events->ready(connection->endpoint);
+    }
     if (taken < 0) {
         lose_session(connection, nghttp2_strerror((int)taken));
         return -1;
@@ -327,7 +344,7 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     connection->heard = true;
     if (connection->probing) {
         connection->probing = false;
-        umb__connection_keep_alive(connection);
+        keep_alive(connection);
     }
     if (connection->tls != NULL) {
         struct umb_error error;
@@ -346,7 +363,7 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
         start_draining(connection);
     }
     umb__connection_flush(connection);
-    umb__client_dispatch(client);
+    connection->events->read(client);
 }
 
 static void on_timeout(uv_timer_t *timer)
@@ -358,7 +375,7 @@ static void on_timeout(uv_timer_t *timer)
             umb__connection_probe(connection);
             umb__connection_flush(connection);
         } else {
-            umb__connection_keep_alive(connection);
+            keep_alive(connection);
         }
         return;
     }
@@ -377,7 +394,9 @@ static void on_timeout(uv_timer_t *timer)
     umb__connection_lose(connection, &error);
 }
 
-void umb__connection_keep_alive(struct umb__connection *connection)
+/* Sets the timer of a ready connection, which sends a PING if the peer owes answers and is
+ * silent. */
+static void keep_alive(struct umb__connection *connection)
 {
     connection->heard = false;
     uv_update_time(&connection->client->loop);
@@ -557,7 +576,8 @@ static void connect_host(struct umb__connection *connection)
     }
 }
 
-void umb__connection_open(struct umb__endpoint *endpoint)
+void umb__connection_open(struct umb__endpoint *endpoint,
+                          const struct umb__connection_events *events)
 {
     struct umb_client *client = endpoint->client;
     struct umb__connection *connection = calloc(1, sizeof *connection);
@@ -569,6 +589,7 @@ void umb__connection_open(struct umb__endpoint *endpoint)
     }
     connection->client = client;
     connection->endpoint = endpoint;
+    connection->events = events;
     (void)uv_timer_init(&client->loop, &connection->timer); /* cannot fail */
     connection->timer.data = connection;
     connection->handles = 1;

@@ -16,10 +16,26 @@
 #include "rpc_client.h"
 #include "rpc_tls.h"
 
+/* What a connection reports to the owner of its replica (rpc_endpoint.c). */
+struct umb__connection_events {
+    /* The connection takes calls. */
+    void (*ready)(struct umb__endpoint *endpoint);
+    /* A call ended. begun: the server may have acted on it. */
+    void (*ended)(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                  const struct umb_error *error, bool begun);
+    /* The connection is lost with calls under way, each of which `ended` reports next. */
+    void (*broken)(struct umb_client *client);
+    /* The connection is lost without having taken a call. reached: it was ready. */
+    void (*lost)(struct umb__endpoint *endpoint, const struct umb_error *reason, bool reached);
+    /* The peer's bytes were read. */
+    void (*read)(struct umb_client *client);
+};
+
 struct umb__connection {
     struct umb__connection *next, *previous; /* in client->connections */
     struct umb_client *client;
     struct umb__endpoint *endpoint;
+    const struct umb__connection_events *events;
     union {
         uv_handle_t handle;
         uv_stream_t stream;
@@ -43,6 +59,7 @@ struct umb__connection {
     nghttp2_session *session;
     struct umb__call_list active;
     bool ready;     /* True after the peer's settings: takes calls */
+    bool reported;  /* True once `ready` was reported */
     bool used;      /* took a call */
     bool probing;   /* True while it waits for any bytes after a PING */
     bool heard;     /* True if bytes came since the timer was set */
@@ -57,14 +74,11 @@ struct umb__connection {
 
 /* Opens a connection and makes it the replica's current one; fails the waiting calls if memory is
  * short. */
-void umb__connection_open(struct umb__endpoint *endpoint);
+void umb__connection_open(struct umb__endpoint *endpoint,
+                          const struct umb__connection_events *events);
 
 /* Closes a connection with a reason. Never from inside an nghttp2 callback. */
 void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason);
-
-/* Sets the timer of a ready connection, which sends a PING if the peer owes answers and is
- * silent. */
-void umb__connection_keep_alive(struct umb__connection *connection);
 
 /* Sends a PING on a ready connection, with the next flush. */
 void umb__connection_probe(struct umb__connection *connection);

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "rpc_connection.h"
-#include "rpc_stream.h"
 
 #define BACKOFF_FIRST_MS 50
 #define BACKOFF_MAX_MS   1000
@@ -13,24 +12,6 @@
 #define TOKENS_FAILURE   10
 #define TOKENS_ANSWER    1
 #define REST_MAX_MS      60000 /* Longest retry pushback that the client follows */
-
-/* Source: the finalizer of "Fast splittable pseudorandom number generators", 2014. */
-static uint64_t mix(uint64_t z)
-{
-    z += 0x9e3779b97f4a7c15U;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
-    return z ^ (z >> 31);
-}
-
-uint64_t umb__asset_key(const char *asset)
-{
-    uint64_t key = 0;
-    for (const char *at = asset; *at != '\0'; at++) {
-        key = mix(key ^ (uint8_t)*at);
-    }
-    return key;
-}
 
 /* Parses the address that endpoint->text holds. */
 static enum umb_status parse_endpoint(struct umb__endpoint *endpoint, struct umb_error *error)
@@ -102,7 +83,7 @@ static struct umb__endpoint *choose(struct umb_client *client, const struct umb_
     uint64_t now = client->endpoint_count > 1 ? uv_hrtime() : 0;
     for (size_t i = 0; i < client->endpoint_count; i++) {
         struct umb__endpoint *endpoint = &client->endpoints[i];
-        uint64_t score = mix(endpoint->key ^ call->key);
+        uint64_t score = umb__mix(endpoint->key ^ call->key);
         bool away = now < endpoint->backoff_until_ns;
         if ((call->tried & bit_of(endpoint)) == 0 &&
             (best == NULL || (best_away && !away) || (best_away == away && score > best_score))) {
@@ -125,14 +106,16 @@ void umb__call_route(struct umb_client *client, struct umb__call *call)
     umb__call_move(call, &endpoint->waiting);
 }
 
-void umb__endpoint_backoff(struct umb__endpoint *endpoint, bool failed)
+static void on_ready(struct umb__endpoint *endpoint)
 {
-    if (!failed) {
-        endpoint->backoff_ms = 0;
-        endpoint->backoff_until_ns = 0;
-        endpoint->known = true;
-        return;
-    }
+    endpoint->backoff_ms = 0;
+    endpoint->backoff_until_ns = 0;
+    endpoint->known = true;
+}
+
+/* Doubles the pause before the next connection. */
+static void back_off(struct umb__endpoint *endpoint)
+{
     endpoint->backoff_ms = endpoint->backoff_ms == 0 ? BACKOFF_FIRST_MS : endpoint->backoff_ms * 2;
     if (endpoint->backoff_ms > BACKOFF_MAX_MS) {
         endpoint->backoff_ms = BACKOFF_MAX_MS;
@@ -176,6 +159,8 @@ static void wake_by(struct umb_client *client, uint64_t at_ns)
                          at_ns > now ? (at_ns - now) / 1000000U + 1 : 0, 0);
 }
 
+static const struct umb__connection_events EVENTS;
+
 /* Submits every waiting call; false if the connection became full and another is needed. */
 static bool submit_waiting(struct umb__endpoint *endpoint, struct umb__connection *connection)
 {
@@ -205,7 +190,7 @@ static void dispatch(struct umb__endpoint *endpoint)
             wake_by(client, endpoint->backoff_until_ns);
             return;
         }
-        umb__connection_open(endpoint);
+        umb__connection_open(endpoint, &EVENTS);
         return;
     }
 }
@@ -229,8 +214,8 @@ static void start_over(struct umb_client *client, struct umb__call *call)
     call->headers_sent = false;
     call->body_sent = 0;
     umb__reply_restart(&call->reply);
-    if (call->carries != NULL) {
-        umb__stream_rewind(call->carries);
+    if (call->source != NULL) {
+        call->source->rewind(call->user);
     }
     /* Wakes the loop, since not every caller is followed by a dispatch. */
     (void)uv_async_send(&client->wake);
@@ -239,12 +224,12 @@ static void start_over(struct umb_client *client, struct umb__call *call)
 /* Returns a pause that doubles with each try, plus or minus a fifth. */
 static uint64_t pause_ns(struct umb_client *client, unsigned tries)
 {
-    client->noise = mix(client->noise);
+    client->noise = umb__mix(client->noise);
     uint64_t pause = (uint64_t)BACKOFF_FIRST_MS * 1000000U << (tries > 4 ? 4 : tries);
     return pause * 4 / 5 + client->noise % (pause * 2 / 5);
 }
 
-void umb__client_spend(struct umb_client *client)
+static void on_broken(struct umb_client *client)
 {
     client->tokens -= client->tokens < TOKENS_FAILURE ? client->tokens : TOKENS_FAILURE;
 }
@@ -281,7 +266,7 @@ static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_s
         return false;
     }
     if (call->reply.has_grpc_status) {
-        umb__client_spend(client); /* A lost connection has paid for it already */
+        on_broken(client); /* A lost connection has paid for it already */
     }
     /* A call that has fed requests or delivered messages cannot be repeated. */
     if (!has_budget(client) || !call->safe || call->reply.stay_away || call->was_fed ||
@@ -307,8 +292,9 @@ bool umb__call_may_repeat(struct umb_client *client, struct umb__call *call)
     return true;
 }
 
-void umb__call_conclude(struct umb_client *client, struct umb__call *call, enum umb_status status,
-                        const struct umb_error *error, bool begun)
+/* Ends a call, successful or not, unless it is to be retried. */
+static void conclude(struct umb_client *client, struct umb__call *call, enum umb_status status,
+                     const struct umb_error *error, bool begun)
 {
     if (status == UMB_OK) {
         umb__client_earn(client);
@@ -338,17 +324,23 @@ static bool may_wait(const struct umb_client *client, const struct umb__call *ca
     return false;
 }
 
-void umb__endpoint_unreached(struct umb__endpoint *endpoint, const struct umb_error *reason)
+/* Handles the calls that wait for a replica whose connection is lost. A replica that was not
+ * reached: each call goes to another one, waits, or ends. A connection that ended before it took a
+ * call: it counts as a try of each. */
+static void on_lost(struct umb__endpoint *endpoint, const struct umb_error *reason, bool reached)
 {
     struct umb_client *client = endpoint->client;
     struct umb__call_list calls = {NULL, NULL};
+    back_off(endpoint);
     while (endpoint->waiting.first != NULL) {
         umb__call_move(endpoint->waiting.first, &calls);
     }
     while (calls.first != NULL) {
         struct umb__call *call = calls.first;
         call->tried |= bit_of(endpoint);
-        if (choose(client, call) != NULL || may_wait(client, call)) {
+        if (reached) {
+            conclude(client, call, reason->status, reason, false);
+        } else if (choose(client, call) != NULL || may_wait(client, call)) {
             umb__call_route(client, call);
         } else {
             umb__call_complete(client, call, reason->status, reason);
@@ -356,15 +348,10 @@ void umb__endpoint_unreached(struct umb__endpoint *endpoint, const struct umb_er
     }
 }
 
-void umb__endpoint_deserted(struct umb__endpoint *endpoint, const struct umb_error *reason)
-{
-    struct umb__call_list calls = {NULL, NULL};
-    while (endpoint->waiting.first != NULL) {
-        umb__call_move(endpoint->waiting.first, &calls);
-    }
-    while (calls.first != NULL) {
-        struct umb__call *call = calls.first;
-        call->tried |= bit_of(endpoint);
-        umb__call_conclude(endpoint->client, call, reason->status, reason, false);
-    }
-}
+static const struct umb__connection_events EVENTS = {
+    .ready = on_ready,
+    .ended = conclude,
+    .broken = on_broken,
+    .lost = on_lost,
+    .read = umb__client_dispatch,
+};

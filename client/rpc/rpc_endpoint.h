@@ -29,33 +29,11 @@ UMB_CHECKED enum umb_status umb__endpoints_parse(struct umb_client *client, cons
                                                  struct umb_error *error);
 void umb__endpoints_free(struct umb_client *client);
 
-/* Returns the hash of a call's asset: any number, the same for the same text. */
-uint64_t umb__asset_key(const char *asset);
-
 /* Assigns a call to its replica. A dispatch must follow. */
 void umb__call_route(struct umb_client *client, struct umb__call *call);
 
 /* Submits waiting calls to connections, and opens these if needed. */
 void umb__client_dispatch(struct umb_client *client);
-
-/* Records a failed or successful connection, which sets the pause before the next try. */
-void umb__endpoint_backoff(struct umb__endpoint *endpoint, bool failed);
-
-/* Ends a call, successful or not, unless it is to be retried. begun: the server may have acted on
- * it. */
-void umb__call_conclude(struct umb_client *client, struct umb__call *call, enum umb_status status,
-                        const struct umb_error *error, bool begun);
-
-/* Handles the calls that wait for an unreachable replica: each goes to another one, waits, or
- * ends. */
-void umb__endpoint_unreached(struct umb__endpoint *endpoint, const struct umb_error *reason);
-
-/* Counts a connection that ended before it took a call as a try of all calls that wait for it, so
- * that a server that accepts and hangs up is not tried without end. */
-void umb__endpoint_deserted(struct umb__endpoint *endpoint, const struct umb_error *reason);
-
-/* Counts a lost connection that had taken calls as one failure, for any number of calls. */
-void umb__client_spend(struct umb_client *client);
 
 /* An answer came. */
 void umb__client_earn(struct umb_client *client);

@@ -10,8 +10,6 @@
  * Windows are 64 MiB and HTTP/2 frames up to 1 MiB, by measurements of gRPC on nghttp2.
  */
 #include "rpc_connection.h"
-#include "rpc_endpoint.h"
-#include "rpc_stream.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -40,7 +38,7 @@ static void end_call(struct umb__connection *connection, struct umb__call *call,
         (void)nghttp2_submit_rst_stream(connection->session, NGHTTP2_FLAG_NONE, call->stream_id,
                                         NGHTTP2_CANCEL);
     }
-    umb__call_conclude(connection->client, call, status, error, true);
+    connection->events->ended(connection->client, call, status, error, true);
 }
 
 static int on_header(nghttp2_session *session, const nghttp2_frame *frame, const uint8_t *name,
@@ -82,20 +80,11 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
     return 0;
 }
 
-static void on_settings(struct umb__connection *connection)
-{
-    if (!connection->ready) {
-        connection->ready = true;
-        umb__connection_keep_alive(connection);
-        umb__endpoint_backoff(connection->endpoint, false);
-    }
-}
-
 static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *user)
 {
     struct umb__connection *connection = user;
     if (frame->hd.type == NGHTTP2_SETTINGS && (frame->hd.flags & NGHTTP2_FLAG_ACK) == 0) {
-        on_settings(connection);
+        connection->ready = true;
         return 0;
     }
     if (frame->hd.type == NGHTTP2_GOAWAY) {
@@ -147,7 +136,7 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
         umb_fail(&error, unprocessed ? UMB_E_UNAVAILABLE : status_of_reset(code),
                  "%.200s: the server reset the call (%s)", connection->endpoint->text,
                  nghttp2_http2_strerror(code));
-    umb__call_conclude(connection->client, call, status, &error, !unprocessed);
+    connection->events->ended(connection->client, call, status, &error, !unprocessed);
     return 0;
 }
 
@@ -201,8 +190,8 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
     if (call == NULL) {
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
     }
-    if (call->carries != NULL) {
-        size_t filled = umb__stream_read(call->carries, buffer, length);
+    if (call->source != NULL) {
+        size_t filled = call->source->read(call->user, buffer, length);
         return filled > 0 ? (ssize_t)filled : NGHTTP2_ERR_DEFERRED;
     }
     if (call->feed != NULL && call->body_sent == call->body.size) {
@@ -359,7 +348,7 @@ void umb__session_give_back(struct umb__connection *connection)
             enum umb_status status =
                 umb_fail(&error, UMB_E_UNAVAILABLE, "%.200s: the server is going away",
                          connection->endpoint->text);
-            umb__call_conclude(connection->client, call, status, &error, false);
+            connection->events->ended(connection->client, call, status, &error, false);
         }
     }
 }

@@ -31,8 +31,10 @@ void umb__stream_take(struct umb_client_stream *stream, struct umb__call *call)
     push(stream);
 }
 
-size_t umb__stream_read(struct umb_client_stream *stream, uint8_t *buffer, size_t length)
+/* Copies request bytes for the carrier; without any it is deferred. */
+static size_t read_requests(void *user, uint8_t *buffer, size_t length)
 {
+    struct umb_client_stream *stream = user;
     size_t filled = 0;
     while (stream->queue.first != NULL && filled < length) {
         struct umb__call *call = stream->queue.first;
@@ -49,8 +51,10 @@ size_t umb__stream_read(struct umb_client_stream *stream, uint8_t *buffer, size_
     return filled;
 }
 
-void umb__stream_rewind(struct umb_client_stream *stream)
+/* Queues the sent but unanswered requests again. */
+static void rewind_requests(void *user)
 {
+    struct umb_client_stream *stream = user;
     while (stream->queue.first != NULL) {
         umb__call_move(stream->queue.first, &stream->sent);
     }
@@ -60,6 +64,8 @@ void umb__stream_rewind(struct umb_client_stream *stream)
     }
     stream->deferred = false;
 }
+
+static const struct umb__source SOURCE = {read_requests, rewind_requests};
 
 /* Gives a reply to the oldest request that was sent. */
 static bool take_reply(void *user, const uint8_t *message, size_t size)
@@ -75,7 +81,7 @@ static bool take_reply(void *user, const uint8_t *message, size_t size)
 
 static void fail_all(struct umb_client_stream *stream, const struct umb_error *reason)
 {
-    umb__stream_rewind(stream);
+    rewind_requests(stream);
     umb__calls_fail(stream->client, &stream->queue, reason);
 }
 
@@ -89,7 +95,7 @@ static void refuse_oldest(struct umb_client_stream *stream, const struct umb_err
     if (oldest != NULL) {
         umb__call_complete(stream->client, oldest, reason->status, reason);
     }
-    umb__stream_rewind(stream);
+    rewind_requests(stream);
     push(stream);
 }
 
@@ -98,7 +104,7 @@ static void go_on(struct umb_client_stream *stream, const struct umb_error *reas
 {
     struct umb_client *client = stream->client;
     struct umb__call *next;
-    umb__stream_rewind(stream);
+    rewind_requests(stream);
     for (struct umb__call *call = stream->queue.first; call != NULL; call = next) {
         next = call->next;
         if (!umb__call_may_repeat(client, call)) {
@@ -150,7 +156,7 @@ static void make_carrier(struct umb_client_stream *stream)
     }
     carrier->path = UMBW_PATH_STREAM;
     carrier->deadline_ns = UINT64_MAX; /* Each request has its own deadline */
-    carrier->carries = stream;
+    carrier->source = &SOURCE;
     carrier->done = on_carrier_done;
     carrier->user = stream;
     umb__reply_init(&carrier->reply, (size_t)client->options.max_reply_bytes);
@@ -206,7 +212,7 @@ bool umb__stream_expire(struct umb_client_stream *stream, uint64_t now_ns)
     if (was_sent) {
         drop_carrier(stream, &error); /* The only way to take back the request that the server works
                                          on */
-        umb__stream_rewind(stream);
+        rewind_requests(stream);
     }
     struct umb__call *next;
     for (struct umb__call *call = stream->queue.first; call != NULL; call = next) {

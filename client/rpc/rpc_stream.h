@@ -27,13 +27,6 @@ struct umb_client_stream {
 /* Takes a started request. */
 void umb__stream_take(struct umb_client_stream *stream, struct umb__call *call);
 
-/* Copies request bytes for the carrier; returns 0 if there are none: then the carrier is
- * deferred. */
-size_t umb__stream_read(struct umb_client_stream *stream, uint8_t *buffer, size_t length);
-
-/* Queues the sent but unanswered requests again. */
-void umb__stream_rewind(struct umb_client_stream *stream);
-
 /* Ends the expired requests, and the carrier if one of them was sent; true if so. */
 bool umb__stream_expire(struct umb_client_stream *stream, uint64_t now_ns);
 
