@@ -24,3 +24,8 @@ $(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(BUILD)/interop/interop_test.pb-c.o $
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
 -include $(INTEROP_OBJ:.o=.d)
+
+# Decodes and encodes messages, for test_wire.py.
+$(BUILD)/interop/wire_echo: $(BUILD)/interop/$(INTEROP)/wire_echo.o $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(WIRE_LIBS) $(CORE_LIBS) -o $@
