@@ -23,7 +23,7 @@ $(BUILD)/gen/descriptor_set.c: $(PROTO_SRC)
 	$(Q)sed 's/^package grpc\.reflection\.v1;/package grpc.reflection.v1alpha;/' \
 		proto/grpc/reflection/v1/reflection.proto >$(PROTO_ALPHA)
 	$(Q)protoc -Iproto -I$(BUILD)/gen/alpha --descriptor_set_out=$(@:.c=.bin) $(PROTO_SRC) $(PROTO_ALPHA)
-	$(Q){ echo '#include "wire/reflection.h"'; echo 'const uint8_t umbw__descriptor_set[] = {'; \
+	$(Q){ echo '#include "wire/messages.h"'; echo 'const uint8_t umbw__descriptor_set[] = {'; \
 		od -An -v -tu1 $(@:.c=.bin) | sed 's/  */,/g; s/^,//; s/$$/,/'; echo '};'; \
 		echo 'const size_t umbw__descriptor_set_bytes = sizeof umbw__descriptor_set;'; } >$@
 

@@ -5,6 +5,7 @@
  * laid out together. Rounds grow with the pages held, so that layout stays a small part of the
  * time.
  */
+#include "net/sha256.h" /* before any other header of OpenSSL */
 #include "umbrage/region.h"
 
 #include <stdbool.h>
@@ -430,6 +431,12 @@ void umb_region_get_stats(const struct umb_region *region, struct umb_region_sta
                                        .rounds = region->rounds,
                                        .pages_received = region->pages_received};
     umb_partial_get_stats(region->partial, &stats->partial);
+}
+
+const struct umb_sha256 *umb_sha256_openssl(void)
+{
+    static const struct umb_sha256 sha256 = {.digest = umbn_sha256};
+    return &sha256;
 }
 
 struct umb_partial *umb_region_partial(struct umb_region *region)

@@ -3,10 +3,9 @@
  * Bakes.Submit: hashes the files, then reads them again while they are sent, a message at a time,
  * as flow control asks for them. A read blocks the client's thread for one piece at a time.
  */
-#define OPENSSL_API_COMPAT 0x10100000L /* as sha256_openssl.c, for its reasons */
+#include "net/sha256.h"
 #include <errno.h>
 #include <fcntl.h>
-#include <openssl/sha.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>

@@ -9,43 +9,37 @@
 #include "wire/codec.h"
 
 static const struct umbw_row FILE_ROWS[] = {
-    {1, UMBW_AT(umbw_bundle_file, path)},
+    {1, UMBW_AT(umbw_bundle_file, path), .flags = UMBW_FILLED},
     {2, UMBW_AT(umbw_bundle_file, size)},
-    {3, UMBW_AT(umbw_bundle_file, sha256)},
+    {3, UMBW_AT(umbw_bundle_file, sha256), .flags = UMBW_REQUIRED},
 };
-
-static const struct umbw_table BUNDLE_FILE = {&umbrage__v1__bundle_file__descriptor, FILE_ROWS,
-                                              "files.", .size = sizeof(struct umbw_bundle_file)};
+UMBW_TABLE(BUNDLE_FILE, umbrage__v1__bundle_file, FILE_ROWS, "files.",
+           sizeof(struct umbw_bundle_file));
 
 static const struct umbw_row SETTING_ROWS[] = {
-    {1, UMBW_AT(umb_job_setting, name)},
-    {2, UMBW_AT(umb_job_setting, value)},
+    {1, UMBW_AT(umb_job_setting, name), .flags = UMBW_FILLED},
+    {2, UMBW_AT(umb_job_setting, value), .flags = UMBW_FILLED},
 };
-
-static const struct umbw_table SETTING = {&umbrage__v1__bake_setting__descriptor, SETTING_ROWS,
-                                          "settings.", .size = sizeof(struct umb_job_setting)};
+UMBW_TABLE(SETTING, umbrage__v1__bake_setting, SETTING_ROWS, "settings.",
+           sizeof(struct umb_job_setting));
 
 static const struct umbw_row MANIFEST_ROWS[] = {
-    {1, UMBW_AT(umbw_manifest, scene)},
+    {1, UMBW_AT(umbw_manifest, scene), .flags = UMBW_FILLED},
     {2, UMBW_AT(umbw_manifest, files), UMBW_COUNT(umbw_manifest, file_count), .table = &BUNDLE_FILE,
      .most = UMBW_MANIFEST_MAX},
     {3, UMBW_AT(umbw_manifest, settings), UMBW_COUNT(umbw_manifest, setting_count),
      .table = &SETTING, .most = UMBW_MANIFEST_MAX},
     {4, UMBW_AT(umbw_manifest, priority)},
 };
-
-static const struct umbw_table MANIFEST = {&umbrage__v1__manifest__descriptor, MANIFEST_ROWS, "",
-                                           .size = sizeof(struct umbw_manifest)};
+UMBW_TABLE(MANIFEST, umbrage__v1__manifest, MANIFEST_ROWS, "", sizeof(struct umbw_manifest));
 
 static const struct umbw_row SUBMIT_ROWS[] = {
     {1, UMBW_AT(umbw_submit_request, manifest), UMBW_COUNT(umbw_submit_request, has_manifest),
      .table = &MANIFEST},
     {2, UMBW_AT(umbw_submit_request, data), UMBW_COUNT(umbw_submit_request, data_size)},
 };
-
-static const struct umbw_table SUBMIT = {&umbrage__v1__submit_request__descriptor, SUBMIT_ROWS, "",
-                                         .size = sizeof(struct umbw_submit_request),
-                                         UMBW_BLOCK(umbw_submit_request, manifest.owned)};
+UMBW_TABLE(SUBMIT, umbrage__v1__submit_request, SUBMIT_ROWS, "", sizeof(struct umbw_submit_request),
+           UMBW_BLOCK(umbw_submit_request, manifest.owned));
 
 void umbw_manifest_finish(struct umbw_manifest *manifest)
 {
@@ -74,16 +68,13 @@ static const struct umbw_row SUBMITTED_ROWS[] = {
     {1, UMBW_AT(umb_job_submitted, job)},
     {2, UMBW_AT(umb_job_submitted, existing)},
 };
-
-static const struct umbw_table SUBMITTED = {&umbrage__v1__submit_reply__descriptor, SUBMITTED_ROWS,
-                                            "", .size = sizeof(struct umb_job_submitted)};
+UMBW_TABLE(SUBMITTED, umbrage__v1__submit_reply, SUBMITTED_ROWS, "",
+           sizeof(struct umb_job_submitted));
 
 UMBW_CODEC(submit_reply, struct umb_job_submitted, &SUBMITTED)
 
 static const struct umbw_row JOB_ROWS[] = {{1, .size = UMBW_JOB_MAX + 1}};
-
-static const struct umbw_table JOB = {&umbrage__v1__watch_request__descriptor, JOB_ROWS, "",
-                                      .size = UMBW_JOB_MAX + 1};
+UMBW_TABLE(JOB, umbrage__v1__watch_request, JOB_ROWS, "", UMBW_JOB_MAX + 1);
 
 UMBW_CODEC(job_request, char, &JOB)
 
@@ -109,17 +100,16 @@ static const struct umbw_row STATUS_ROWS[] = {
     {17, STATUS(unit)},
     {18, STATUS(rate)},
     {19, STATUS(left_ms)},
-    {20, STATUS(plan)},
-    {21, STATUS(notices)},
+    {20, STATUS(plan), .flags = UMBW_FILLED},
+    {21, STATUS(notices), .flags = UMBW_FILLED},
     {22, STATUS(tiles_done)},
     {23, STATUS(tiles_total)},
     {24, STATUS(tiles_found)},
 };
 
 /* The plan begins the block of a status, the jobs that of a list. */
-static const struct umbw_table JOB_STATUS = {&umbrage__v1__job_status__descriptor, STATUS_ROWS, "",
-                                             .size = sizeof(struct umb_job_status),
-                                             UMBW_BLOCK(umb_job_status, plan)};
+UMBW_TABLE(JOB_STATUS, umbrage__v1__job_status, STATUS_ROWS, "", sizeof(struct umb_job_status),
+           UMBW_BLOCK(umb_job_status, plan));
 
 UMBW_CODEC(job_status, struct umb_job_status, &JOB_STATUS)
 
@@ -127,17 +117,13 @@ static const struct umbw_row JOBS_ROWS[] = {
     {1, UMBW_AT(umbw_job_list, jobs), UMBW_COUNT(umbw_job_list, count), .table = &JOB_STATUS,
      .most = UMBW_JOBS_MAX},
 };
-
-static const struct umbw_table JOBS = {&umbrage__v1__list_jobs_reply__descriptor, JOBS_ROWS, "",
-                                       .size = sizeof(struct umbw_job_list),
-                                       UMBW_BLOCK(umbw_job_list, jobs)};
+UMBW_TABLE(JOBS, umbrage__v1__list_jobs_reply, JOBS_ROWS, "", sizeof(struct umbw_job_list),
+           UMBW_BLOCK(umbw_job_list, jobs));
 
 UMBW_CODEC(job_list, struct umbw_job_list, &JOBS)
 
 static const struct umbw_row LIST_ROWS[] = {{1, .size = sizeof(uint32_t), .most = UMBW_JOBS_MAX}};
-
-static const struct umbw_table LIST = {&umbrage__v1__list_jobs_request__descriptor, LIST_ROWS, "",
-                                       .size = sizeof(uint32_t)};
+UMBW_TABLE(LIST, umbrage__v1__list_jobs_request, LIST_ROWS, "", sizeof(uint32_t));
 
 UMBW_CODEC(list_jobs_request, uint32_t, &LIST)
 
@@ -145,9 +131,7 @@ static const struct umbw_row FETCH_ROWS[] = {
     {1, UMBW_AT(umbw_fetch_request, asset), .flags = UMBW_REQUIRED},
     {2, UMBW_AT(umbw_fetch_request, offset)},
 };
-
-static const struct umbw_table FETCH = {&umbrage__v1__fetch_request__descriptor, FETCH_ROWS, "",
-                                        .size = sizeof(struct umbw_fetch_request)};
+UMBW_TABLE(FETCH, umbrage__v1__fetch_request, FETCH_ROWS, "", sizeof(struct umbw_fetch_request));
 
 UMBW_CODEC(fetch_request, struct umbw_fetch_request, &FETCH)
 
@@ -156,15 +140,11 @@ static const struct umbw_row PIECE_ROWS[] = {
     {2, UMBW_AT(umbw_fetch_reply, offset)},
     {3, UMBW_AT(umbw_fetch_reply, data), UMBW_COUNT(umbw_fetch_reply, data_size)},
 };
-
-static const struct umbw_table PIECE = {&umbrage__v1__fetch_reply__descriptor, PIECE_ROWS, "",
-                                        .size = sizeof(struct umbw_fetch_reply)};
+UMBW_TABLE(PIECE, umbrage__v1__fetch_reply, PIECE_ROWS, "", sizeof(struct umbw_fetch_reply));
 
 UMBW_CODEC(fetch_reply, struct umbw_fetch_reply, &PIECE)
 
 static const struct umbw_row DELETE_ROWS[] = {{1, .size = UMBW_ASSET_NAME_MAX + 1}};
-
-static const struct umbw_table DELETE = {&umbrage__v1__delete_request__descriptor, DELETE_ROWS, "",
-                                         .size = UMBW_ASSET_NAME_MAX + 1};
+UMBW_TABLE(DELETE, umbrage__v1__delete_request, DELETE_ROWS, "", UMBW_ASSET_NAME_MAX + 1);
 
 UMBW_CODEC(delete_request, char, &DELETE)

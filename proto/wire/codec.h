@@ -40,16 +40,16 @@
 #define UMBW_ROWS_MAX   32        /* Most rows of a table */
 
 enum umbw_row_flags {
-    UMBW_REQUIRED = 1, /* Text that must not be empty, or sub-message that must be present */
+    UMBW_REQUIRED = 1, /* Text that must not be empty; bytes or sub-message that must be present */
+    UMBW_FILLED = 2,   /* char * or enum with `values`: set if the field is absent, too */
     UMBW_CHECKED =
-        2,           /* Text: the encoder checks UTF-8, too. Enum: only values of the .proto file */
-    UMBW_FINITE = 4, /* Numbers must be finite */
-    UMBW_SPARSE = 8, /* Numbers that are left out if all are 0 */
-    UMBW_OPTIONAL = 16, /* Bytes of a fixed length that may be absent */
-    UMBW_NEWER = 32,    /* Enum: the decoder fails with E_UNSUPPORTED, not E_ARGUMENT */
-    UMBW_PARTIAL = 256, /* Enum: the encoder does, for values that the .proto file does not have */
-    UMBW_SENT = 64,     /* Field that the decoder skips */
-    UMBW_LAST = 128,    /* Bytes at the end of the message, which the caller appends */
+        4,           /* Text: the encoder checks UTF-8, too. Enum: only values of the .proto file */
+    UMBW_FINITE = 8, /* Numbers must be finite */
+    UMBW_SPARSE = 16,  /* Numbers that are left out if all are 0 */
+    UMBW_NEWER = 32,   /* Enum: the decoder fails with E_UNSUPPORTED, not E_ARGUMENT */
+    UMBW_PARTIAL = 64, /* Enum: the encoder does, for values that the .proto file does not have */
+    UMBW_SENT = 128,   /* Field that the decoder skips */
+    UMBW_LAST = 256,   /* Bytes at the end of the message, which the caller appends */
 };
 
 struct umbw_table;
@@ -88,6 +88,13 @@ struct umbw_table {
 
 #define UMBW_BLOCK(type, member)                                                                   \
     .block = offsetof(struct type, member), .block_size = sizeof(((struct type *)0)->member)
+
+/* Defines a table. The last arguments: bytes of the struct, and UMBW_BLOCK if it needs one. */
+#define UMBW_TABLE(name, message, row_array, field_prefix, ...)                                    \
+    static const struct umbw_table name = {.descriptor = &message##__descriptor,                   \
+                                           .rows = row_array,                                      \
+                                           .prefix = field_prefix,                                 \
+                                           .size = __VA_ARGS__}
 
 /*
  * Decodes a message into a struct.

@@ -64,24 +64,29 @@ struct slot {
 static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
                                      const struct span *span, uint8_t *out, size_t index);
 
-/* Reads the next field of a message. Out: *any: false at its end. */
-static enum umb_status next_item(struct span *span, struct umbw_item *item, bool *any,
-                                 struct umb_error *error)
+/* Moves to the next piece of a sub-message that has bytes; at == end if there is none. */
+static enum umb_status next_piece(struct span *span, struct umb_error *error)
 {
     struct umbw_item piece;
-    while (span->at == span->end) {
-        *any = span->more != span->more_end;
-        if (!*any) {
-            return UMB_OK;
-        }
+    while (span->at == span->end && span->more != span->more_end) {
         UMB__TRY(umbw_item_read(span->parent, &span->more, span->more_end, &piece, error));
         if (piece.number == span->number) {
             span->start = span->at = piece.payload;
             span->end = piece.payload + piece.payload_size;
         }
     }
-    *any = true;
-    return umbw_item_read(span->start, &span->at, span->end, item, error);
+    return UMB_OK;
+}
+
+/* Reads the next field of a message. Out: *any: false at its end. */
+static inline enum umb_status next_item(struct span *span, struct umbw_item *item, bool *any,
+                                        struct umb_error *error)
+{
+    if (span->at == span->end && span->more != span->more_end) {
+        UMB__TRY(next_piece(span, error));
+    }
+    *any = span->at != span->end;
+    return !*any ? UMB_OK : umbw_item_read(span->start, &span->at, span->end, item, error);
 }
 
 /* Returns the wire type of a field that is not packed. */
@@ -249,39 +254,47 @@ static enum umb_status take_element(const struct slot *slot, uint64_t bits, size
     return UMB_OK;
 }
 
+/* Takes the elements of one occurrence of a repeated number, packed or a single one. */
+static enum umb_status take_elements(const struct slot *slot, const uint8_t *at, size_t size,
+                                     size_t most, size_t *count)
+{
+    const bool fixed = slot->field->type == PROTOBUF_C_TYPE_DOUBLE;
+    const uint8_t *end = at + size;
+    uint64_t bits;
+    if (fixed && size % sizeof bits != 0) {
+        return REFUSE(slot, "length is %zu bytes, must be a multiple of 8", size);
+    }
+    for (; at < end; (*count)++) {
+        if (fixed) {
+            bits = umb__load64(at);
+            at += sizeof bits;
+        } else if (!umbw_varint_read(&at, end, &bits)) {
+            return REFUSE(slot, "number %zu is broken or cut short", *count);
+        }
+        if (*count < most) {
+            UMB__TRY(take_element(slot, bits, *count));
+        }
+    }
+    return UMB_OK;
+}
+
 /* Takes a repeated number: none or all elements of an array, or with a stride up to `most`. */
 static enum umb_status take_numbers(const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
-    const bool fixed = slot->field->type == PROTOBUF_C_TYPE_DOUBLE;
+    const struct found *found = slot->found;
     const size_t most = row->stride > 0 ? (size_t)row->most : row->size / sizeof(uint64_t);
     struct span span = *slot->span;
     struct umbw_item item;
     size_t count = 0;
-    bool any;
-    for (;;) {
+    bool any = found->count > 1;
+    if (!any) {
+        UMB__TRY(take_elements(slot, found->bytes, found->size, most, &count));
+    }
+    while (any) {
         UMB__TRY(next_item(&span, &item, &any, slot->decoder->error));
-        if (!any) {
-            break;
-        }
-        const uint8_t *at = item.payload, *end = at + item.payload_size;
-        if (item.number != slot->field->id) {
-            continue;
-        }
-        if (fixed && item.payload_size % sizeof(double) != 0) {
-            return REFUSE(slot, "length is %zu bytes, must be a multiple of 8", item.payload_size);
-        }
-        for (; at < end; count++) {
-            uint64_t bits;
-            if (fixed) {
-                bits = umb__load64(at);
-                at += sizeof bits;
-            } else if (!umbw_varint_read(&at, end, &bits)) {
-                return REFUSE(slot, "number %zu is broken or cut short", count);
-            }
-            if (count < most) {
-                UMB__TRY(take_element(slot, bits, count));
-            }
+        if (any && item.number == slot->field->id) {
+            UMB__TRY(take_elements(slot, item.payload, item.payload_size, most, &count));
         }
     }
     store_count(slot, count);
@@ -326,9 +339,8 @@ static enum umb_status take_bytes(const struct slot *slot)
     const struct found *found = slot->found;
     const bool in_place = row->size == sizeof found->bytes;
     const size_t exact = in_place ? row->stride : row->size;
-    const bool absent = row->stride > 0 ? found->count == 0 : found->size == 0;
-    const bool may_be_absent = in_place || row->count_size > 0 || (row->flags & UMBW_OPTIONAL);
-    if (exact > 0 && found->size != exact && !(absent && may_be_absent)) {
+    const bool empty = found->size == 0 && row->stride == 0 && !(row->flags & UMBW_REQUIRED);
+    if (exact > 0 && found->size != exact && !empty) {
         return REFUSE(slot, "length is %zu bytes, must be %zu", found->size, exact);
     }
     if (in_place) {
@@ -414,9 +426,6 @@ static enum umb_status take_field(const struct slot *slot)
     case PROTOBUF_C_TYPE_MESSAGE:
         return take_message(slot);
     default:
-        if (slot->found->count == 0 && slot->row->values == NULL) { /* 0, as the struct is */
-            return UMB_OK;
-        }
         return slot->field->label == PROTOBUF_C_LABEL_REPEATED
                    ? take_numbers(slot)
                    : take_number(slot, slot->found->value,
@@ -429,13 +438,16 @@ static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_
 {
     struct found found[UMBW_ROWS_MAX] UMB__UNSET; /* set by the scan */
     UMB__TRY(scan(decoder, table, *span, found));
-    struct slot slot = {decoder, table, table->rows, table->descriptor->fields,
-                        found,   span,  out,         index};
-    for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
-        UMB__TRY(take_field(&slot));
-        slot.row++;
-        slot.field++;
-        slot.found++;
+    struct slot slot = {
+        .decoder = decoder, .table = table, .span = span, .out = out, .index = index};
+    for (unsigned i = 0; i < table->descriptor->n_fields; i++) {
+        slot.row = &table->rows[i];
+        /* The struct of an absent field is zero already. */
+        if (found[i].count > 0 || (slot.row->flags & (UMBW_REQUIRED | UMBW_FILLED))) {
+            slot.field = &table->descriptor->fields[i];
+            slot.found = &found[i];
+            UMB__TRY(take_field(&slot));
+        }
     }
     return UMB_OK;
 }

@@ -46,15 +46,16 @@ static void put_bytes(struct sink *sink, const void *bytes, size_t size)
 
 static void put_varint(struct sink *sink, uint64_t value)
 {
-    uint8_t bytes[10];
-    put_bytes(sink, bytes, umbw_varint_write(value, bytes));
+    uint8_t unused[10];
+    sink->size += umbw_varint_write(value, sink->bytes != NULL ? sink->bytes + sink->size : unused);
 }
 
 static void put_fixed64(struct sink *sink, uint64_t value)
 {
-    uint8_t bytes[8];
-    umb__store64(bytes, value);
-    put_bytes(sink, bytes, sizeof bytes);
+    if (sink->bytes != NULL) {
+        umb__store64(sink->bytes + sink->size, value);
+    }
+    sink->size += sizeof value;
 }
 
 static void put_tag(struct sink *sink, const struct slot *slot, enum umbw_wire_type type)
@@ -104,16 +105,13 @@ static uint64_t wire_enum(struct sink *sink, const struct slot *slot, uint32_t v
     return 0;
 }
 
-/* Returns the bits of a number as a varint or 64 bits have them. */
-static uint64_t wire_number(struct sink *sink, const struct slot *slot, const uint8_t *at)
+/* Returns a number as a varint or 64 bits have it. In: bits: the member's. */
+static uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t bits)
 {
-    uint64_t bits;
-    uint32_t narrow;
     double value;
     switch (slot->field->type) {
     case PROTOBUF_C_TYPE_DOUBLE:
-        memcpy(&bits, at, sizeof bits);
-        memcpy(&value, at, sizeof value);
+        memcpy(&value, &bits, sizeof value);
         if (slot->row->most > 0 && !(value >= 0 && value <= slot->row->most)) {
             (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%.9g is not within 0..%.9g", value,
                          slot->row->most);
@@ -121,17 +119,11 @@ static uint64_t wire_number(struct sink *sink, const struct slot *slot, const ui
         return value == 0 ? 0 : bits; /* -0 is left out, too */
     case PROTOBUF_C_TYPE_ENUM:
     case PROTOBUF_C_TYPE_INT32:
-        memcpy(&narrow, at, sizeof narrow);
-        return slot->row->flags & UMBW_CHECKED ? wire_enum(sink, slot, narrow)
-                                               : (uint64_t)(int64_t)(int32_t)narrow;
+        return slot->row->flags & UMBW_CHECKED ? wire_enum(sink, slot, (uint32_t)bits)
+                                               : (uint64_t)(int64_t)(int32_t)(uint32_t)bits;
     case PROTOBUF_C_TYPE_BOOL:
-        memcpy(&narrow, at, sizeof narrow);
-        return narrow != 0;
-    case PROTOBUF_C_TYPE_UINT32:
-        memcpy(&narrow, at, sizeof narrow);
-        return narrow;
+        return bits != 0;
     default:
-        memcpy(&bits, at, sizeof bits);
         return bits;
     }
 }
@@ -139,7 +131,18 @@ static uint64_t wire_number(struct sink *sink, const struct slot *slot, const ui
 static void put_number(struct sink *sink, const struct slot *slot)
 {
     const uint8_t *at = slot->in + slot->row->offset + slot->index * slot->row->stride;
-    const uint64_t bits = wire_number(sink, slot, at);
+    uint32_t narrow;
+    uint64_t bits;
+    if (slot->row->size == sizeof narrow) {
+        memcpy(&narrow, at, sizeof narrow);
+        bits = narrow;
+    } else {
+        memcpy(&bits, at, sizeof bits);
+    }
+    if (bits == 0 && slot->row->values == NULL) {
+        return;
+    }
+    bits = wire_number(sink, slot, bits);
     if (bits == 0) {
         return;
     }
@@ -248,18 +251,18 @@ static void put_blob(struct sink *sink, const struct slot *slot)
 /* Writes one sub-message. */
 static void put_part(struct sink *sink, const struct slot *slot, const uint8_t *in, size_t index)
 {
-    struct sink part = {.error = sink->error};
-    put_struct(&part, slot->row->table, in, index);
-    if (part.status != UMB_OK) {
-        sink->status = part.status;
-    }
+    uint8_t length[10];
     put_tag(sink, slot, UMBW_WIRE_BYTES);
-    put_varint(sink, part.size);
-    if (sink->bytes != NULL) {
-        put_struct(sink, slot->row->table, in, index);
-    } else {
-        sink->size += part.size;
+    const size_t at = sink->size + 1; /* of the part, if its length takes one byte */
+    sink->size = at;
+    put_struct(sink, slot->row->table, in, index);
+    const size_t size = sink->size - at, more = umbw_varint_write(size, length) - 1;
+    if (sink->bytes != NULL && more > 0) {
+        memmove(sink->bytes + at + more, sink->bytes + at, size);
     }
+    sink->size = at - 1;
+    put_bytes(sink, length, more + 1);
+    sink->size += size;
 }
 
 static void put_message(struct sink *sink, const struct slot *slot)

@@ -27,6 +27,16 @@ enum umbw_grpc_code {
 /* Returns the name of a code ("NOT_FOUND"), never NULL. */
 const char *umbw_grpc_name(int code);
 
+/* Returns the code that a status is sent as. */
+int umbw_grpc_code(enum umb_status status);
+
+/*
+ * Returns the status of a code that a server sent; E_PROTOCOL beyond 0..16. RESOURCE_EXHAUSTED
+ * alone is E_TOO_LARGE: a retry would not help. With grpc-retry-pushback-ms it means E_BUSY, which
+ * libumbrage handles.
+ */
+enum umb_status umbw_grpc_status(int code);
+
 /*
  * Parses a grpc-timeout value: 1 to 8 digits and one of H M S m u n.
  * Out:   nanoseconds: saturated at INT64_MAX; 0 means already expired.
@@ -88,5 +98,20 @@ size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place
 /* Returns 1 if the stream may end here, 0 inside a message. */
 int umbw_reader_at_boundary(const struct umbw_reader *reader);
 void umbw_reader_finish(struct umbw_reader *reader);
+
+/* --- compressed messages (gunzip.c): grpc-encoding gzip, each message a stream of its own --- */
+
+/* Largest decompressed message. A server decompresses between other work, at some 200 MB a second,
+ * and points hardly compress. Clients with more data send it uncompressed. */
+#define UMBW_GUNZIP_MAX ((size_t)4 << 20)
+
+/*
+ * Inflates a message. In: max: bytes of the result at most, UMBW_GUNZIP_MAX if that is less.
+ * Out:   out: malloc, free() it. Fails: E_TOO_LARGE, E_ARGUMENT (not one whole gzip stream),
+ *        E_NO_MEMORY; out is then NULL.
+ * Trust: safe on hostile bytes; memory grows with what comes out, at most doubling.
+ */
+UMB_CHECKED enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max,
+                                        uint8_t **out, size_t *out_size, struct umb_error *error);
 
 #endif

@@ -30,31 +30,56 @@ static const struct timeout_unit TIMEOUT_UNITS[] = {
 };
 #define TIMEOUT_UNIT_COUNT (sizeof TIMEOUT_UNITS / sizeof TIMEOUT_UNITS[0])
 
+#define SENT_MOST 4 /* Most statuses that are sent as one code */
+
+/* By code: name, status that a client makes of it, and the statuses that a server sends as it. */
+static const struct {
+    const char *name;
+    enum umb_status received;
+    enum umb_status sent[SENT_MOST]; /* UMB_OK ends them */
+} CODES[] = {
+    {"OK", UMB_OK, {UMB_OK}},
+    {"CANCELLED", UMB_E_CANCELLED, {UMB_E_CANCELLED}},
+    {"UNKNOWN", UMB_E_INTERNAL, {UMB_OK}},
+    {"INVALID_ARGUMENT", UMB_E_ARGUMENT, {UMB_E_ARGUMENT, UMB_E_BAD_SCENE}},
+    {"DEADLINE_EXCEEDED", UMB_E_DEADLINE, {UMB_E_DEADLINE}},
+    {"NOT_FOUND", UMB_E_NOT_FOUND, {UMB_E_NOT_FOUND, UMB_E_NO_INPUT}},
+    {"ALREADY_EXISTS", UMB_E_EXISTS, {UMB_E_EXISTS}},
+    {"PERMISSION_DENIED", UMB_E_PERMISSION, {UMB_E_PERMISSION}},
+    {"RESOURCE_EXHAUSTED",
+     UMB_E_TOO_LARGE,
+     {UMB_E_TOO_LARGE, UMB_E_NO_MEMORY, UMB_E_BUSY, UMB_E_LIMIT}},
+    {"FAILED_PRECONDITION", UMB_E_STATE, {UMB_E_STATE}},
+    {"ABORTED", UMB_E_STATE, {UMB_OK}},
+    {"OUT_OF_RANGE", UMB_E_ARGUMENT, {UMB_OK}},
+    {"UNIMPLEMENTED", UMB_E_UNSUPPORTED, {UMB_E_UNSUPPORTED, UMB_E_VERSION}},
+    {"INTERNAL", UMB_E_INTERNAL, {UMB_E_INTERNAL, UMB_E_IO, UMB_E_CANNOT_CREATE, UMB_E_PROTOCOL}},
+    {"UNAVAILABLE", UMB_E_UNAVAILABLE, {UMB_E_UNAVAILABLE}},
+    {"DATA_LOSS", UMB_E_CORRUPT, {UMB_E_CORRUPT, UMB_E_FORMAT, UMB_E_TRUNCATED}},
+    {"UNAUTHENTICATED", UMB_E_UNAUTHENTICATED, {UMB_E_UNAUTHENTICATED}},
+};
+#define CODE_COUNT ((int)(sizeof CODES / sizeof CODES[0]))
+
 const char *umbw_grpc_name(int code)
 {
-    static const char *const names[] = {
-        "OK",
-        "CANCELLED",
-        "UNKNOWN",
-        "INVALID_ARGUMENT",
-        "DEADLINE_EXCEEDED",
-        "NOT_FOUND",
-        "ALREADY_EXISTS",
-        "PERMISSION_DENIED",
-        "RESOURCE_EXHAUSTED",
-        "FAILED_PRECONDITION",
-        "ABORTED",
-        "OUT_OF_RANGE",
-        "UNIMPLEMENTED",
-        "INTERNAL",
-        "UNAVAILABLE",
-        "DATA_LOSS",
-        "UNAUTHENTICATED",
-    };
-    if (code < 0 || (size_t)code >= sizeof names / sizeof names[0]) {
-        return "UNRECOGNISED";
+    return code >= 0 && code < CODE_COUNT ? CODES[code].name : "UNRECOGNISED";
+}
+
+enum umb_status umbw_grpc_status(int code)
+{
+    return code >= 0 && code < CODE_COUNT ? CODES[code].received : UMB_E_PROTOCOL;
+}
+
+int umbw_grpc_code(enum umb_status status)
+{
+    for (int code = 0; status != UMB_OK && code < CODE_COUNT; code++) {
+        for (int i = 0; i < SENT_MOST; i++) {
+            if (CODES[code].sent[i] == status) {
+                return code;
+            }
+        }
     }
-    return names[code];
+    return status == UMB_OK ? UMBW_GRPC_OK : UMBW_GRPC_UNKNOWN;
 }
 
 enum umb_status umbw_timeout_parse(const char *text, size_t size, int64_t *nanoseconds)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Decompression of single messages by zlib, within a limit. */
-#include "wire/gunzip.h"
+#include "wire/grpc.h"
 
 #include "base/try.h"
 

@@ -18,13 +18,17 @@
 #include <stdint.h>
 #include "umbrage/client.h"
 
-#define UMBW_PATH_QUERY     "/umbrage.v1.Shadows/Query"
-#define UMBW_PATH_STREAM    "/umbrage.v1.Shadows/QueryStream"
-#define UMBW_PATH_DESCRIBE  "/umbrage.v1.Shadows/Describe"
-#define UMBW_PATH_LIST      "/umbrage.v1.Shadows/List"
-#define UMBW_PATH_LIMITS    "/umbrage.v1.Shadows/Limits"
-#define UMBW_PATH_CHECK     "/grpc.health.v1.Health/Check"
-#define UMBW_PATH_WATCH     "/grpc.health.v1.Health/Watch"
+#define UMBW_PATH_QUERY    "/umbrage.v1.Shadows/Query"
+#define UMBW_PATH_STREAM   "/umbrage.v1.Shadows/QueryStream"
+#define UMBW_PATH_DESCRIBE "/umbrage.v1.Shadows/Describe"
+#define UMBW_PATH_LIST     "/umbrage.v1.Shadows/List"
+#define UMBW_PATH_LIMITS   "/umbrage.v1.Shadows/Limits"
+#define UMBW_PATH_CHECK    "/grpc.health.v1.Health/Check"
+#define UMBW_PATH_WATCH    "/grpc.health.v1.Health/Watch"
+/* grpc.reflection.v1 and v1alpha, whose messages have the same bytes. */
+#define UMBW_PATH_REFLECTION       "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo"
+#define UMBW_PATH_REFLECTION_ALPHA "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"
+
 #define UMBW_PREFIX_BYTES   5 /* compressed flag and big-endian length before each message */
 #define UMBW_ASSET_NAME_MAX 255
 #define UMBW_TARGETS_MAX    64    /* Most targets of one request */
@@ -198,5 +202,20 @@ size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t
 /* Returns the bytes of a reply's head: exactly, or with stats at most. Reads only the sizes, counts
  * and has_stats of the reply, and packing. */
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
+
+/* The descriptors of the .proto files, a google.protobuf.FileDescriptorSet made by the build. */
+extern const uint8_t umbw__descriptor_set[];
+extern const size_t umbw__descriptor_set_bytes;
+
+/*
+ * Answers one ServerReflectionRequest: appends prefix and message to buffer. A missing symbol or
+ * file is an error within the answer, as the protocol requires.
+ *
+ * Fails: E_ARGUMENT (not such a message), E_TOO_LARGE, E_NO_MEMORY. Trust: safe on hostile bytes.
+ * Cost:  one walk over the descriptors, some 10 kB.
+ */
+UMB_CHECKED enum umb_status umbw_reflection_answer(const uint8_t *message, size_t size,
+                                                   struct umbw_buffer *buffer,
+                                                   struct umb_error *error);
 
 #endif

@@ -23,9 +23,7 @@ static const struct umbw_row PICTURE_ROWS[] = {
     {3, UMBW_AT(umb_picture, camera.up)},  {4, UMBW_AT(umb_picture, camera.fov_y)},
     {5, UMBW_AT(umb_picture, width)},      {6, UMBW_AT(umb_picture, height)},
 };
-
-static const struct umbw_table PICTURE = {&umbrage__v1__picture__descriptor, PICTURE_ROWS,
-                                          "picture.", .size = sizeof(struct umb_picture)};
+UMBW_TABLE(PICTURE, umbrage__v1__picture, PICTURE_ROWS, "picture.", sizeof(struct umb_picture));
 
 #define FIELD(member) UMBW_AT(umbw_query_request, member)
 #define BYTES(member)                                                                              \
@@ -38,7 +36,7 @@ static const struct umbw_row REQUEST_ROWS[] = {
     {3, FIELD(settings.taps)},
     {4, FIELD(settings.bias_mode), .flags = UMBW_CHECKED},
     {5, FIELD(settings.bias), .most = UMB_BIAS_MAX},
-    {6, FIELD(settings.format), .flags = UMBW_CHECKED, .values = FORMATS},
+    {6, FIELD(settings.format), .flags = UMBW_CHECKED | UMBW_FILLED, .values = FORMATS},
     {7, FIELD(points.origin), .flags = UMBW_FINITE | UMBW_SPARSE},
     {8, FIELD(want_stats)},
     {9, UMBW_COUNT(umbw_query_request, target_count)},
@@ -62,17 +60,14 @@ static const struct umbw_row REQUEST_ROWS[] = {
     {35, FIELD(settings.pixel_rad)},
     {36, FIELD(settings.opaque_only)},
 };
-
-static const struct umbw_table REQUEST = {&umbrage__v1__query_request__descriptor, REQUEST_ROWS, "",
-                                          .size = sizeof(struct umbw_query_request)};
+UMBW_TABLE(REQUEST, umbrage__v1__query_request, REQUEST_ROWS, "",
+           sizeof(struct umbw_query_request));
 
 static const struct umbw_row TARGET_ROWS[] = {
     {1, UMBW_AT(umbw_query_target, asset), .flags = UMBW_REQUIRED},
     {2, UMBW_AT(umbw_query_target, light)},
 };
-
-static const struct umbw_table TARGET = {&umbrage__v1__target__descriptor, TARGET_ROWS, "targets.",
-                                         .size = sizeof(struct umbw_query_target)};
+UMBW_TABLE(TARGET, umbrage__v1__target, TARGET_ROWS, "targets.", sizeof(struct umbw_query_target));
 
 static bool is_dialled(const struct umb_dial *dial)
 {
@@ -327,6 +322,10 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
 
 #define REPLY(member) UMBW_AT(umbw_query_reply, member)
 
+/* Most bytes of the stats, with tags: varints of 64 bits, one of them with a longer tag, and of 32
+ * bits, doubles, tag and length. */
+#define STATS_MAX (8 * 11 + 12 + 2 * 6 + 5 * 9 + 3)
+
 static const struct umbw_row STATS_ROWS[] = {
     {1, REPLY(stats.points)},
     {2, REPLY(stats.outside)},
@@ -345,9 +344,7 @@ static const struct umbw_row STATS_ROWS[] = {
     {15, REPLY(expected_ns)},
     {16, REPLY(stats.undefined)},
 };
-
-static const struct umbw_table STATS = {&umbrage__v1__query_stats__descriptor, STATS_ROWS, "stats.",
-                                        .size = sizeof(struct umbw_query_reply)};
+UMBW_TABLE(STATS, umbrage__v1__query_stats, STATS_ROWS, "stats.", sizeof(struct umbw_query_reply));
 
 static const struct umbw_row REPLY_ROWS[] = {
     {1, REPLY(visibility), UMBW_COUNT(umbw_query_reply, visibility_bytes), .flags = UMBW_LAST},
@@ -356,9 +353,7 @@ static const struct umbw_row REPLY_ROWS[] = {
     {4, REPLY(asset_ids), UMBW_COUNT(umbw_query_reply, asset_id_count), .stride = UMB_ID_BYTES},
     {5, REPLY(packing), .flags = UMBW_CHECKED | UMBW_NEWER},
 };
-
-static const struct umbw_table REPLY_TABLE = {&umbrage__v1__query_reply__descriptor, REPLY_ROWS, "",
-                                              .size = sizeof(struct umbw_query_reply)};
+UMBW_TABLE(REPLY_TABLE, umbrage__v1__query_reply, REPLY_ROWS, "", sizeof(struct umbw_query_reply));
 
 enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
                                         struct umbw_query_reply *reply, struct umb_error *error)
@@ -375,13 +370,14 @@ enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
 
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply)
 {
-    struct umbw_query_reply widest = *reply;
-    memset(&widest.stats, 0xff, sizeof widest.stats);
-    widest.nanoseconds = UINT64_MAX;
-    widest.level = widest.taps = UINT32_MAX;
-    widest.voxel_m = widest.bound_m = widest.visibility_error = 1;
-    widest.lines = widest.expected_ns = 1;
-    return umbw_write_query_reply_head(&widest, NULL);
+    const size_t ids = reply->asset_id_count > 0 ? reply->asset_id_count : 1;
+    uint8_t length[10];
+    size_t room = UMBW_PREFIX_BYTES + ids * (2 + UMB_ID_BYTES);
+    room += reply->has_stats ? STATS_MAX : 0;
+    room += reply->packing != UMBW_PACKING_PLAIN ? 2 : 0;
+    return room + (reply->visibility_bytes > 0
+                       ? 1 + umbw_varint_write(reply->visibility_bytes, length)
+                       : 0);
 }
 
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes)

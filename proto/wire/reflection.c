@@ -6,7 +6,7 @@
  * Source: descriptor.proto of Protocol Buffers for the field numbers; the gRPC server reflection
  * protocol for the answers.
  */
-#include "wire/reflection.h"
+#include "wire/messages.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -126,13 +126,12 @@ struct request {
 #define REQUEST(member) UMBW_AT(request, member)
 
 static const struct umbw_row REQUEST_ROWS[] = {
-    {1, REQUEST(host)}, {3, REQUEST(file)}, {4, REQUEST(symbol)},
-    {.number = 5},      {6, REQUEST(type)}, {7, REQUEST(services)},
+    {1, REQUEST(host), .flags = UMBW_FILLED},   {3, REQUEST(file), .flags = UMBW_FILLED},
+    {4, REQUEST(symbol), .flags = UMBW_FILLED}, {.number = 5},
+    {6, REQUEST(type), .flags = UMBW_FILLED},   {7, REQUEST(services), .flags = UMBW_FILLED},
 };
-
-static const struct umbw_table REQUEST_TABLE = {
-    &grpc__reflection__v1__server_reflection_request__descriptor, REQUEST_ROWS, "",
-    .size = sizeof(struct request), UMBW_BLOCK(request, host)};
+UMBW_TABLE(REQUEST_TABLE, grpc__reflection__v1__server_reflection_request, REQUEST_ROWS, "",
+           sizeof(struct request), UMBW_BLOCK(request, host));
 
 struct service {
     char name[SERVICE_NAME_MAX];
@@ -156,30 +155,26 @@ struct response {
 #define RESPONSE_COUNT(member) UMBW_COUNT(response, member)
 
 static const struct umbw_row FILE_ROWS[] = {{1, RESPONSE(file.bytes), RESPONSE_COUNT(file.size)}};
-static const struct umbw_table FILE_TABLE = {
-    &grpc__reflection__v1__file_descriptor_response__descriptor, FILE_ROWS, .prefix = ""};
+UMBW_TABLE(FILE_TABLE, grpc__reflection__v1__file_descriptor_response, FILE_ROWS, "", 0);
 
 static const struct umbw_row TYPE_ROWS[] = {{1, RESPONSE(type)},
                                             {.number = 2}}; /* there are no extensions */
-static const struct umbw_table TYPE_TABLE = {
-    &grpc__reflection__v1__extension_number_response__descriptor, TYPE_ROWS, .prefix = ""};
+UMBW_TABLE(TYPE_TABLE, grpc__reflection__v1__extension_number_response, TYPE_ROWS, "", 0);
 
 static const struct umbw_row SERVICE_ROWS[] = {{1, UMBW_AT(service, name)}};
-static const struct umbw_table SERVICE = {&grpc__reflection__v1__service_response__descriptor,
-                                          SERVICE_ROWS, "", .size = sizeof(struct service)};
+UMBW_TABLE(SERVICE, grpc__reflection__v1__service_response, SERVICE_ROWS, "",
+           sizeof(struct service));
 
 static const struct umbw_row SERVICES_ROWS[] = {
     {1, RESPONSE(services), RESPONSE_COUNT(service_count), .table = &SERVICE, .most = SERVICES_MAX},
 };
-static const struct umbw_table SERVICES = {&grpc__reflection__v1__list_service_response__descriptor,
-                                           SERVICES_ROWS, .prefix = ""};
+UMBW_TABLE(SERVICES, grpc__reflection__v1__list_service_response, SERVICES_ROWS, "", 0);
 
 static const struct umbw_row ERROR_ROWS[] = {
     {1, RESPONSE(error_code)},
     {2, RESPONSE(error_message)},
 };
-static const struct umbw_table ERROR = {&grpc__reflection__v1__error_response__descriptor,
-                                        ERROR_ROWS, .prefix = ""};
+UMBW_TABLE(ERROR, grpc__reflection__v1__error_response, ERROR_ROWS, "", 0);
 
 static const struct umbw_row RESPONSE_ROWS[] = {
     {1, RESPONSE(host)},
@@ -189,9 +184,8 @@ static const struct umbw_row RESPONSE_ROWS[] = {
     {6, RESPONSE_COUNT(has_services), .table = &SERVICES},
     {7, RESPONSE_COUNT(has_error), .table = &ERROR},
 };
-static const struct umbw_table RESPONSE_TABLE = {
-    &grpc__reflection__v1__server_reflection_response__descriptor, RESPONSE_ROWS, "",
-    .size = sizeof(struct response)};
+UMBW_TABLE(RESPONSE_TABLE, grpc__reflection__v1__server_reflection_response, RESPONSE_ROWS, "",
+           sizeof(struct response));
 
 static size_t list_services(struct service services[SERVICES_MAX])
 {

@@ -16,9 +16,7 @@ static const struct umbw_row RANGE_ROWS[] = {
     {3, UMBW_AT(umbw_region_request, ranges[0].length),
      UMBW_COUNT(umbw_region_request, length_count), RANGE_STRIDE},
 };
-
-static const struct umbw_table RANGES = {&umbrage__v1__region_request__descriptor, RANGE_ROWS, "",
-                                         .size = sizeof(struct umbw_region_request)};
+UMBW_TABLE(RANGES, umbrage__v1__region_request, RANGE_ROWS, "", sizeof(struct umbw_region_request));
 
 enum umb_status umbw_decode_region_request(const uint8_t *message, size_t size,
                                            struct umbw_region_request *out, struct umb_error *error)
@@ -57,13 +55,11 @@ enum umb_status umbw_encode_region_request(const struct umbw_region_request *in,
 }
 
 static const struct umbw_row REPLY_ROWS[] = {
-    {1, UMBW_AT(umbw_region_reply, asset_id)},
+    {1, UMBW_AT(umbw_region_reply, asset_id), .flags = UMBW_REQUIRED},
     {2, UMBW_AT(umbw_region_reply, file_bytes)},
     {3, UMBW_AT(umbw_region_reply, data), UMBW_COUNT(umbw_region_reply, data_size)},
 };
-
-static const struct umbw_table REPLY = {&umbrage__v1__region_reply__descriptor, REPLY_ROWS, "",
-                                        .size = sizeof(struct umbw_region_reply)};
+UMBW_TABLE(REPLY, umbrage__v1__region_reply, REPLY_ROWS, "", sizeof(struct umbw_region_reply));
 
 UMBW_CODEC(region_reply, struct umbw_region_reply, &REPLY)
 
@@ -86,15 +82,15 @@ static const struct umbw_row VIEW_ROWS[] = {
     {10, DERIVE(settings.cascades.weight)},
     {11, DERIVE(settings.cascades.fit), .flags = UMBW_CHECKED},
 };
-
-static const struct umbw_table VIEW = {&umbrage__v1__cascade_view__descriptor, VIEW_ROWS, "view.",
-                                       .size = sizeof(struct umbw_derive_request)};
+UMBW_TABLE(VIEW, umbrage__v1__cascade_view, VIEW_ROWS, "view.", sizeof(struct umbw_derive_request));
 
 static const struct umbw_row DERIVE_ROWS[] = {
     {1, DERIVE(asset), .flags = UMBW_REQUIRED},
     {2, DERIVE(settings.light)},
-    {3, DERIVE(settings.map.technique), .flags = UMBW_CHECKED | UMBW_PARTIAL, .values = TECHNIQUES},
-    {4, DERIVE(settings.map.format), .flags = UMBW_CHECKED | UMBW_PARTIAL, .values = FORMATS},
+    {3, DERIVE(settings.map.technique), .flags = UMBW_CHECKED | UMBW_PARTIAL | UMBW_FILLED,
+     .values = TECHNIQUES},
+    {4, DERIVE(settings.map.format), .flags = UMBW_CHECKED | UMBW_PARTIAL | UMBW_FILLED,
+     .values = FORMATS},
     {5, DERIVE(settings.width)},
     {6, DERIVE(settings.height)},
     {7, DERIVE(settings.rect), .flags = UMBW_SPARSE},
@@ -106,10 +102,8 @@ static const struct umbw_row DERIVE_ROWS[] = {
     {13, DERIVE(settings.map.depth_plane)},
     {14, DERIVE(settings.map.moment_bias)},
 };
-
-static const struct umbw_table DERIVE_TABLE = {&umbrage__v1__derive_map_request__descriptor,
-                                               DERIVE_ROWS, "",
-                                               .size = sizeof(struct umbw_derive_request)};
+UMBW_TABLE(DERIVE_TABLE, umbrage__v1__derive_map_request, DERIVE_ROWS, "",
+           sizeof(struct umbw_derive_request));
 
 enum umb_status umbw_decode_derive_request(const uint8_t *message, size_t size,
                                            struct umbw_derive_request *out, struct umb_error *error)

@@ -5,22 +5,21 @@
 #include "wire/codec.h"
 
 static const struct umbw_row ASSET_ROWS[] = {
-    {1, UMBW_AT(umb_client_asset, name)},         {2, UMBW_AT(umb_client_asset, id)},
-    {3, UMBW_AT(umb_client_asset, packed_bytes)}, {4, UMBW_AT(umb_client_asset, memory_bytes)},
+    {1, UMBW_AT(umb_client_asset, name)},
+    {2, UMBW_AT(umb_client_asset, id), .flags = UMBW_REQUIRED},
+    {3, UMBW_AT(umb_client_asset, packed_bytes)},
+    {4, UMBW_AT(umb_client_asset, memory_bytes)},
     {5, UMBW_AT(umb_client_asset, light_count)},
 };
-
-static const struct umbw_table ASSET = {&umbrage__v1__asset_summary__descriptor, ASSET_ROWS,
-                                        "summary.", .size = sizeof(struct umb_client_asset)};
+UMBW_TABLE(ASSET, umbrage__v1__asset_summary, ASSET_ROWS, "summary.",
+           sizeof(struct umb_client_asset));
 
 static const struct umbw_row LIST_ROWS[] = {
     {1, UMBW_AT(umbw_list_reply, assets), UMBW_COUNT(umbw_list_reply, count), .table = &ASSET,
      .most = UMBW_LIST_MAX},
 };
-
-static const struct umbw_table LIST = {&umbrage__v1__list_reply__descriptor, LIST_ROWS, "",
-                                       .size = sizeof(struct umbw_list_reply),
-                                       UMBW_BLOCK(umbw_list_reply, assets)};
+UMBW_TABLE(LIST, umbrage__v1__list_reply, LIST_ROWS, "", sizeof(struct umbw_list_reply),
+           UMBW_BLOCK(umbw_list_reply, assets));
 
 UMBW_CODEC(list_reply, struct umbw_list_reply, &LIST)
 
@@ -38,9 +37,7 @@ static const struct umbw_row CURVE_ROWS[] = {
     {7, LIGHT(scattered_ns[0]), .stride = sizeof(double)},
     {8, LIGHT(coherent_ns[0]), .stride = sizeof(double)},
 };
-
-static const struct umbw_table CURVE_ROW = {&umbrage__v1__curve_row__descriptor, CURVE_ROWS,
-                                            .prefix = "lights.curve."};
+UMBW_TABLE(CURVE_ROW, umbrage__v1__curve_row, CURVE_ROWS, "lights.curve.", 0);
 
 static const struct umbw_row LIGHT_ROWS[] = {
     {1, LIGHT(info.name)},
@@ -53,9 +50,7 @@ static const struct umbw_row LIGHT_ROWS[] = {
     {8, LIGHT(closed)},
     {9, UMBW_COUNT(umb_client_light, curve_count), .table = &CURVE_ROW, .most = UMB_CURVE_ROWS_MAX},
 };
-
-static const struct umbw_table LIGHT_TABLE = {&umbrage__v1__light__descriptor, LIGHT_ROWS,
-                                              "lights.", .size = sizeof(struct umb_client_light)};
+UMBW_TABLE(LIGHT_TABLE, umbrage__v1__light, LIGHT_ROWS, "lights.", sizeof(struct umb_client_light));
 
 #define DESCRIPTION(member) UMBW_AT(umb_client_description, member)
 
@@ -66,14 +61,12 @@ static const struct umbw_row DESCRIPTION_ROWS[] = {
     {3, DESCRIPTION(origin)},
     {4, DESCRIPTION(bounds.min)},
     {5, DESCRIPTION(bounds.max)},
-    {6, DESCRIPTION(plan)},
-    {7, DESCRIPTION(settings)},
-    {8, DESCRIPTION(scene_hash)},
+    {6, DESCRIPTION(plan), .flags = UMBW_FILLED},
+    {7, DESCRIPTION(settings), .flags = UMBW_FILLED},
+    {8, DESCRIPTION(scene_hash), .flags = UMBW_REQUIRED},
 };
-
-static const struct umbw_table DESCRIPTION_TABLE = {&umbrage__v1__describe_reply__descriptor,
-                                                    DESCRIPTION_ROWS, "",
-                                                    .size = sizeof(struct umb_client_description)};
+UMBW_TABLE(DESCRIPTION_TABLE, umbrage__v1__describe_reply, DESCRIPTION_ROWS, "",
+           sizeof(struct umb_client_description));
 
 enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
                                            struct umb_client_description **out,
@@ -95,10 +88,8 @@ static const struct umbw_row DESCRIBE_ROWS[] = {
     {1, UMBW_AT(umbw_describe_request, asset), .flags = UMBW_REQUIRED | UMBW_CHECKED},
     {2, UMBW_AT(umbw_describe_request, want_curves)},
 };
-
-static const struct umbw_table DESCRIBE = {&umbrage__v1__describe_request__descriptor,
-                                           DESCRIBE_ROWS, "",
-                                           .size = sizeof(struct umbw_describe_request)};
+UMBW_TABLE(DESCRIBE, umbrage__v1__describe_request, DESCRIBE_ROWS, "",
+           sizeof(struct umbw_describe_request));
 
 UMBW_CODEC(describe_request, struct umbw_describe_request, &DESCRIBE)
 
@@ -120,23 +111,17 @@ static const struct umbw_row LIMITS_ROWS[] = {
     {14, UMBW_AT(umbw_limits, client.max_boxes)},
     {15, UMBW_AT(umbw_limits, client.max_box_steps)},
 };
-
-static const struct umbw_table LIMITS = {&umbrage__v1__limits_reply__descriptor, LIMITS_ROWS, "",
-                                         .size = sizeof(struct umbw_limits)};
+UMBW_TABLE(LIMITS, umbrage__v1__limits_reply, LIMITS_ROWS, "", sizeof(struct umbw_limits));
 
 UMBW_CODEC(limits_reply, struct umbw_limits, &LIMITS)
 
 static const struct umbw_row SERVICE_ROWS[] = {{1, .size = 256, .flags = UMBW_CHECKED}};
-
-static const struct umbw_table SERVICE = {&grpc__health__v1__health_check_request__descriptor,
-                                          SERVICE_ROWS, "", .size = 256};
+UMBW_TABLE(SERVICE, grpc__health__v1__health_check_request, SERVICE_ROWS, "", 256);
 
 UMBW_CODEC(health_request, char, &SERVICE)
 
 static const struct umbw_row SERVING_ROWS[] = {{1, .size = sizeof(int)}};
-
-static const struct umbw_table SERVING = {&grpc__health__v1__health_check_response__descriptor,
-                                          SERVING_ROWS, "", .size = sizeof(int)};
+UMBW_TABLE(SERVING, grpc__health__v1__health_check_response, SERVING_ROWS, "", sizeof(int));
 
 UMBW_CODEC(health_reply, int, &SERVING)
 

@@ -127,12 +127,11 @@ static const struct umbw_row STATS_ROWS[] = {
     {2, REPLY(bricks)},
     {3, REPLY(nanoseconds)},
 };
-
-static const struct umbw_table STATS = {&umbrage__v1__question_stats__descriptor, STATS_ROWS,
-                                        "stats.", .size = sizeof(struct umbw_volume_query_reply)};
+UMBW_TABLE(STATS, umbrage__v1__question_stats, STATS_ROWS, "stats.",
+           sizeof(struct umbw_volume_query_reply));
 
 static const struct umbw_row REPLY_ROWS[] = {
-    {1, REPLY(asset_id)},
+    {1, REPLY(asset_id), .flags = UMBW_REQUIRED},
     {2, UMBW_COUNT(umbw_volume_query_reply, has_stats), .table = &STATS}, /* of the same struct */
     {3, REPLY(ignores_translucent)},
     {4, ANSWERS(0)},

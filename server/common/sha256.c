@@ -1,14 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * SHA-256 by OpenSSL, in the interface that the core expects. Many messages at once are hashed by
- * sha256_lanes.h, where the build has it, and by OpenSSL where that fails.
- *
- * The low-level functions are used on purpose: they allocate nothing and cannot fail. The EVP
- * interface sets itself up at the first digest. If memory is short at that moment, it fails from
- * then on or crashes (OpenSSL 3.0; found by tests/fault). The low-level functions are deprecated,
- * and no removal is announced.
- */
-#define OPENSSL_API_COMPAT 0x10100000L
+/* SHA-256 by OpenSSL, in the interface that the core expects. Many messages at once are hashed by
+ * sha256_lanes.h, where the build has it, and by OpenSSL where that fails. */
+#include "net/sha256.h"
+
 #include "common/sha256.h"
 
 #include <openssl/crypto.h>
@@ -55,20 +49,6 @@ static void lanes_give_back(struct umbs_sha256_lanes *lanes)
     umbs_sha256_lanes_destroy(lanes);
 }
 
-static void digest_parts(void *user, const void *const *parts, const size_t *sizes,
-                         size_t part_count, uint8_t out[UMB_ID_BYTES])
-{
-    (void)user;
-    SHA256_CTX context;
-    (void)SHA256_Init(&context);
-    for (size_t i = 0; i < part_count; i++) {
-        if (sizes[i] > 0) {
-            (void)SHA256_Update(&context, parts[i], sizes[i]);
-        }
-    }
-    (void)SHA256_Final(out, &context);
-}
-
 static void digest_many(void *user, const uint8_t *const *messages, const size_t *sizes,
                         size_t count, uint8_t (*digests)[UMB_ID_BYTES])
 {
@@ -79,18 +59,18 @@ static void digest_many(void *user, const uint8_t *const *messages, const size_t
     for (size_t i = 0; i < count; i++) {
         if (!made || sizes[i] > UMBS_SHA256_LANES_LONGEST) {
             const void *parts[1] = {messages[i]};
-            digest_parts(user, parts, &sizes[i], 1, digests[i]);
+            umbn_sha256(user, parts, &sizes[i], 1, digests[i]);
         }
     }
 }
 
 const struct umb_sha256 umbs_sha256 = {
-    .digest = digest_parts, .user = NULL, .digest_many = digest_many};
+    .digest = umbn_sha256, .user = NULL, .digest_many = digest_many};
 
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES])
 {
     const void *parts[1] = {bytes};
-    digest_parts(NULL, parts, &size, 1, out);
+    umbn_sha256(NULL, parts, &size, 1, out);
 }
 
 void umbs_sha256_begin(struct umbs_sha256_run *run)

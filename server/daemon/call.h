@@ -16,9 +16,7 @@
  */
 #include "daemon/conn.h"
 #include "wire/grpc.h"
-#include "wire/gunzip.h"
 #include "wire/messages.h"
-#include "wire/reflection.h"
 #ifdef UMBRAGE_TEST_SERVICE
 #include "interop_service.h"
 #endif

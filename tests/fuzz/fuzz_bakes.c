@@ -10,8 +10,8 @@
 #include "jobs/bundle.h"
 #include "jobs/command_words.h"
 #include "wire/bakes.h"
-#include "wire/gunzip.h"
-#include "wire/reflection.h"
+#include "wire/grpc.h"
+#include "wire/messages.h"
 
 #define BUNDLE_BYTES ((uint64_t)1 << 30)
 #define MAX_MESSAGE  ((size_t)1 << 16)

@@ -27,7 +27,7 @@
 #include "make_asset.h"
 #include "wire/bakes.h"
 #include "wire/volume_queries.h"
-#include "wire/reflection.h"
+#include "wire/messages.h"
 #include "wire/regions.h"
 
 #define STREAMS_MOST 24

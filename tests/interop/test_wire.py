@@ -167,8 +167,9 @@ def canonical(m):
     name = m.DESCRIPTOR.name
     if name == "QueryRequest" and m.taps == 0 and not (m.max_error_m or m.max_visibility or m.budget_ns):
         m.taps = 1
-    if name == "QueryRequest" and m.pixel_rad > 0 and not m.eye:
-        m.eye.extend([0, 0, 0])
+    if name == "QueryRequest" and not any(m.eye):
+        m.ClearField("eye")
+        m.eye.extend([0, 0, 0] if m.pixel_rad > 0 else [])
     elif name == "LimitsReply":
         m.ClearField("encodings")
     elif hasattr(m, "stats") and name != "QueryReply" and m.HasField("stats") and not m.stats.ByteSize():
@@ -265,8 +266,9 @@ def same(kind, data, out):
     expected, got = kinds[kind](), kinds[kind]()
     try:
         expected.ParseFromString(data)
-    except DecodeError:
-        assert names[kind] == "shadows.LimitsReply", (names[kind], data.hex())  # skips encodings
+    except DecodeError:  # texts that are not read may be none: encodings, and all but the last
+        tags = [part[0] for part in fields_of(data)]
+        assert names[kind] == "shadows.LimitsReply" or len(tags) > len(set(tags)), (names[kind], data.hex())
         return
     if looks_through(expected):
         return

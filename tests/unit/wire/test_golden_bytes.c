@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "wire/bakes.h"
-#include "wire/reflection.h"
+#include "wire/messages.h"
 #include "wire/regions.h"
 #include "wire/volume_queries.h"
 #include "wire_samples.h"

@@ -10,7 +10,6 @@
 #include "wire/grpc.h"
 #include "base/utf8.h"
 #include "wire_samples.h"
-#include "wire/grpc_status.h"
 
 static void timeout_parse_knows_every_unit(void **state)
 {

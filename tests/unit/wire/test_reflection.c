@@ -9,10 +9,10 @@
 #include <stdlib.h>
 #include <zlib.h>
 #include "wire/bakes.h"
-#include "wire/gunzip.h"
+#include "wire/grpc.h"
 #include "wire/codec.h"
 #include "wire/field.h"
-#include "wire/reflection.h"
+#include "wire/messages.h"
 #include "wire_samples.h"
 
 /* A gzip stream of `size` zeros; returns its length. */
