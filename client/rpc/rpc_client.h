@@ -230,30 +230,25 @@ UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
 typedef enum umb_status (*umb__finish_fn)(void *context, enum umb_status status,
                                           struct umb_error *error);
 
-/* Completion of a call. The context is from malloc and is freed after `finish`. */
+/* Completion of a call. */
 struct umb__ending {
-    void *context;
-    umb__decode_fn
-        decode; /* Decoder of the reply, with the context; umb__decode_nothing if the reply is
-                   empty */
+    void *context; /* The caller's; an asynchronous call has a copy */
+    size_t context_bytes;
+    umb__decode_fn decode; /* Decoder of the reply, with the context */
     umb__finish_fn finish; /* or NULL */
 };
 
 /*
  * Runs a call: waits for its end, or leaves it to `async`.
  *
- * In:    body and ending's context: taken over, also on failure. async: NULL: waits.
+ * In:    plan: its flow_user becomes the context. status: of the request's encoding; if it failed,
+ *        the call ends with it. body: taken over, also on failure. async: NULL: waits.
  * Fails: as umb__call_start and, if it waited, as the call did.
  */
-UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client,
-                                          const struct umb__call_plan *plan,
-                                          struct umbw_buffer *body,
+UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client, struct umb__call_plan plan,
+                                          enum umb_status status, struct umbw_buffer *body,
                                           const struct umb__ending *ending,
                                           struct umb_client_async *async, struct umb_error *error);
-
-/* Completes a call that could not be encoded: frees its data. Returns status. */
-enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__ending *ending,
-                               enum umb_status status, struct umb_error *error);
 
 /* Decodes a reply. A malformed reply is the server's fault, so E_ARGUMENT becomes E_PROTOCOL. */
 enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,

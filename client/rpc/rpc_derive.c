@@ -101,20 +101,15 @@ enum umb_status umb_client_derive(struct umb_client *client, const char *asset,
                                   struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct gathered *g = calloc(1, sizeof *g);
+    struct gathered g = {.out = bytes,
+                         .out_size = size,
+                         .out_id = asset_id,
+                         .most = client->options.max_reply_bytes};
+    const struct umb__ending ending = {&g, sizeof g, umb__decode_nothing, finish};
     *bytes = NULL;
     *size = 0;
-    if (g == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    *g = (struct gathered){.out = bytes,
-                           .out_size = size,
-                           .out_id = asset_id,
-                           .most = client->options.max_reply_bytes};
-    const struct umb__ending ending = {g, umb__decode_nothing, finish};
     const struct umb__call_plan plan = {
-        .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece, .flow_user = g};
+        .asset = asset, .path = UMBW_PATH_REGIONS_DERIVE, .take = take_piece};
     enum umb_status status = encode(asset, settings, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }

@@ -29,16 +29,11 @@ enum umb_status umb_client_list_assets(struct umb_client *client, struct umb_cli
     return UMB_OK;
 }
 
-/* Destination of a description. */
-struct describing {
-    struct umb_client_description **out;
-};
-
 static enum umb_status decode_description(void *context, const uint8_t *message, size_t size,
                                           struct umb_error *error)
 {
-    const struct describing *describing = context;
-    return umbw_decode_describe_reply(message, size, describing->out, error);
+    struct umb_client_description **const *out = context;
+    return umbw_decode_describe_reply(message, size, *out, error);
 }
 
 enum umb_status umb_client_describe(struct umb_client *client, const char *asset,
@@ -49,16 +44,10 @@ enum umb_status umb_client_describe(struct umb_client *client, const char *asset
     struct umbw_buffer body = {NULL, 0, 0};
     *description = NULL;
     UMB__TRY(umb__asset_take(asset, request.asset, error));
-    struct describing *describing = malloc(sizeof *describing);
-    if (describing == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    describing->out = description;
-    const struct umb__ending ending = {.context = describing, .decode = decode_description};
+    const struct umb__ending ending = {&description, sizeof description, decode_description, NULL};
     const struct umb__call_plan plan = {.path = UMBW_PATH_DESCRIBE, .asset = asset, .safe = true};
     enum umb_status status = umbw_encode_describe_request(&request, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 static enum umb_status decode_limits(void *out, const uint8_t *message, size_t size,

@@ -64,36 +64,25 @@ enum umb_status umb_client_watch(struct umb_client *client, const char *job,
                                  struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct watch *watch = calloc(1, sizeof *watch);
-    if (watch == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    *watch = (struct watch){.on_status = on_status, .user = user};
-    const struct umb__ending ending = {watch, umb__decode_nothing, finish_watch};
-    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_WATCH,
-                                        .timeout_ms = FOR_EVER_MS,
-                                        .take = take_status,
-                                        .flow_user = watch};
+    struct watch watch = {.on_status = on_status, .user = user};
+    const struct umb__ending ending = {&watch, sizeof watch, umb__decode_nothing, finish_watch};
+    const struct umb__call_plan plan = {
+        .path = UMBW_PATH_BAKES_WATCH, .timeout_ms = FOR_EVER_MS, .take = take_status};
     enum umb_status status = encode_job(job, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 /* --- Cancel --- */
 
-struct cancel {
-    struct umb_job_status *out; /* or NULL */
-};
-
 static enum umb_status decode_status(void *context, const uint8_t *message, size_t size,
                                      struct umb_error *error)
 {
-    const struct cancel *cancel = context;
+    struct umb_job_status *const *out = context; /* *out may be NULL */
     struct umb_job_status job;
     UMB__TRY(umbw_decode_job_status(message, size, &job, error));
     drop_texts(&job);
-    if (cancel->out != NULL) {
-        *cancel->out = job;
+    if (*out != NULL) {
+        **out = job;
     }
     return UMB_OK;
 }
@@ -103,16 +92,10 @@ enum umb_status umb_client_cancel_job(struct umb_client *client, const char *job
                                       struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct cancel *cancel = malloc(sizeof *cancel);
-    if (cancel == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    cancel->out = out;
-    const struct umb__ending ending = {cancel, decode_status, NULL};
+    const struct umb__ending ending = {&out, sizeof out, decode_status, NULL};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_CANCEL};
     enum umb_status status = encode_job(job, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 /* --- List --- */
@@ -141,18 +124,13 @@ enum umb_status umb_client_list_jobs(struct umb_client *client, uint32_t limit,
                                      struct umb_client_async *async, struct umb_error *error)
 {
     struct umbw_buffer body = {NULL, 0, 0};
-    struct list *list = malloc(sizeof *list);
+    struct list list = {jobs, count};
+    const struct umb__ending ending = {&list, sizeof list, decode_list, NULL};
     *jobs = NULL;
     *count = 0;
-    if (list == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    *list = (struct list){jobs, count};
-    const struct umb__ending ending = {list, decode_list, NULL};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_LIST};
     enum umb_status status = umbw_encode_list_jobs_request(&limit, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 /* --- Fetch --- */
@@ -210,21 +188,15 @@ enum umb_status umb_client_fetch(struct umb_client *client, const uint8_t asset[
 {
     struct umbw_fetch_request request = {.offset = offset};
     struct umbw_buffer body = {NULL, 0, 0};
-    struct fetch *fetch = calloc(1, sizeof *fetch);
-    if (fetch == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    *fetch = (struct fetch){.on_bytes = on_bytes, .user = user, .at = offset};
-    const struct umb__ending ending = {fetch, umb__decode_nothing, finish_fetch};
+    struct fetch fetch = {.on_bytes = on_bytes, .user = user, .at = offset};
+    const struct umb__ending ending = {&fetch, sizeof fetch, umb__decode_nothing, finish_fetch};
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_FETCH,
                                         .timeout_ms = FOR_EVER_MS,
                                         .take = take_piece,
-                                        .flow_user = fetch,
                                         .flows = true};
     umb_id_to_text(asset, request.asset);
     enum umb_status status = umbw_encode_fetch_request(&request, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 /* --- Delete --- */
@@ -239,6 +211,5 @@ enum umb_status umb_client_delete_asset(struct umb_client *client,
     const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_DELETE};
     umb_id_to_text(asset, id);
     enum umb_status status = umbw_encode_delete_request(id, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }

@@ -186,23 +186,14 @@ enum umb_status umb_client_submit(struct umb_client *client,
     if (UMB__UNKNOWN(submission, "submission", error)) {
         return UMB_E_ARGUMENT;
     }
-    struct upload *upload = calloc(1, sizeof *upload);
-    if (upload == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a submission");
-    }
-    *upload = (struct upload){.submission = submission, .submitted = submitted, .fd = -1};
-    const struct umb__ending ending = {upload, decode, finish};
-    const struct umb__call_plan plan = {.path = UMBW_PATH_BAKES_SUBMIT,
-                                        .timeout_ms = UINT32_MAX,
-                                        .feed = feed,
-                                        .flow_user = upload,
-                                        .flows = true};
-    enum umb_status status = make_manifest(upload, error);
+    struct upload upload = {.submission = submission, .submitted = submitted, .fd = -1};
+    const struct umb__ending ending = {&upload, sizeof upload, decode, finish};
+    const struct umb__call_plan plan = {
+        .path = UMBW_PATH_BAKES_SUBMIT, .timeout_ms = UINT32_MAX, .feed = feed, .flows = true};
+    enum umb_status status = make_manifest(&upload, error);
     if (status == UMB_OK) {
-        const struct umbw_submit_request request = {.has_manifest = 1,
-                                                    .manifest = upload->manifest};
+        const struct umbw_submit_request request = {.has_manifest = 1, .manifest = upload.manifest};
         status = umbw_encode_submit_request(&request, &body, error);
     }
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }

@@ -108,34 +108,26 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
 
 /* Starts the call; its input is copied. */
 static enum umb_status ask(struct umb_client *client, const struct umb_volume_query *volume_query,
-                           const char *path, const struct asked *asked,
-                           struct umb_client_async *async, struct umb_error *error)
+                           const char *path, struct asked *asked, struct umb_client_async *async,
+                           struct umb_error *error)
 {
     if (UMB__UNKNOWN(volume_query, "volume_query", error)) {
         return UMB_E_ARGUMENT;
     }
     struct umbw_buffer body = {NULL, 0, 0};
-    char asset[UMBW_ASSET_NAME_MAX + 1];
     if (asked->reply != NULL) {
         memset(asked->reply, 0, sizeof *asked->reply);
     }
-    UMB__TRY(umb__asset_take(volume_query->asset, asset, error));
-    struct asked *kept = malloc(sizeof *kept);
-    if (kept == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
-    }
-    *kept = *asked;
-    memcpy(kept->request.asset, asset, sizeof asset);
-    kept->request.light = volume_query->light;
-    kept->request.want_stats = 1;
-    const struct umb__ending ending = {.context = kept, .decode = decode};
+    UMB__TRY(umb__asset_take(volume_query->asset, asked->request.asset, error));
+    asked->request.light = volume_query->light;
+    asked->request.want_stats = 1;
+    const struct umb__ending ending = {asked, sizeof *asked, decode, NULL};
     const struct umb__call_plan plan = {.path = path,
                                         .asset = volume_query->asset,
                                         .safe = true,
                                         .timeout_ms = volume_query->timeout_ms};
-    enum umb_status status = umbw_encode_volume_query_request(&kept->request, &body, error);
-    return status == UMB_OK ? umb__call_run(client, &plan, &body, &ending, async, error)
-                            : umb__call_drop(&body, &ending, status, error);
+    enum umb_status status = umbw_encode_volume_query_request(&asked->request, &body, error);
+    return umb__call_run(client, plan, status, &body, &ending, async, error);
 }
 
 /* Makes a request of pairs of points. */

@@ -3,7 +3,9 @@
 #include "rpc_client.h"
 #include "base/reserved.h"
 
+#include <stddef.h>
 #include <stdlib.h>
+#include <string.h>
 
 struct waiter {
     pthread_mutex_t lock;
@@ -92,22 +94,11 @@ end_lock:
     return status;
 }
 
-/* Runs the ending's `finish`, and frees its context. */
-static enum umb_status end(const struct umb__ending *ending, enum umb_status status,
+/* Runs `finish`, if there is one. */
+static enum umb_status end(const struct umb__ending *ending, void *context, enum umb_status status,
                            struct umb_error *error)
 {
-    if (ending->finish != NULL) {
-        status = ending->finish(ending->context, status, error);
-    }
-    free(ending->context);
-    return status;
-}
-
-enum umb_status umb__call_drop(struct umbw_buffer *body, const struct umb__ending *ending,
-                               enum umb_status status, struct umb_error *error)
-{
-    umbw_buffer_finish(body);
-    return end(ending, status, error);
+    return ending->finish != NULL ? ending->finish(context, status, error) : status;
 }
 
 /* A call without a waiting thread. */
@@ -115,6 +106,7 @@ struct running {
     struct umb__ending ending;
     umb_client_done_fn done;
     void *user;
+    max_align_t context[]; /* copy of the ending's */
 };
 
 static void on_end(void *user, enum umb_status status, const uint8_t *message, size_t size,
@@ -125,41 +117,56 @@ static void on_end(void *user, enum umb_status status, const uint8_t *message, s
     if (status != UMB_OK) {
         fault = *error;
     } else {
-        status = running->ending.decode(running->ending.context, message, size, &detail);
+        status = running->ending.decode(running->context, message, size, &detail);
         if (status != UMB_OK) {
             status = umb__reply_fault(status, &detail, &fault);
         }
     }
-    status = end(&running->ending, status, &fault);
+    status = end(&running->ending, running->context, status, &fault);
     running->done(running->user, status, status == UMB_OK ? NULL : &fault);
     free(running);
 }
 
-enum umb_status umb__call_run(struct umb_client *client, const struct umb__call_plan *plan,
-                              struct umbw_buffer *body, const struct umb__ending *ending,
-                              struct umb_client_async *async, struct umb_error *error)
+/* Starts a call whose end is told to `async`. Out: context: its copy, or NULL. */
+static enum umb_status start(struct umb_client *client, struct umb__call_plan *plan,
+                             struct umbw_buffer *body, const struct umb__ending *ending,
+                             struct umb_client_async *async, struct umb_error *error)
 {
-    if (async == NULL) {
-        return end(ending,
-                   umb__call_wait(client, plan, body, ending->decode, ending->context, error),
-                   error);
-    }
-    if (UMB__UNKNOWN(async, "async", error)) {
-        return umb__call_drop(body, ending, UMB_E_ARGUMENT, error);
-    }
-    struct umb__call_plan numbered = *plan;
-    struct running *running = malloc(sizeof *running);
-    numbered.number = &async->call;
     async->call = 0;
+    struct running *running = malloc(sizeof *running + ending->context_bytes);
     if (running == NULL) {
-        return umb__call_drop(body, ending,
-                              umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call"), error);
+        umbw_buffer_finish(body);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
     }
     *running = (struct running){*ending, async->done, async->user};
-    enum umb_status status = umb__call_start(client, &numbered, body, on_end, running, error);
+    if (ending->context_bytes > 0) {
+        memcpy(running->context, ending->context, ending->context_bytes);
+    }
+    plan->number = &async->call;
+    plan->flow_user = running->context;
+    enum umb_status status = umb__call_start(client, plan, body, on_end, running, error);
     if (status != UMB_OK) {
         free(running);
-        return end(ending, status, error);
     }
-    return UMB_OK;
+    return status;
+}
+
+enum umb_status umb__call_run(struct umb_client *client, struct umb__call_plan plan,
+                              enum umb_status status, struct umbw_buffer *body,
+                              const struct umb__ending *ending, struct umb_client_async *async,
+                              struct umb_error *error)
+{
+    if (status == UMB_OK && async != NULL && UMB__UNKNOWN(async, "async", error)) {
+        status = UMB_E_ARGUMENT;
+    }
+    if (status != UMB_OK) {
+        umbw_buffer_finish(body);
+    } else if (async != NULL) {
+        status = start(client, &plan, body, ending, async, error);
+        return status == UMB_OK ? UMB_OK : end(ending, ending->context, status, error);
+    } else {
+        plan.flow_user = ending->context;
+        status = umb__call_wait(client, &plan, body, ending->decode, ending->context, error);
+    }
+    return end(ending, ending->context, status, error);
 }
