@@ -112,22 +112,18 @@ static enum umb_status open_front(struct umb_region *region,
     const uint64_t limit = partial.max_memory_bytes ? partial.max_memory_bytes : (uint64_t)1 << 30;
     const uint64_t first = options && options->first_bytes ? options->first_bytes : FIRST_BYTES;
     struct umb_file_head head = {0};
-    enum umb_status status = read_front(region, front, first, error);
-    if (status == UMB_OK) {
-        status = umb_file_read_head(front->bytes, front->size, &head, error);
+    UMB__TRY(read_front(region, front, first, error));
+    UMB__TRY(umb_file_read_head(front->bytes, front->size, &head, error));
+    if (head.open_bytes > limit) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the memory budget is %llu",
+                        (unsigned long long)head.open_bytes, (unsigned long long)limit);
     }
-    if (status == UMB_OK && head.open_bytes > limit) {
-        status = umb_fail(error, UMB_E_TOO_LARGE, "head: %llu bytes, the memory budget is %llu",
-                          (unsigned long long)head.open_bytes, (unsigned long long)limit);
-    }
-    if (status == UMB_OK && head.open_bytes > front->size) {
-        status = read_front(region, front, head.open_bytes, error);
+    if (head.open_bytes > front->size) {
+        UMB__TRY(read_front(region, front, head.open_bytes, error));
     }
     region->received_bytes = front->received;
-    if (status == UMB_OK) {
-        status = umb_partial_open(front->bytes, front->size, &partial, &region->partial, error);
-    }
-    return status == UMB_OK ? add_front_pages(region, front, error) : status;
+    UMB__TRY(umb_partial_open(front->bytes, front->size, &partial, &region->partial, error));
+    return add_front_pages(region, front, error);
 }
 
 static enum umb_status make_region(const struct umb_region_source *source,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cancelling calls, see rpc_cancel.h. */
-#include "rpc_cancel.h"
+/* Cancels calls by their numbers. */
+#include "rpc_client.h"
 
 #include <stdlib.h>
 

@@ -5,11 +5,9 @@
  * All signals are blocked in the loop thread, so the host's handlers never run there. A write to a
  * closed socket leaves a SIGPIPE pending in a thread that never takes it.
  */
-#include "rpc_cancel.h"
 #include "base/reserved.h"
 #include "rpc_connection.h"
 #include "rpc_endpoint.h"
-#include "rpc_identity.h"
 #include "rpc_stream.h"
 
 #include <errno.h>

@@ -64,7 +64,7 @@ struct umb__source {
 /* Parameters of a call. */
 struct umb__call_plan {
     const char *asset;   /* Asset of the call, which decides its replica; NULL = any replica */
-    uint64_t *number;    /* Out: number for cancelling it, see rpc_cancel.h; or NULL */
+    uint64_t *number;    /* Out: number for cancelling it, see umb__cancel; or NULL */
     bool safe;           /* True if the call changes nothing: it may be sent again even if the
                             server may have begun it */
     const char *path;    /* static */
@@ -99,7 +99,7 @@ struct umb__call {
     uint64_t ready_ns;    /* while it rests */
     uint64_t tried;       /* Bits of the replicas that failed it */
     bool safe;
-    uint64_t number;                /* Number, see rpc_cancel.h; 0 for a carrier */
+    uint64_t number;                /* Number, see umb__cancel; 0 for a carrier */
     bool cancelled;                 /* True: its deadline counts as passed */
     struct umb__endpoint *endpoint; /* Replica that it waits for or was sent to; NULL = not yet
                                        routed */
@@ -211,7 +211,36 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error);
 
-/* --- loop (rpc_client.c) --- */
+/* --- cancelling (rpc_cancel.c) --- */
+
+/* Number of a call, passed from umb_client_cancel to the loop thread. Numbers are never reused, so
+ * that of an ended call is not found. */
+struct umb__cancel {
+    struct umb__cancel *next;
+    uint64_t number;
+};
+
+/* Marks the calls of the numbers as cancelled, and frees the list. True if there are any: they end
+ * at the next check of deadlines, as calls whose deadline has passed do, with another status. Loop
+ * thread, no lock held. */
+bool umb__cancels_apply(struct umb_client *client, struct umb__cancel *cancels);
+
+/* --- credentials (rpc_identity.c) --- */
+
+/*
+ * Reads the files that the options name into tls_context, bearer and server_name of a client whose
+ * endpoints are known. Its options then have NULL for all borrowed strings.
+ *
+ * Fails: E_ARGUMENT (token, or a file that cannot be used, or files without a tls: address),
+ *        E_NO_INPUT, E_PERMISSION or E_IO (a file that cannot be read), E_NO_MEMORY.
+ *        umb__identity_forget frees all that was read, also after a failure.
+ */
+UMB_CHECKED enum umb_status umb__identity_take(struct umb_client *client, struct umb_error *error);
+
+/* Frees the credentials; a token is wiped from memory. */
+void umb__identity_forget(struct umb_client *client);
+
+/* --- ends of calls (rpc_wait.c) --- */
 
 /* Runs a call and waits for it; decode turns the reply into *out on the loop thread. */
 typedef enum umb_status (*umb__decode_fn)(void *out, const uint8_t *message, size_t size,

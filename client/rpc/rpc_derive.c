@@ -35,24 +35,28 @@ static enum umb_status begin(struct gathered *g, const struct umbw_region_reply 
                                        (unsigned long long)g->total);
 }
 
+static enum umb_status add_piece(struct gathered *g, const uint8_t *message, size_t size)
+{
+    struct umbw_region_reply reply;
+    UMB__TRY(umbw_decode_region_reply(message, size, &reply, &g->error));
+    if (g->bytes == NULL) {
+        UMB__TRY(begin(g, &reply));
+    }
+    if (reply.file_bytes != g->total || reply.data_size > g->total - g->at) {
+        return umb_fail(&g->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu",
+                        reply.data_size, (unsigned long long)g->at, (unsigned long long)g->total);
+    }
+    if (reply.data_size > 0) {
+        memcpy(g->bytes + g->at, reply.data, reply.data_size);
+    }
+    g->at += reply.data_size;
+    return UMB_OK;
+}
+
 static bool take_piece(void *user, const uint8_t *message, size_t size)
 {
     struct gathered *g = user;
-    struct umbw_region_reply reply;
-    g->status = umbw_decode_region_reply(message, size, &reply, &g->error);
-    if (g->status == UMB_OK && g->bytes == NULL) {
-        g->status = begin(g, &reply);
-    }
-    if (g->status == UMB_OK &&
-        (reply.file_bytes != g->total || reply.data_size > g->total - g->at)) {
-        g->status =
-            umb_fail(&g->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu", reply.data_size,
-                     (unsigned long long)g->at, (unsigned long long)g->total);
-    }
-    if (g->status == UMB_OK) {
-        memcpy(g->bytes + g->at, reply.data, reply.data_size);
-        g->at += reply.data_size;
-    }
+    g->status = add_piece(g, message, size);
     return g->status == UMB_OK;
 }
 
@@ -70,10 +74,10 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
         return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
                         settings->cascades.count);
     }
-    enum umb_status status = settings->cascades.count > 0
-                                 ? umb__map_view_make(settings->camera, &request.view, error)
-                                 : UMB_OK;
-    return status == UMB_OK ? umbw_encode_derive_request(&request, body, error) : status;
+    if (settings->cascades.count > 0) {
+        UMB__TRY(umb__map_view_make(settings->camera, &request.view, error));
+    }
+    return umbw_encode_derive_request(&request, body, error);
 }
 
 static enum umb_status finish(void *context, enum umb_status status, struct umb_error *error)

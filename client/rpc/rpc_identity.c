@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See rpc_identity.h. */
-#include "rpc_identity.h"
+/* Credentials of a client, and its trust in servers: token, certificate, authorities and the
+ * server's name, read once from the options. */
+#include "rpc_client.h"
 
 #include <errno.h>
 #include <fcntl.h>

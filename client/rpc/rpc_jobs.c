@@ -143,29 +143,31 @@ struct fetch {
     enum umb_status status; /* Status of the callback, or of a malformed message */
 };
 
+static enum umb_status hand_on(struct fetch *fetch, const uint8_t *message, size_t size)
+{
+    struct umbw_fetch_reply reply;
+    UMB__TRY(umbw_decode_fetch_reply(message, size, &reply, &fetch->error));
+    if (reply.offset != fetch->at || reply.offset > reply.size ||
+        reply.data_size > reply.size - reply.offset ||
+        (reply.data_size == 0 && reply.offset < reply.size)) {
+        return umb_fail(&fetch->error, UMB_E_PROTOCOL,
+                        "data: %zu bytes at %llu of %llu, after %llu", reply.data_size,
+                        (unsigned long long)reply.offset, (unsigned long long)reply.size,
+                        (unsigned long long)fetch->at);
+    }
+    fetch->at += reply.data_size;
+    fetch->size = reply.size;
+    const enum umb_status status =
+        fetch->on_bytes(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
+    return status == UMB_OK ? UMB_OK
+                            : umb_fail(&fetch->error, status, "the fetch was ended here: %s",
+                                       umb_status_text(status));
+}
+
 static bool take_piece(void *user, const uint8_t *message, size_t size)
 {
     struct fetch *fetch = user;
-    struct umbw_fetch_reply reply;
-    fetch->status = umbw_decode_fetch_reply(message, size, &reply, &fetch->error);
-    if (fetch->status == UMB_OK && (reply.offset != fetch->at || reply.offset > reply.size ||
-                                    reply.data_size > reply.size - reply.offset ||
-                                    (reply.data_size == 0 && reply.offset < reply.size))) {
-        fetch->status =
-            umb_fail(&fetch->error, UMB_E_PROTOCOL, "data: %zu bytes at %llu of %llu, after %llu",
-                     reply.data_size, (unsigned long long)reply.offset,
-                     (unsigned long long)reply.size, (unsigned long long)fetch->at);
-    }
-    if (fetch->status == UMB_OK) {
-        fetch->at += reply.data_size;
-        fetch->size = reply.size;
-        fetch->status =
-            fetch->on_bytes(fetch->user, reply.offset, reply.data, reply.data_size, reply.size);
-        if (fetch->status != UMB_OK) {
-            (void)umb_fail(&fetch->error, fetch->status, "the fetch was ended here: %s",
-                           umb_status_text(fetch->status));
-        }
-    }
+    fetch->status = hand_on(fetch, message, size);
     return fetch->status == UMB_OK;
 }
 

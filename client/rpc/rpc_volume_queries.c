@@ -80,20 +80,17 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
     struct umbw_volume_query_reply wire;
     struct umb_volume_stats *stats = NULL;
     asked->told = 0; /* it may be another try */
-    enum umb_status status = umbw_decode_volume_query_reply(
-        asked->request.volume_query, message, size, asked->request.count, &wire, error);
-    if (status == UMB_OK && asked->segments != NULL) {
-        status = take_segments(&wire, asked, error);
+    UMB__TRY(umbw_decode_volume_query_reply(asked->request.volume_query, message, size,
+                                            asked->request.count, &wire, error));
+    if (asked->segments != NULL) {
+        UMB__TRY(take_segments(&wire, asked, error));
         stats = &asked->segments->stats;
-    } else if (status == UMB_OK && asked->columns != NULL) {
+    } else if (asked->columns != NULL) {
         take_columns(&wire, asked);
         stats = &asked->columns->stats;
-    } else if (status == UMB_OK) {
+    } else {
         take_boxes(&wire, asked);
         stats = &asked->boxes->stats;
-    }
-    if (status != UMB_OK) {
-        return status;
     }
     stats->nodes += wire.nodes;
     stats->bricks += wire.bricks;
