@@ -446,6 +446,10 @@ static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_
         if (found[i].count > 0 || (slot.row->flags & (UMBW_REQUIRED | UMBW_FILLED))) {
             slot.field = &table->descriptor->fields[i];
             slot.found = &found[i];
+            if (slot.row->number != slot.field->id) {
+                return REFUSE_AS(&slot, UMB_E_INTERNAL, "row %u of the table stands here",
+                                 (unsigned)slot.row->number);
+            }
             UMB__TRY(take_field(&slot));
         }
     }

@@ -210,7 +210,9 @@ int main(int argc, char **argv)
         const uint32_t length = answer == DECODED ? (uint32_t)out.size - UMBW_PREFIX_BYTES : 0;
         (void)fputc((int)answer, stdout);
         (void)fwrite(&length, sizeof length, 1, stdout);
-        (void)fwrite(out.bytes + (length > 0 ? UMBW_PREFIX_BYTES : 0), 1, length, stdout);
+        if (length > 0) {
+            (void)fwrite(out.bytes + UMBW_PREFIX_BYTES, 1, length, stdout);
+        }
         umbw_buffer_finish(&out);
         free(exact);
     }
