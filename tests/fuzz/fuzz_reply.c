@@ -118,12 +118,12 @@ static void job_replies(struct input *input)
     struct watch watch = {.on_status = told_status, .user = &on_status};
     struct umb_job_status status, *jobs = NULL;
     struct list list = {&jobs, &count};
-    struct cancel cancel = {&status};
+    struct umb_job_status *to = &status;
     const size_t size = (size_t)(input->end - input->at);
     if (!take_status(&watch, input->at, size)) {
         FUZZ_DEMAND(watch.error.status != UMB_OK);
     }
-    (void)!decode_status(&cancel, input->at, size, &error);
+    (void)!decode_status(&to, input->at, size, &error);
     if (decode_list(&list, input->at, size, &error) == UMB_OK) {
         FUZZ_DEMAND(count <= UMBW_JOBS_MAX && jobs != NULL);
     }
