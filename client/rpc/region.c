@@ -5,7 +5,7 @@
  * laid out together. Rounds grow with the pages held, so that layout stays a small part of the
  * time.
  */
-#include "net/sha256.h" /* before any other header of OpenSSL */
+#include "net/openssl_sha256.h" /* before any other header of OpenSSL */
 #include "umbrage/region.h"
 
 #include <stdbool.h>

@@ -3,7 +3,7 @@
  * Bakes.Submit: hashes the files, then reads them again while they are sent, a message at a time,
  * as flow control asks for them. A read blocks the client's thread for one piece at a time.
  */
-#include "net/sha256.h"
+#include "net/openssl_sha256.h"
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* SHA-256 by OpenSSL, in the interface that the core expects. Many messages at once are hashed by
  * sha256_lanes.h, where the build has it, and by OpenSSL where that fails. */
-#include "net/sha256.h"
+#include "net/openssl_sha256.h"
 
 #include "common/sha256.h"
 

@@ -31,7 +31,7 @@ PARTS = {
     # The command is the first customer of the public headers; the load test is one of its commands.
     "client/cli": ["client/include", "client/tool"],
     "client/load": ["client/include", "client/tool", *SHARED_BY_COMMANDS],
-    "server/common": [*TOOL, "proto/net/sha256.h"],
+    "server/common": [*TOOL, "proto/net/openssl_sha256.h"],
     "server/scene": [*TOOL, "server/common"],
     "server/store": [*TOOL, "server/common"],
     # Bundles may not be scene files: their magic is all that jobs see of scenes.

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_NET_SHA256_H
-#define UMBRAGE_NET_SHA256_H
+#ifndef UMBRAGE_NET_OPENSSL_SHA256_H
+#define UMBRAGE_NET_OPENSSL_SHA256_H
 /*
  * SHA-256 through OpenSSL's low-level functions, which allocate nothing and cannot fail. The EVP
  * interface sets itself up at the first digest. If memory is short at that moment, it fails from
