@@ -235,7 +235,7 @@ with test.check("a stranger's client gets the same, and hears what is wrong"):
     for code, words, fields in (
             (Code.INVALID_ARGUMENT, "technique: 9", {"technique": 9}),
             (Code.INVALID_ARGUMENT, "format: 5", {"format": 5}),
-            (Code.INVALID_ARGUMENT, "rect: 3 numbers", {"rect": [1, 2, 3]}),
+            (Code.INVALID_ARGUMENT, "rect: has 3 numbers", {"rect": [1, 2, 3]}),
             (Code.INVALID_ARGUMENT, "rect[1]", {"rect": [1, float("nan"), 3, 4]}),
             (Code.INVALID_ARGUMENT, "blur", {"blur": 2, "technique": 1}),
             (Code.INVALID_ARGUMENT, "view.count: 0", {"view": M.CascadeView(eye=eye)}),
