@@ -9,6 +9,7 @@
 #include <string.h>
 #include "grpc/health/v1/health.pb-c.h"
 #include "umbrage/v1/shadows.pb-c.h"
+#include "wire/codec.h"
 #include "wire_samples.h"
 
 static uint8_t *take_message(struct umbw_buffer *buffer, size_t *size)
@@ -195,6 +196,30 @@ static void nested_unknown_fields_meet_a_limit(void **state)
     free(message);
 }
 
+/* One asset, its count of lights again and again: two bytes each. */
+static void fields_of_parts_meet_a_limit(void **state)
+{
+    (void)state;
+    for (size_t over = 0; over <= 1; over++) {
+        const size_t count = 2 * (UMBW_NESTED_MAX + over);
+        uint8_t *message = calloc(1, 5 + count);
+        struct umbw_list_reply out;
+        struct umb_error error = {.status = UMB_OK};
+        assert_non_null(message);
+        message[0] = 0x0a;
+        for (unsigned i = 0; i < 4; i++) {
+            message[1 + i] = (uint8_t)((count >> (7 * i) & 127) | (i < 3 ? 128 : 0));
+        }
+        for (size_t i = 0; i < count; i += 2) {
+            message[5 + i] = 5 << 3;
+        }
+        enum umb_status status = umbw_decode_list_reply(message, 5 + count, &out, &error);
+        assert_int_equal(status, over ? UMB_E_TOO_LARGE : UMB_E_ARGUMENT); /* else without an id */
+        assert_non_null(strstr(error.message, over ? "its parts have" : "summary.id"));
+        free(message);
+    }
+}
+
 static void touch_description(const uint8_t *message, size_t size)
 {
     struct umb_client_description *out;
@@ -358,6 +383,7 @@ int main(void)
         cmocka_unit_test(broken_descriptions_are_named_and_leave_nothing),
         cmocka_unit_test(too_many_lights_are_refused_before_they_cost_memory),
         cmocka_unit_test(nested_unknown_fields_meet_a_limit),
+        cmocka_unit_test(fields_of_parts_meet_a_limit),
         cmocka_unit_test(description_decoder_survives_prefixes_and_flips),
         cmocka_unit_test(list_round_trip_keeps_order),
         cmocka_unit_test(list_decoder_survives_prefixes_and_flips),
