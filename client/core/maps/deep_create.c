@@ -58,9 +58,9 @@ size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
 }
 
 /*
- * Writes the list of one texel and returns its length. Products are doubles, rounded to 2^-30 once
- * a node, so n factors are off by n 2^-53. Fragments that absorb nothing are left out. The last
- * node is the first one that leaves less than epsilon, or nothing.
+ * Writes the list of one texel and returns its length. A product of n factors is a double, off by n
+ * 2^-53, and is rounded to 2^-30 once a node. Fragments that absorb nothing are left out. The list
+ * ends at the first node behind which less than epsilon of the light is left, or none.
  */
 static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
@@ -76,7 +76,7 @@ static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
         left *= 1.0 - (double)sorted[i].alpha;
         if (last == NULL || last->depth != sorted[i].depth) {
             last = (struct umb__deep_node *)(void *)(nodes + length++ * deep->stride);
-            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0: streams compare bits */
+            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0, since streams compare bits */
         }
         last->left = (uint32_t)(left * (double)UMB__DEEP_ONE + 0.5);
         const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
@@ -118,7 +118,7 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Finds for each node of list `from` the node of list `to` nearest in depth; both lists rise. */
+/* Links each node of list `from` to the node of list `to` nearest in depth; both lists rise. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -142,7 +142,8 @@ static void list_link(const struct umb__deep *deep, size_t from, size_t to, int 
     }
 }
 
-/* Links of texels without such a neighbour stay 0 and are never followed. */
+/* Makes all links. Links of texels without a neighbour on that side stay 0 and are never
+ * followed. */
 static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
@@ -182,7 +183,7 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* Turns the light left behind each node into its drop, from each list's end on. */
+/* Replaces the light left behind each node by the node's drop, from the end of each list on. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;
@@ -195,7 +196,7 @@ static void stream_make(struct umb__deep *deep)
     }
 }
 
-/* Makes room for links behind each node, in place from the end on. */
+/* Makes room for links behind each node: moves the nodes apart in place, the last node first. */
 static enum umb_status links_open(struct umb__deep *deep, const struct umb_alloc *alloc,
                                   struct umb_error *error)
 {
