@@ -17,8 +17,8 @@ struct exporter {
     struct umb__pool pool;
     struct umb_error *error;
     uint32_t *brick_of; /* Reference to each brick of the view, plus MADE; 0: not made yet */
-    uint32_t
-        *node_of; /* Reference for each word where a wide node starts, plus MADE; 0: not made */
+    /* Reference for each word where a wide node starts, plus MADE; 0: not made */
+    uint32_t *node_of;
 };
 
 /*

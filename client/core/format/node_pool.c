@@ -208,7 +208,7 @@ enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
 {
     struct umb__node_key key;
     umb__key_from_children(children, &key);
-    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
+    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* All shadowed, or all lit */
         *ref = key.words[0] == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
         return UMB_OK;
     }

@@ -55,7 +55,7 @@ struct umb__pool {
     const struct umb_alloc *alloc;
     int is_loose;                  /* 1: made by umb__pool_init_loose */
     uint64_t keys[UMB__POOL_KEYS]; /* Secret keys of the hashes, the same in all pools of a
-                                     process */
+                                      process */
     size_t bytes, max_bytes;       /* Bytes in use, and their limit */
     struct umb__hash_slots brick_slots;
     uint32_t brick_count, brick_capacity;

@@ -32,7 +32,7 @@ static enum umb_status allocate(struct umb__pack_ordering *o)
         umb__pack_grow_pages(order, 1) && umb__pack_walk_begin(t, UMB_LEVEL_BRICK, UMB_LEVEL_MAX);
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
         const size_t count = umb__octree_level_count(t->octree, level);
-        const size_t reached = (size_t)o->survey.counts[level]; /* more with copies */
+        const size_t reached = (size_t)o->survey.counts[level]; /* With copies, arrays grow */
         order->ordinals[level] =
             umb__alloc_large(order->alloc, count, sizeof *order->ordinals[level]);
         order->nodes[level] = umb__alloc_large(order->alloc, reached, sizeof *order->nodes[level]);

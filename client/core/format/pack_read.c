@@ -26,7 +26,7 @@
 
 enum {
     BRICK_BYTES = 64,
-    NODE_BYTES_MAX = 2 + 4 + 8 * 4, /* mask, first, children */
+    NODE_BYTES_MAX = 2 + 4 + 8 * 4, /* Mask, first, children */
 };
 
 typedef uint32_t page_numbers[UMB_LEVEL_MAX + 1];

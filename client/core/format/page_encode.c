@@ -19,8 +19,8 @@ struct writer {
     bool failed; /* True once memory was short; checked at the end */
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
-    const uint32_t
-        *nodes[UMB_LEVEL_MAX + 1]; /* [node_count] Octree numbers, in the order of the page */
+    /* [node_count] Octree numbers, in the order of the page */
+    const uint32_t *nodes[UMB_LEVEL_MAX + 1];
 };
 
 /* Makes room for at most `most` further bytes of the page. Returns where they go; NULL: out of

@@ -102,8 +102,8 @@ UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page,
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
     uint32_t level; /* Level of the largest missing cube; 0: none is missing */
-    double
-        occupancy; /* Lit share of the node above that cube; mixed and absent children count half */
+    /* Lit share of the node above that cube; mixed and absent children count half */
+    double occupancy;
 };
 
 /* Looks a box of voxels up in the graph. In: low, high: bounds, inclusive and inside the frustum.

@@ -27,7 +27,7 @@ struct umb__sight {
     const struct umb_partial_view *view;
     double planes[4]
                  [4]; /* Sides of the camera's view, each a unit normal n and a distance d: a point
-                            p is inside where dot(n, p) + d >= 0 */
+                         p is inside where dot(n, p) + d >= 0 */
 };
 
 /* A cube in relation to a view. */
