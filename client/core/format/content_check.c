@@ -9,6 +9,7 @@
 
 #include "base/try.h"
 #include "base/utf8.h"
+#include "base/vec.h"
 #include "format/canonical.h"
 #include "format/occluder_depth.h"
 #include "format/layout.h"
@@ -39,8 +40,7 @@ static bool invert_rows(const double *const rows[3], double step[3][3])
             cofactor[i][j] = rows[a][c] * rows[b][d] - rows[a][d] * rows[b][c];
         }
     }
-    double determinant =
-        rows[0][0] * cofactor[0][0] + rows[0][1] * cofactor[0][1] + rows[0][2] * cofactor[0][2];
+    const double determinant = umb__dot(rows[0], cofactor[0]);
     if (!isfinite(determinant) || determinant == 0.0) {
         return false;
     }
@@ -58,13 +58,13 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     const double(*m)[4] = frustum->world_to_voxel;
     const double *w = m[3];
     const double *const rows[3] = {m[0], m[1], w};
-    const double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    const double square = umb__dot(w, w);
     double(*step)[3] = perspective->step;
     if (!(square > 0) || !invert_rows(rows, step)) {
         return 0;
     }
     memcpy(perspective->axis, step[2], sizeof perspective->axis);
-    const double rate = (m[2][0] * w[0] + m[2][1] * w[1] + m[2][2] * w[2]) / square;
+    const double rate = umb__dot(m[2], w) / square;
     if (!(rate > 0)) {
         return 0;
     }
@@ -128,9 +128,8 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
         }
     }
     const double *d = light->direction;
-    double length = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    double wanted = light->kind == UMB_LIGHT_POINT ? 0.0 : 1.0;
-    if (!(fabs(length - wanted) < 1e-6)) {
+    const double wanted = light->kind == UMB_LIGHT_POINT ? 0.0 : 1.0;
+    if (!(fabs(umb__dot(d, d) - wanted) < 1e-6)) {
         return umb_fail(error, UMB_E_CORRUPT,
                         "lights[%u].direction: (%g, %g, %g), must have length %g", i, d[0], d[1],
                         d[2], wanted);
@@ -278,13 +277,12 @@ void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edge
     double reach = 1.0; /* W at the depth of the last voxel; 1 for a directional light */
     for (int axis = 2; axis >= 0; axis--) {
         const double *step = frustum->voxel_step[axis];
-        const double length = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        const double length = umb__length(step);
         if (axis == 2 && umb__is_perspective(frustum)) {
             /* A step along the axis changes Z by `rate` and W by `turn`; Z is `size` at the far
              * end. */
             const double *w = m[3];
-            const double rate = m[2][0] * step[0] + m[2][1] * step[1] + m[2][2] * step[2];
-            const double turn = w[0] * step[0] + w[1] * step[1] + w[2] * step[2];
+            const double rate = umb__dot(m[2], step), turn = umb__dot(w, step);
             const double size = (double)((uint32_t)1 << frustum->log2_size);
             reach = w[3] + (size - m[2][3]) * turn / rate;
         }

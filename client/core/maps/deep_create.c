@@ -7,6 +7,12 @@
 #include "base/try.h"
 #include "maps/deep_parts.h"
 
+enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
+                    (unsigned long long)count);
+}
+
 enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                      struct umb_error *error)
 {
@@ -95,8 +101,7 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(alloc, longest, sizeof *sorted);
     if (sorted == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)longest);
+        return umb__fragments_no_memory(longest, error);
     }
     for (size_t i = 0; i < texels; i++) {
         const size_t count = umb__fragments_sort(in, i, sorted);
@@ -105,8 +110,7 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* Frees the memory that truncation saved; if the allocator refuses to shrink, nothing
-     * changes. */
+    /* Frees the memory that the lists do not need. If the allocator refuses, they keep the block. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
     deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
@@ -239,8 +243,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
     }
     if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
         umb__deep_destroy(deep, alloc);
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)total);
+        return umb__fragments_no_memory(total, error);
     }
     enum umb_status status = lists_make(deep, fragments, alloc, error);
     deep->way = status == UMB_OK ? choose_way(deep) : settings->way;

@@ -169,7 +169,8 @@ static double absorbance_slack(const struct umb_map *map)
     const double e = umb__channel_error(settings), own = settings->moment_bias;
     double share = umb__moment_bias(settings->terms, 2.0 * e);
     if (own > 0.0) {
-        /* The own bias suffices for sums above least_sum. Of a smaller sum all may be wrong. */
+        /* The setting suffices for texels whose shares add up to least_sum or more. With a smaller sum
+         * the whole of it may be wrong. */
         const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
         share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
     }
@@ -187,8 +188,7 @@ static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_
     uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(umb__map_alloc(map), longest, sizeof *sorted);
     if (sorted == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)longest);
+        return umb__fragments_no_memory(longest, error);
     }
     for (size_t i = 0; i < texels; i++) {
         const size_t count = umb__fragments_sort(in, i, sorted);
@@ -209,11 +209,9 @@ enum umb_status umb__translucent_init(struct umb__channels *channels, const stru
     const uint64_t total = in->first[texels] - in->first[0];
     uint64_t *first = umb__alloc(alloc, texels + 1, sizeof *first);
     struct umb__taken *taken = umb__alloc(alloc, total, sizeof *taken);
-    enum umb_status status =
-        first != NULL && taken != NULL
-            ? texels_weigh(map, in, first, taken, error)
-            : umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                       (unsigned long long)total);
+    enum umb_status status = first != NULL && taken != NULL
+                                 ? texels_weigh(map, in, first, taken, error)
+                                 : umb__fragments_no_memory(total, error);
     if (status == UMB_OK) {
         const struct umb__texels lists = {.first = first, .taken = taken};
         status = umb__channels_init(channels, map, &lists, error);

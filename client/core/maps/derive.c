@@ -10,6 +10,7 @@
 #include "base/reserved.h"
 #include "base/memory.h"
 #include "base/try.h"
+#include "base/vec.h"
 #include "maps/derive_parts.h"
 #include "maps/map_view.h"
 #include "umbrage/volume.h"
@@ -182,9 +183,8 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     if (light.kind != UMB_LIGHT_DIRECTIONAL) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", asked->light);
     }
-    const double *step = frustum.voxel_step[2];
     memcpy(derived->asset_id, info.id, UMB_ID_BYTES);
-    derived->texel_error_m = 0.5 * sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    derived->texel_error_m = 0.5 * umb__length(frustum.voxel_step[2]);
     if (view != NULL) {
         return plan_cascades(&light, &info.bounds, view, derived, error);
     }
@@ -207,16 +207,15 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
                        uint32_t y, const struct row *row, float *depth)
 {
     for (uint32_t x = 0; x < frustum->width; x++) {
-        double end[3];
+        double ray[3];
         if (umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) != UMB_OK ||
-            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end) != UMB_OK) {
+            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, ray) != UMB_OK) {
             memset(row->begin[x], 0, sizeof row->begin[x]);
             row->length_m[x] = 0.0;
             continue;
         }
-        const double d[3] = {end[0] - row->begin[x][0], end[1] - row->begin[x][1],
-                             end[2] - row->begin[x][2]};
-        row->length_m[x] = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        umb__subtract(ray, row->begin[x], ray);
+        row->length_m[x] = umb__length(ray);
     }
     const struct umb_points points = {
         .positions = row->begin, .format = UMB_POINT_F64, .count = frustum->width};
