@@ -110,7 +110,8 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* Frees the memory that the lists do not need. If the allocator refuses, they keep the block. */
+    /* Frees the memory that the lists do not need. If the allocator refuses, they keep the
+     * block. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
     deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;

@@ -169,8 +169,8 @@ static double absorbance_slack(const struct umb_map *map)
     const double e = umb__channel_error(settings), own = settings->moment_bias;
     double share = umb__moment_bias(settings->terms, 2.0 * e);
     if (own > 0.0) {
-        /* The setting suffices for texels whose shares add up to least_sum or more. With a smaller sum
-         * the whole of it may be wrong. */
+        /* The setting suffices for texels whose shares add up to least_sum or more. With a smaller
+         * sum the whole of it may be wrong. */
         const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
         share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
     }
