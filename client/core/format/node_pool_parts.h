@@ -43,7 +43,7 @@ static inline uint32_t umb__slot_tag(uint64_t word)
     return (uint32_t)(word >> 32);
 }
 
-/* In: word: of a slot that is not empty. */
+/* Returns the number in a word. In: word: not empty. */
 static inline uint32_t umb__slot_number(uint64_t word)
 {
     return (uint32_t)word - 1U;

@@ -49,7 +49,7 @@ UMB_CHECKED enum umb_status umb__pack_survey(const struct umb__octree *octree,
                                              struct umb_error *error);
 void umb__pack_survey_finish(struct umb__pack_survey *survey);
 
-/* Fails with E_NO_MEMORY and the sentence of all that order nodes. */
+/* Fills error with E_NO_MEMORY for ordering, and returns that status. */
 enum umb_status umb__pack_no_memory(struct umb_error *error);
 
 #endif

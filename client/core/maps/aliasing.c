@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Texels against pixels; see umbrage/aliasing.h. */
+/* How texels fit pixels; see umbrage/aliasing.h. */
 #include "umbrage/aliasing.h"
 
 #include <math.h>

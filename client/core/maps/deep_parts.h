@@ -69,7 +69,7 @@ uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, doubl
 UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                                  struct umb_error *error);
 
-/* Fails with E_NO_MEMORY and a sentence about `count` fragments. */
+/* Fills error with E_NO_MEMORY for `count` fragments, and returns that status. */
 enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error);
 
 /* Returns the number of fragments of the longest texel: room for umb__fragments_sort. */

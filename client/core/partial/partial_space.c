@@ -261,7 +261,7 @@ double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t 
 {
     const double count = (double)(1U << level), *edges = space->edges;
     double across = fmax(edges[0], edges[1]);
-    if (space->perspective) { /* The edges hold at the W of the last voxels */
+    if (space->perspective) { /* The edges are those of the last voxels */
         const double size = (double)(1U << space->log2_size);
         across *=
             (space->w0 + space->w_step * ((double)z + count)) / (space->w0 + space->w_step * size);
