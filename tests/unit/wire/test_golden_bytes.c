@@ -258,7 +258,7 @@ static void volume_queries_keep_their_bytes(void **state)
     static const double records[6] = {1, 2, 3, 4, 5, 6};
     for (int q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
         struct umbw_buffer b = {0};
-        char name[32];
+        char name[48];
         struct umbw_volume_query_request request = {.volume_query = (enum umbw_volume_query)q,
                                                     .asset = "city",
                                                     .light = 300,
@@ -303,7 +303,7 @@ static void reflection_keeps_its_bytes(void **state)
     static const size_t sizes[] = {6, 3, 4, 20, 2, 3};
     for (size_t i = 0; i < 6; i++) {
         struct umbw_buffer b = {0};
-        char name[32];
+        char name[48];
         (void)snprintf(name, sizeof name, "reflection %zu", i);
         expect(name, umbw_reflection_answer((const uint8_t *)requests[i], sizes[i], &b, NULL), &b);
     }
