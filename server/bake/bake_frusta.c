@@ -10,8 +10,8 @@
 #include "bake/depth/depth_embree.h"
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth_raster.h"
-#include "bake/interrupt.h"
-#include "bake/bake_progress.h"
+#include "bake/base/interrupt.h"
+#include "bake/base/bake_progress.h"
 #include "format/receiver_mask.h"
 
 /* State that all frusta share. */

@@ -9,7 +9,7 @@
 #include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/transmittance_make.h"
-#include "bake/interrupt.h"
+#include "bake/base/interrupt.h"
 
 /* Limit of working memory: a map that needs more has too many fragments to be useful. */
 #define WORKING_MAX ((size_t)1 << 30)

@@ -11,7 +11,7 @@
  * fade in depth and by their textures). Four texels for one would take about four times the bytes.
  */
 #include "bake/analysis/analysis.h"
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "format/transmittance_write.h"
 
 #define UMBB_TRANSMITTANCE_LEVEL_MAX 11U

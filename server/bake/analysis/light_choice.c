@@ -9,7 +9,7 @@
 
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/sun_position.h"
-#include "bake/print_text.h"
+#include "bake/base/print_text.h"
 #include "base/try.h"
 
 #define RAD_A_DEG 0.017453292519943295

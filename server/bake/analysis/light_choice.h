@@ -6,7 +6,7 @@
  * all of the file's lights; else a sun at azimuth 135, elevation 45. Each assumption becomes a
  * notice.
  */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "scene/scene.h"
 
 /* The chosen lights, and notices about the choice. */

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/effect_options.h"
-#include "bake/print_text.h"
+#include "bake/options/effect_options.h"
+#include "bake/base/print_text.h"
 #include "format/receiver_mask.h"
 
 /* Relative rounding error of a coordinate stored as a float. */

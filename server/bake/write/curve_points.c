@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "bake/depth/tile.h"
-#include "bake/interrupt.h"
+#include "bake/base/interrupt.h"
 
 /* Number of points. About half of them face away from a light and do not count. The other 2000 tell
  * the mean of an event with 1 % probability to a fifth of it. */

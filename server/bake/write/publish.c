@@ -7,8 +7,8 @@
 #include "base/page_alloc.h"
 #include "base/try.h"
 #include "tool/threads.h"
-#include "bake/interrupt.h"
-#include "bake/bake_progress.h"
+#include "bake/base/interrupt.h"
+#include "bake/base/bake_progress.h"
 #include "common/sha256.h"
 
 /* Seed of the compared points: fixed, so that a failure can be repeated. */

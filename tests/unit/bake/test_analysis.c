@@ -13,8 +13,8 @@
 #include "bake/analysis/plan.h"
 #include "bake/depth/tile.h"
 #include "bake/memory_plan.h"
-#include "bake/print_text.h"
-#include "bake/bake_progress.h"
+#include "bake/base/print_text.h"
+#include "bake/base/bake_progress.h"
 
 /* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
 struct small_scene {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_INTERRUPT_H
-#define UMBRAGE_SERVER_BAKE_INTERRUPT_H
+#ifndef UMBRAGE_SERVER_BAKE_BASE_INTERRUPT_H
+#define UMBRAGE_SERVER_BAKE_BASE_INTERRUPT_H
 /*
  * SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGXCPU (the limit of CPU time) end a bake in order, with
  * the exit code of E_CANCELLED. While there is nothing to clean up they end it at once. After

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The options of umbrage-bake as a table, and the checks that concern several options. */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 
 #include <fcntl.h>
 #include <math.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "bake/effect_options.h"
+#include "bake/options/effect_options.h"
 #include "base/try.h"
 #include "tool/bake_settings.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The supervisor's lines, see bake_progress.h. */
-#include "bake/bake_progress.h"
+#include "bake/base/bake_progress.h"
 
 #include <stdio.h>
 #include <string.h>

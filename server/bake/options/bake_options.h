@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
-#define UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
+#ifndef UMBRAGE_SERVER_BAKE_OPTIONS_BAKE_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_OPTIONS_BAKE_OPTIONS_H
 /*
  * The command line of umbrage-bake, checked.
  *
@@ -9,8 +9,8 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "bake/effect_options.h"
-#include "bake/light_options.h"
+#include "bake/options/effect_options.h"
+#include "bake/options/light_options.h"
 #include "bake/sandbox/bake_sandbox.h"
 #include "tool/options.h"
 #include "tool/threads.h"

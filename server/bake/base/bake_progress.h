@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_BAKE_PROGRESS_H
-#define UMBRAGE_SERVER_BAKE_BAKE_PROGRESS_H
+#ifndef UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
+#define UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
 /*
  * How far a bake is: on a terminal (tool/progress.h), and for a supervisor.
  */

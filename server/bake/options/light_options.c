@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading the options about lights, see light_options.h. */
-#include "bake/light_options.h"
+#include "bake/options/light_options.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_EFFECT_OPTIONS_H
-#define UMBRAGE_SERVER_BAKE_EFFECT_OPTIONS_H
+#ifndef UMBRAGE_SERVER_BAKE_OPTIONS_EFFECT_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_OPTIONS_EFFECT_OPTIONS_H
 /*
  * --effect NAME=on|off: overruling what the analysis decides.
  *
