@@ -14,7 +14,6 @@
 #include "bake/options/bake_options.h"
 #include "format/transmittance_write.h"
 
-#define UMBB_TRANSMITTANCE_LEVEL_MAX 11U
 #define UMBB_TRANSMITTANCE_BYTES_MAX ((size_t)16 << 20)
 
 /*
@@ -26,7 +25,7 @@
  *        of the maps, 0 if there are none.
  * Fails: E_LIMIT (no map is small enough, --memory), E_NO_MEMORY, E_CANCELLED.
  */
-UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
+UMB_CHECKED enum umb_status umbb_transmittance_bake(const struct umbb_analysis *analysis,
                                                     const struct umbb_options *options,
                                                     size_t working_bytes,
                                                     struct umb__transmittance_bytes *bytes,

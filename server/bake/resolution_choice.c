@@ -13,8 +13,9 @@
 #include "umbrage/curve.h"
 
 #define SMALL_LOG2 11U /* voxels a side of the second small bake */
-#define GROWTH_MIN                                                                                 \
-    1.5 /* growth of time and bytes with each doubling: lines grow twofold, areas fourfold */
+
+/* Growth of time and bytes with each doubling: of lines twofold, of areas fourfold. */
+#define GROWTH_MIN 1.5
 #define GROWTH_MAX 3.5
 
 /* Costs of a small bake. */
@@ -34,8 +35,8 @@ static double bound_m(const struct umbb_analysis *analysis)
 static enum umb_status fit(const struct umbb_resolution_job *job, uint32_t log2_size,
                            struct umb_error *error)
 {
-    const enum umb_status status = umbb_analysis_to_world(job->analysis, job->view, error);
-    return status == UMB_OK ? umbb_analysis_refit(job->analysis, log2_size, error) : status;
+    UMB__TRY(umbb_analysis_need_corners(job->analysis, job->view, error));
+    return umbb_analysis_refit(job->analysis, log2_size, error);
 }
 
 static enum umb_status divide(const struct umbb_resolution_job *job, uint32_t log2_size,
@@ -82,20 +83,16 @@ static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_
     struct umb__octree octree = {0};
     struct umbb_bake_figures figures = {0};
     const double start = umbu_process_cpu_s();
+    const struct umbb_frusta_job bake = {
+        .analysis = job->analysis, .view = job->view, .options = &options, .memory = &memory};
     memset(sample, 0, sizeof *sample);
     options.task = UMBB_TASK_BAKE; /* everything, also if only tiles are wanted afterwards */
     options.only_given = 0;
     options.resolution_log2 = log2_size;
     options.quiet = 1;
-    enum umb_status status = fit(job, log2_size, error);
-    if (status == UMB_OK) {
-        status = divide(job, log2_size, &memory, error);
-    }
-    if (status == UMB_OK) {
-        const struct umbb_frusta_job bake = {
-            .analysis = job->analysis, .view = job->view, .options = &options, .memory = &memory};
-        status = umbb_bake_frusta(&bake, &octree, &figures, error);
-    }
+    UMB__TRY(fit(job, log2_size, error));
+    UMB__TRY(divide(job, log2_size, &memory, error));
+    enum umb_status status = umbb_bake_frusta(&bake, &octree, &figures, error);
     if (status == UMB_OK) {
         status = pack(job, &octree, &sample->packed_bytes, error);
     }
@@ -149,7 +146,7 @@ static enum umb_status fail_memory(const struct umbb_resolution_job *job,
                     bound_m(job->analysis));
 }
 
-/* Finds the smallest resolution within the bound; the frusta stay fitted to it. */
+/* Finds the smallest resolution within the bound, and leaves the frusta fitted to it. */
 static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log2_size,
                             struct umbb_forecast *forecast, struct umb_error *error)
 {
@@ -179,16 +176,12 @@ enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job, ui
 {
     struct sample samples[2];
     memset(forecast, 0, sizeof *forecast);
-    enum umb_status status = find(job, log2_size, forecast, error);
-    if (status != UMB_OK || *log2_size <= SMALL_LOG2 + 1) {
-        return status;
+    UMB__TRY(find(job, log2_size, forecast, error));
+    if (*log2_size <= SMALL_LOG2 + 1) {
+        return UMB_OK;
     }
-    for (uint32_t i = 0; i < 2 && status == UMB_OK; i++) {
-        status = bake_small(job, SMALL_LOG2 - 1 + i, &samples[i], error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(bake_small(job, SMALL_LOG2 - 1, &samples[0], error));
+    UMB__TRY(bake_small(job, SMALL_LOG2, &samples[1], error));
     extrapolate(samples, *log2_size, forecast);
     if (!fits(job, *log2_size, forecast)) {
         return fail_memory(job, samples, *log2_size, forecast, error);

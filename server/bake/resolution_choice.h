@@ -20,7 +20,7 @@ struct umbb_forecast {
 };
 
 struct umbb_resolution_job {
-    struct umbb_analysis *analysis; /* fitted anew; corners end up in world space */
+    struct umbb_analysis *analysis; /* fitted to the result */
     const struct umbs_scene_view *view;
     const struct umbb_options *options; /* max_error_m above 0 */
     struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are set here */

@@ -11,7 +11,7 @@
 #include <unistd.h>
 #include "tool/threads.h"
 #include "bake/build/tile_loop.h"
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/depth.h"
 #include "bench_machine.h"
 #include "bench_report.h"
 #include "common/sha256.h"

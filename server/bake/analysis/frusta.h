@@ -7,17 +7,15 @@
  * as have point lights. Of cube faces only those are kept that see a caster.
  */
 #include "bake/analysis/light_choice.h"
+#include "bake/analysis/light_frame.h"
 
 /* Beyond it a single frustum would spend most of its texels outside the cone's middle. */
 #define UMBB_SPOT_HALF_ANGLE_DEG 65.0
 
 struct umbb_frusta_input {
-    const double (*corners)[3][3]; /* [count] world */
-    size_t count;
+    struct umbb_fit fit;
     struct umb_box bounds; /* bounds of the corners */
-    const double *origin;  /* [3] of the asset */
-    uint32_t log2_size;
-    int closed;
+    int closed;            /* 1: baked under the closed rule */
 };
 
 /*

@@ -14,25 +14,15 @@
  * rounding error of the distance. */
 #define UMBB_ON_SHARE 0x1p-47
 
-struct umbb_contact_input {
-    const double (*corners)[3][3]; /* [count] world */
-    size_t count;
-    const struct umbb_eye *eye;
-    uint32_t log2_size;
-    /* Spot lights: unit vector; the sine of half the cone's angle. Point lights: NULL, 1. */
-    const double *direction;
-    double cone_sine;
-    const double *origin; /* [3] of the asset */
-};
-
 /* A surface in a lamp's light that is nearer than a face can draw. */
 struct umbb_contact {
     double distance; /* metres; 0: the lamp is on it */
     double at[3];    /* nearest place of the surface, metres, world */
 };
 
-/* Finds the nearest such surface of one face; 0 if there is none. Triangles without an area do not
- * count, because they cast nothing. */
-int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact);
+/* Finds the nearest such surface in one face of a lamp; returns 0 if there is none. Triangles
+ * without an area do not count, because they cast nothing. */
+int umbb_lamp_contact(const struct umbb_fit *fit, const struct umbb_eye *eye,
+                      struct umbb_contact *contact);
 
 #endif

@@ -123,16 +123,15 @@ enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
     return UMB_OK;
 }
 
-static void measure(const double (*corners)[3][3], size_t count, double axes[3][3],
-                    const double origin[3], struct extent extents[3])
+static void measure(const struct umbb_fit *fit, double axes[3][3], struct extent extents[3])
 {
     for (int axis = 0; axis < 3; axis++) {
         extents[axis] = (struct extent){INFINITY, -INFINITY};
     }
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < fit->count; i++) {
         for (int k = 0; k < 3; k++) {
-            const double *p = corners[i][k];
-            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+            double at[3];
+            umb__subtract(fit->corners[i][k], fit->origin, at);
             for (int axis = 0; axis < 3; axis++) {
                 const double along = umb__dot(axes[axis], at);
                 struct extent *e = &extents[axis];
@@ -143,16 +142,14 @@ static void measure(const double (*corners)[3][3], size_t count, double axes[3][
     }
 }
 
-enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
-                                     const double direction[3], const double origin[3],
-                                     uint32_t log2_size, struct umb_frustum_info *frustum,
-                                     struct umb_error *error)
+enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit, const double direction[3],
+                                     struct umb_frustum_info *frustum, struct umb_error *error)
 {
     memset(frustum, 0, sizeof *frustum);
     double axes[3][3];
     struct extent extents[3];
     umbb_light_axes(direction, axes);
-    measure(corners, count, axes, origin, extents);
+    measure(fit, axes, extents);
     double most = 0.0;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, extents[axis].high - extents[axis].low);
@@ -161,8 +158,8 @@ enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "scene: its extent of %g metres is below the least of 1e-9", most);
     }
-    const double size = (double)((uint32_t)1 << log2_size);
-    frustum->log2_size = log2_size;
+    const double size = (double)((uint32_t)1 << fit->log2_size);
+    frustum->log2_size = fit->log2_size;
     for (int axis = 0; axis < 3; axis++) {
         const double length = fmax(extents[axis].high - extents[axis].low, most * EXTENT_SHARE_MIN);
         const double middle = 0.5 * (extents[axis].low + extents[axis].high);

@@ -40,17 +40,23 @@ void umbb_light_axes(const double w[3], double axes[3][3]);
 UMB_CHECKED enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
                                              struct umb_error *error);
 
+/* World triangles that frusta are fitted to. */
+struct umbb_fit {
+    const double (*corners)[3][3]; /* [count] checked by umbb_world_check */
+    size_t count;                  /* above 0 */
+    const double *origin;          /* [3] metres, world: origin of the asset */
+    uint32_t log2_size;            /* voxels a side of a frustum, log2 */
+};
+
 /*
- * Fits the frustum of a directional light to world triangles.
+ * Fits the frustum of a directional light.
  *
- * In:    corners: double[count][3][3], count > 0, checked by umbb_world_check. direction: unit.
- *        origin: the asset's origin.
+ * In:    direction: unit.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
  * Fails: E_BAD_SCENE (no extent at all).
  */
-UMB_CHECKED enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
-                                                 const double direction[3], const double origin[3],
-                                                 uint32_t log2_size,
+UMB_CHECKED enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit,
+                                                 const double direction[3],
                                                  struct umb_frustum_info *frustum,
                                                  struct umb_error *error);
 

@@ -25,8 +25,8 @@ static void extent_add(struct extent *extent, double value)
 }
 
 /* Extents of u / W, v / W and W over the casters that the face sees. */
-static void measure(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                    double tangent, struct extent extents[3])
+static void measure(const struct umbb_fit *fit, const struct umbb_eye *eye, double tangent,
+                    struct extent extents[3])
 {
     const struct umbb_pyramid pyramid = {.low = {-tangent, -tangent},
                                          .high = {tangent, tangent},
@@ -34,13 +34,11 @@ static void measure(const double (*corners)[3][3], size_t count, const struct um
     for (int axis = 0; axis < 3; axis++) {
         extents[axis] = (struct extent){INFINITY, -INFINITY};
     }
-    for (size_t i = 0; i < count; i++) {
-        double triangle[3][3];
+    for (size_t i = 0; i < fit->count; i++) {
+        double triangle[3][3], at[3];
         struct umbb_polygon polygon;
         for (int k = 0; k < 3; k++) {
-            const double *p = corners[i][k];
-            const double at[3] = {p[0] - eye->position[0], p[1] - eye->position[1],
-                                  p[2] - eye->position[2]};
+            umb__subtract(fit->corners[i][k], eye->position, at);
             for (int axis = 0; axis < 3; axis++) {
                 triangle[k][axis] = umb__dot(eye->axes[axis], at);
             }
@@ -65,14 +63,14 @@ static double scale_of(const struct extent *extent, double least, double size, d
     return scale;
 }
 
-int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                         const double origin[3], uint32_t log2_size,
+int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum)
 {
-    const double size = (double)((uint32_t)1 << log2_size);
-    const double tangent = umbb_guarded_tangent(eye->tangent, log2_size);
+    const double size = (double)((uint32_t)1 << fit->log2_size);
+    const double tangent = umbb_guarded_tangent(eye->tangent, fit->log2_size);
     struct extent extents[3];
-    measure(corners, count, eye, tangent, extents);
+    double eye_at[3];
+    measure(fit, eye, tangent, extents);
     const int seen = extents[2].low <= extents[2].high;
     if (!seen) {
         extents[0] = extents[1] = (struct extent){-tangent, tangent};
@@ -83,12 +81,11 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
     const double most = fmax(wide * far, far - extents[2].low);
     const double least[3] = {most / far * EXTENT_SHARE_MIN, most / far * EXTENT_SHARE_MIN,
                              fmax(most * EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
-    const double eye_at[3] = {eye->position[0] - origin[0], eye->position[1] - origin[1],
-                              eye->position[2] - origin[2]};
     const double *w = eye->axes[2];
     double(*m)[4] = frustum->world_to_voxel;
+    umb__subtract(eye->position, fit->origin, eye_at);
     memset(frustum, 0, sizeof *frustum);
-    frustum->log2_size = log2_size;
+    frustum->log2_size = fit->log2_size;
     for (int axis = 0; axis < 3; axis++) {
         const double *along = eye->axes[axis];
         double offset;
@@ -177,39 +174,36 @@ static enum umb_status add_polygon(struct umbb_projected *projected,
 }
 
 enum umb_status umbb_perspective_project(const struct umbb_casters *world,
-                                         const struct umb_frustum_info *frustum,
-                                         const double origin[3], double reach, size_t max_bytes,
+                                         const struct umbb_eye_view *view,
                                          struct umbb_projected *projected, struct umb_error *error)
 {
-    const double(*m)[4] = frustum->world_to_voxel;
-    const double size = (double)((uint32_t)1 << frustum->log2_size);
-    const double near = reach * UMBB_NEAR_SHARE;
+    const double(*m)[4] = view->frustum->world_to_voxel;
+    const double size = (double)((uint32_t)1 << view->frustum->log2_size);
+    const double near = view->reach * UMBB_NEAR_SHARE;
     const struct umbb_pyramid pyramid = {
         .low = {-1.0, -1.0}, .high = {size + 1.0, size + 1.0}, .near = near};
     const struct source source = {.world = world,
                                   .near = near,
-                                  .max_bytes = max_bytes,
+                                  .max_bytes = view->max_bytes,
                                   .has_cuts = world->cuts != NULL && world->cuts->of != NULL};
     const double rate = umb__dot(m[2], m[3]) / umb__dot(m[3], m[3]); /* Z = rate W + offset */
     memset(projected, 0, sizeof *projected);
     projected->depth_scale = rate * near;
     projected->depth_offset = m[2][3] - rate * m[3][3];
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < world->count && status == UMB_OK; i++) {
+    for (size_t i = 0; i < world->count; i++) {
         static const int rows[3] = {0, 1, 3};
-        double triangle[3][3];
+        double triangle[3][3], at[3];
         struct umbb_polygon polygon;
         for (int k = 0; k < 3; k++) {
-            const double *p = world->corners[i][k];
-            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+            umb__subtract(world->corners[i][k], view->origin, at);
             for (int r = 0; r < 3; r++) {
                 triangle[k][r] = umb__dot(m[rows[r]], at) + m[rows[r]][3];
             }
         }
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
-        status = add_polygon(projected, &polygon, &source, i, error);
+        UMB__TRY(add_polygon(projected, &polygon, &source, i, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 void umbb_projected_finish(struct umbb_projected *projected)

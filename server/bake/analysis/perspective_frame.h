@@ -16,6 +16,7 @@
  *
  * Only additions, multiplications, divisions and square roots of doubles.
  */
+#include "bake/analysis/light_frame.h"
 #include "bake/depth/tile.h"
 
 /* Half of the widest window, and some for rounding. */
@@ -43,11 +44,13 @@
 
 /* One face of a light. */
 struct umbb_eye {
-    double position[3]; /* position of the light: metres, world */
-    double axes[3][3];  /* u, v, w: unit, right handed */
-    double tangent;     /* t without the guard band */
-    double reach;       /* metres: distance of the farthest caster, or more */
-    double voxel_min;   /* metres: least depth of a voxel */
+    double position[3];      /* position of the light: metres, world */
+    double axes[3][3];       /* u, v, w: unit, right handed */
+    double tangent;          /* t without the guard band */
+    double reach;            /* metres: distance of the farthest caster, or more */
+    double voxel_min;        /* metres: least depth of a voxel */
+    const double *direction; /* [3] unit: direction of a spot light; NULL: a point light */
+    double cone_sine;        /* sine of half the angle of a spot light's cone */
 };
 
 /* The tangent t with the guard band. */
@@ -58,37 +61,42 @@ static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
 }
 
 /*
- * Fits the frustum of a face to world triangles.
+ * Fits the frustum of a face.
  *
- * In:  origin: of the asset.
  * Out: frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
  *      Returns 1 if the face sees a caster; else 0, and the frustum is an arbitrary one.
  */
-int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                         const double origin[3], uint32_t log2_size,
+int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum);
 
 /* World triangles as a perspective frustum's casters. */
 struct umbb_projected {
     double (*corners)[3][3]; /* [count] x, y in voxels; depth as umbb_casters wants it */
-    uint8_t *kinds;          /* [count] x, y in voxels; depth as in umbb_casters */
-    uint32_t *cuts;          /* [count] index of its cut; NULL if the world has none */
+    uint8_t *kinds;          /* [count] enum umbb_caster */
+    uint32_t *cuts;          /* [count] index of the caster's cut; NULL if the world has none */
     size_t count, capacity;
     double depth_scale, depth_offset; /* see umbb_casters */
+};
+
+/* A fitted face that casters are projected to. */
+struct umbb_eye_view {
+    const struct umb_frustum_info *frustum;
+    const double *origin; /* [3] metres, world: origin of the asset */
+    double reach;         /* metres: as in the struct umbb_eye that the frustum was fitted to */
+    size_t max_bytes;     /* limit of the projected triangles */
 };
 
 /*
  * Cuts triangles to a frustum and a voxel around it, and projects them.
  *
- * In:    world: corners, kinds, and of cuts the table of casters. reach: as in
- *        umbb_perspective_fit. max_bytes: limit of the result.
+ * In:    world: corners, kinds, and of cuts the table of casters.
  * Out:   projected: finish it after any result.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
-UMB_CHECKED enum umb_status
-umbb_perspective_project(const struct umbb_casters *world, const struct umb_frustum_info *frustum,
-                         const double origin[3], double reach, size_t max_bytes,
-                         struct umbb_projected *projected, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_perspective_project(const struct umbb_casters *world,
+                                                     const struct umbb_eye_view *view,
+                                                     struct umbb_projected *projected,
+                                                     struct umb_error *error);
 void umbb_projected_finish(struct umbb_projected *projected);
 
 #endif

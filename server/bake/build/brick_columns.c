@@ -194,7 +194,8 @@ enum umb_status umbb_column_of_square(struct umb__pool *pool, const struct umbb_
                                       const struct umbb_square *square, struct umbb_runs *runs,
                                       struct umbb_column *column, struct umb_error *error)
 {
-    struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer_best()};
+    struct walk walk = {
+        .pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer(umbb_vectors_best())};
     const int one_brick = square->level == UMB_LEVEL_BRICK;
     const struct umbb_column_tree tree = {
         .pool = pool,

@@ -11,6 +11,7 @@
  */
 #include "bake/build/static_rule.h"
 #include "bake/build/cached_tiles.h"
+#include "bake/depth/depth.h"
 #include "format/occluder_depth_build.h"
 
 /* Figures of a bake, for the summary. */

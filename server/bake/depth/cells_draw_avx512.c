@@ -8,9 +8,7 @@
  * 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and clamp may
  * come before the halving, which is then done once a cell.
  */
-#include "bake/depth/cells_avx512.h"
-
-#include <stddef.h>
+#include "bake/depth/depth_cells.h"
 
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
 #include <immintrin.h>
@@ -219,19 +217,6 @@ static void store(const struct umbb_cells *cells, struct umbb_tile *tile, int32_
     }
 }
 
-const struct umbb_cells_steps *umbb_cells_avx512(void)
-{
-    static const struct umbb_cells_steps steps = {umbb__cells_note_avx512, draw, store};
-    const int has = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                    __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
-    return has ? &steps : NULL;
-}
-
-#else
-
-const struct umbb_cells_steps *umbb_cells_avx512(void)
-{
-    return NULL;
-}
+const struct umbb_cells_steps umbb__cells_avx512 = {umbb__cells_note_avx512, draw, store};
 
 #endif

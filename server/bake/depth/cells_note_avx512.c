@@ -8,9 +8,9 @@
  * of 8x8 texels of those bands. The branches on a small triangle's coverage are unpredictable.
  * Handled alone, each triangle would wait at each of its bands for a wrong guess.
  */
-#include "bake/depth/cells_avx512.h"
+#include "bake/depth/depth_cells.h"
 
-#include <stddef.h>
+#include <string.h>
 
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
 #include "bake/depth/lane_extremes.h"
@@ -264,6 +264,32 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
     k->far_y = 7 - k->near_y;
 }
 
+/* Depths from which a layer hides everything behind. */
+struct hiding {
+    const int32_t *far; /* `far` of the layer's cells */
+    /* Greatest `far` in each band of cells; 0 beyond the last, for loads of eight at a time. */
+    int32_t band_far[UMBB_CANVAS_MAX / 8 + UMBB_CELLS_SLACK];
+    int32_t all_far; /* greatest of these */
+};
+
+/* Plain C: the compiler handles a band in four registers. */
+static void hiding_find(const struct umbb_cells *cells, enum umbb_layer layer,
+                        struct hiding *hiding)
+{
+    const size_t across = (size_t)(cells->n >> 3);
+    memset(hiding, 0, sizeof *hiding);
+    hiding->far = cells->layers[layer].far;
+    for (size_t band = 0; band < across; band++) {
+        const int32_t *far = hiding->far + band * across;
+        int32_t greatest = 0;
+        for (size_t i = 0; i < across; i++) {
+            greatest = far[i] > greatest ? far[i] : greatest;
+        }
+        hiding->band_far[band] = greatest;
+        hiding->all_far = greatest > hiding->all_far ? greatest : hiding->all_far;
+    }
+}
+
 /* Tolerance in texels, far above the rounding error of a crossing. */
 #define SLACK 0.01
 
@@ -271,7 +297,7 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
 #define CELLS_SEEN 8
 
 /* Bit mask of the lanes in which some `far` of cells `first` to `last` exceeds lit. */
-static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t band, __m256i first,
+static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __m256i first,
                                     __m256i last, __m256i lit)
 {
     const int32_t *far = hiding->far;
@@ -302,7 +328,7 @@ static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t ba
  * between its long edge and that edge moved to corner 1.
  */
 static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
-                                  const struct umbb__hiding hiding[2], int32_t row, int32_t last)
+                                  const struct hiding hiding[2], int32_t row, int32_t last)
 {
     const struct umbb_coverage *c = k->coverage;
     /* A lane is a band: x of the long edge at its first row (top) and at its last row (bottom). */
@@ -371,7 +397,7 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
 /* Bit mask of the bands that a triangle may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
  * layers of both sides, or NULL while too little is drawn to hide anything. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
-                                     const struct umbb__hiding *hiding)
+                                     const struct hiding *hiding)
 {
     uint32_t seen = 0;
     int32_t last;
@@ -386,7 +412,7 @@ static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_ce
 }
 
 /* True if all of a triangle lies behind everything in both layers. */
-static inline int triangle_hidden(const struct umbb_coverage *c, const struct umbb__hiding *hiding)
+static inline int triangle_hidden(const struct umbb_coverage *c, const struct hiding *hiding)
 {
     return hiding != NULL && umbb_coverage_round(c->z_min) >= hiding[0].all_far &&
            umbb_coverage_round(c->z_min) >= hiding[1].all_far;
@@ -403,7 +429,7 @@ struct work {
 /* Takes over triangles while there is room for planes; finds the bands that each may change. */
 static size_t planes_take(struct work *work, struct umbb_cells *cells,
                           const struct umbb_coverage *coverages, size_t count,
-                          const struct umbb__hiding *hiding)
+                          const struct hiding *hiding)
 {
     size_t taken = 0;
     for (; taken < count && cells->plane_count < UMBB_PLANES_MAX; taken++) {
@@ -472,10 +498,10 @@ size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_cover
                                size_t count, const struct umbb_sides *sides)
 {
     struct work work;
-    struct umbb__hiding hiding[2];
+    struct hiding hiding[2];
     if (sides->often_hidden) {
-        umbb__cells_hiding_avx512(cells, sides->front, &hiding[0]);
-        umbb__cells_hiding_avx512(cells, sides->back, &hiding[1]);
+        hiding_find(cells, sides->front, &hiding[0]);
+        hiding_find(cells, sides->back, &hiding[1]);
     }
     const size_t taken =
         planes_take(&work, cells, coverages, count, sides->often_hidden ? hiding : NULL);

@@ -3,7 +3,7 @@
  * umbb_coverage_prepare for four triangles at a time: its operations in the same order, without
  * fused multiply-add, so the bits are the same. coverage_avx512.c does eight.
  */
-#include "bake/depth/coverage.h"
+#include "bake/depth/depth_kernels.h"
 
 #ifdef __AVX2__
 #include <immintrin.h>
@@ -152,7 +152,7 @@ static inline void corners_load(const double (*corners)[3][3], const uint32_t *t
     v[2] = (struct corner){high[2], high[3], _mm256_loadu_pd(ninth)};
 }
 
-static void prepare_all(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
+void umbb__prepare_avx2(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
                         int32_t size, struct umbb_coverage *coverages)
 {
     const __m256d columns = _mm256_set1_pd((double)size);
@@ -170,18 +170,6 @@ static void prepare_all(const double (*corners)[3][3], const uint32_t *triangles
             }
         }
     }
-}
-
-umbb_prepare_fn umbb_prepare_avx2(void)
-{
-    return __builtin_cpu_supports("avx2") ? prepare_all : NULL;
-}
-
-#else
-
-umbb_prepare_fn umbb_prepare_avx2(void)
-{
-    return NULL;
 }
 
 #endif

@@ -4,7 +4,7 @@
  * fused, so the bits are the same. Corners are loaded and coverages stored as rows of eight
  * doubles. In between they are transposed, so that a register holds one number of eight triangles.
  */
-#include "bake/depth/coverage.h"
+#include "bake/depth/depth_kernels.h"
 
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
 #include <immintrin.h>
@@ -143,8 +143,8 @@ static inline void corners_load(const double (*corners)[3][3], const uint32_t *t
     v[2] = (struct corner){rows[6], rows[7], _mm512_loadu_pd(ninth)};
 }
 
-static void prepare_all(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
-                        int32_t size, struct umbb_coverage *coverages)
+void umbb__prepare_avx512(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
+                          int32_t size, struct umbb_coverage *coverages)
 {
     const __m512d columns = _mm512_set1_pd((double)size);
     for (size_t from = 0; from < count; from += LANES) {
@@ -161,20 +161,6 @@ static void prepare_all(const double (*corners)[3][3], const uint32_t *triangles
             _mm512_storeu_pd(to + 8, rows[1][i]);
         }
     }
-}
-
-umbb_prepare_fn umbb_prepare_avx512(void)
-{
-    const int has = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                    __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
-    return has ? prepare_all : NULL;
-}
-
-#else
-
-umbb_prepare_fn umbb_prepare_avx512(void)
-{
-    return NULL;
 }
 
 #endif

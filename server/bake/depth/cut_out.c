@@ -73,23 +73,3 @@ double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int
     place(cuts, cut, x, y, at);
     return umbs_cut_opacity(cuts->table, cut, at[0], at[1]);
 }
-
-void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
-                   const struct umbb_canvas *canvas)
-{
-    int32_t row, last, span[2];
-    umbb_coverage_rows_within(coverage, canvas->y0, canvas->n, &row, &last);
-    for (; row <= last; row++) {
-        const int front = umbb_coverage_row_within(coverage, row, canvas->x0, canvas->n, span);
-        const double row_z = umbb_coverage_row_z(coverage, row);
-        int32_t *line = (front ? canvas->front : canvas->back) +
-                        umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
-        for (int32_t x = span[0]; x <= span[1]; x++) {
-            const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
-            int32_t *at = umbb_canvas_at(canvas, line, x);
-            if (lit < *at && umbb_cut_casts(cuts, cut, x, row)) {
-                *at = lit;
-            }
-        }
-    }
-}

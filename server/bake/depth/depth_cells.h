@@ -15,10 +15,7 @@
  * every operation of it, rounded or not, is monotone in x and in y. A cell that no single triangle
  * covers gets its bound from all parts that cover it together.
  */
-#include "bake/depth/coverage.h"
-#include "bake/depth/depth_draw.h"
-#include "bake/depth/depth_store.h"
-#include "bake/depth/tile.h"
+#include "bake/depth/depth_kernels.h"
 
 #define UMBB_CELLS_MAX  ((UMBB_CANVAS_MAX / 8) * (UMBB_CANVAS_MAX / 8))
 #define UMBB_PLANES_MAX 4096
@@ -88,7 +85,8 @@ struct umbb_cells_steps {
     void (*store)(const struct umbb_cells *cells, struct umbb_tile *tile, int32_t x, int32_t y);
 };
 
-/* AVX-512 forms; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
-const struct umbb_cells_steps *umbb_cells_avx512(void);
+/* The first step of umbb__cells_avx512, on x86-64 only. */
+size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_coverage *coverages,
+                               size_t count, const struct umbb_sides *sides);
 
 #endif

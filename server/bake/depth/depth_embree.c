@@ -3,8 +3,6 @@
  * One ray a texel along z. It collects all candidates and commits none: the ray's end never moves,
  * because the nearest front face, back face and other face are wanted at once.
  */
-#include "bake/depth/depth_embree.h"
-
 #include <embree3/rtcore.h>
 #include <math.h>
 #include <stdio.h>
@@ -12,6 +10,7 @@
 #include <string.h>
 
 #include "bake/depth/cut_out.h"
+#include "bake/depth/depth.h"
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
@@ -21,8 +20,7 @@
 #define BOX_PADDING 0.0625
 
 struct caster {
-    const struct umbb_casters *casters; /* casters with their marks (`marked`) */
-    struct umbb_casters marked;
+    struct umbb_casters casters; /* the caller's, with `marks` */
     uint8_t *marks;
     RTCDevice device;
     RTCScene scene;
@@ -32,7 +30,7 @@ struct caster {
 struct texel {
     struct RTCIntersectContext context; /* first field: Embree sees only this */
     int32_t x, y;
-    int32_t front, back, open;
+    int32_t nearest[UMBB_LAYER_COUNT]; /* nearest fragment of each layer, as `lit` */
 };
 
 /* The next float above (or below) a padded double. */
@@ -60,11 +58,6 @@ static void triangle_bounds(const struct RTCBoundsFunctionArguments *args)
     box->upper_z = padded(high[2], 1);
 }
 
-static void lower(int32_t *value, int32_t lit)
-{
-    *value = lit < *value ? lit : *value;
-}
-
 /* Called for each triangle whose box the ray meets (one ray at a time: N is 1). */
 static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args)
 {
@@ -86,17 +79,10 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
         return;
     }
     const double row_z = umbb_coverage_row_z(&coverage, texel->y);
-    const int32_t lit = casters->depth_scale > 0.0
-                            ? umbb_perspective_lit(casters, &coverage, row_z, texel->x)
-                            : umbb_coverage_lit(&coverage, row_z, texel->x);
-    const uint8_t kind = casters->closed_rule ? casters->kinds[args->primID] : UMBB_CASTER_OPEN;
-    if (kind == UMBB_CASTER_OPEN) {
-        lower(&texel->open, lit);
-    } else if (front != (kind == UMBB_CASTER_CLOSED_FLIPPED)) {
-        lower(&texel->front, lit);
-    } else {
-        lower(&texel->back, lit);
-    }
+    const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, texel->x);
+    int32_t *nearest =
+        &texel->nearest[umbb_layer_of(umbb_caster_kind(casters, args->primID), front)];
+    *nearest = lit < *nearest ? lit : *nearest;
 }
 
 static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *tile,
@@ -105,17 +91,9 @@ static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *til
     const struct caster *caster = state;
     (void)slot;
     (void)error;
-    tile->background = caster->casters->size;
-    umbb_prove_squares(caster->casters, NULL, caster->casters->count, NULL, tile);
+    tile->background = caster->casters.size;
+    umbb_prove_squares(&caster->casters, NULL, caster->casters.count, NULL, tile);
     return UMB_OK;
-}
-
-/* Does nothing: its hierarchy is built once, and its memory is planned for. */
-static size_t embree_allow(void *state, size_t max_bytes)
-{
-    (void)state;
-    (void)max_bytes;
-    return 0;
 }
 
 static void cast_texel(const struct caster *caster, struct texel *texel)
@@ -130,7 +108,9 @@ static void cast_texel(const struct caster *caster, struct texel *texel)
     ray.ray.mask = UINT32_MAX;
     ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     ray.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-    texel->front = texel->back = texel->open = caster->casters->size;
+    for (int layer = 0; layer < UMBB_LAYER_COUNT; layer++) {
+        texel->nearest[layer] = caster->casters.size;
+    }
     rtcIntersect1(caster->scene, &texel->context, &ray);
 }
 
@@ -148,11 +128,7 @@ static void embree_block(void *state, int slot, unsigned thread, struct umbb_til
             texel.x = tile->x0 + x;
             texel.y = tile->y0 + y;
             cast_texel(caster, &texel);
-            const size_t at = umbb_tile_index(tile, x, y);
-            const int32_t nearest[3] = {texel.open, texel.front, texel.back};
-            int32_t end;
-            umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
-            tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
+            umbb_tile_put(tile, umbb_tile_index(tile, x, y), texel.nearest);
         }
     }
     umbb_tile_reduce(tile, bx * (n >> 3), by * (n >> 3), n >> 3);
@@ -179,8 +155,8 @@ static int build_scene(struct caster *caster)
         return 0;
     }
     rtcSetSceneFlags(caster->scene, RTC_SCENE_FLAG_ROBUST);
-    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)caster->casters->count);
-    rtcSetGeometryUserData(geometry, (void *)(uintptr_t)caster->casters);
+    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)caster->casters.count);
+    rtcSetGeometryUserData(geometry, &caster->casters);
     rtcSetGeometryBoundsFunction(geometry, triangle_bounds, NULL);
     rtcSetGeometryIntersectFunction(geometry, triangle_candidate);
     rtcCommitGeometry(geometry);
@@ -207,9 +183,8 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
         free(caster);
         return status;
     }
-    caster->marked = *casters;
-    caster->marked.marks = caster->marks;
-    caster->casters = &caster->marked;
+    caster->casters = *casters;
+    caster->casters.marks = caster->marks;
     caster->device = rtcNewDevice(config);
     if (caster->device == NULL) {
         free(caster->marks);
@@ -226,7 +201,6 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
         .state = caster,
         .begin = embree_begin,
         .block = embree_block,
-        .allow = embree_allow,
         .destroy = embree_destroy,
     };
     return UMB_OK;

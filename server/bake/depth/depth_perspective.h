@@ -18,10 +18,10 @@
  * longest edge. Wider triangles have gradients accurate to an eighth of a voxel; across a sliver
  * depth is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
  *
- * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
+ * Plain C and one division a covered texel.
  */
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/tile.h"
 
 /* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
@@ -39,16 +39,15 @@ static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
     const double size = (double)casters->size;
     double z = casters->depth_scale / q + casters->depth_offset;
     z = z > 0.0 ? z : 0.0;
-    z = z < size ? z : size;
-    const double t = z - 0.5;
-    const int32_t lit = (int32_t)t;
-    return lit + ((double)lit < t);
+    return umbb_coverage_round(z < size ? z : size);
 }
 
-/* Creates the path. In: casters: depth_scale above 0. Else as umbb_depth_raster_create. */
-UMB_CHECKED enum umb_status umbb_depth_perspective_create(const struct umbb_casters *casters,
-                                                          const struct umbb_depth_options *options,
-                                                          struct umbb_depth *depth,
-                                                          struct umb_error *error);
+/* umbb_perspective_lit or umbb_coverage_lit, as the casters' light demands. */
+static inline int32_t umbb_caster_lit(const struct umbb_casters *casters,
+                                      const struct umbb_coverage *coverage, double row_z, int32_t x)
+{
+    return casters->depth_scale > 0.0 ? umbb_perspective_lit(casters, coverage, row_z, x)
+                                      : umbb_coverage_lit(coverage, row_z, x);
+}
 
 #endif

@@ -11,7 +11,14 @@
  * cannot change. The file's adjacency is not used, because it cannot be trusted.
  */
 #include "bake/depth/tile.h"
-#include "format/content.h"
+#include "umbrage/workers.h"
+
+/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
+enum umbb_prove {
+    UMBB_PROVE_AUTO = 0,
+    UMBB_PROVE_ALWAYS = 1,
+    UMBB_PROVE_NEVER = 2,
+};
 
 enum {
     UMBB_MARK_BORDER = 7, /* bit e: the edge from corner e to e + 1 is a border */

@@ -18,7 +18,7 @@
  * operation is monotone). They depend on square and casters only, not on tiles, threads or paths.
  */
 #include "bake/depth/tile.h"
-#include "format/content.h"
+#include "umbrage/workers.h"
 
 /*
  * Fills tile->proven, and level UMBB_SQUARE_LOG2 of its pyramid where a square is proven: a bound

@@ -52,13 +52,6 @@ struct umbb_casters {
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
 };
 
-/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
-enum umbb_prove {
-    UMBB_PROVE_AUTO = 0,
-    UMBB_PROVE_ALWAYS = 1,
-    UMBB_PROVE_NEVER = 2,
-};
-
 struct umbb_tile {
     int32_t x0, y0; /* first texel */
     uint32_t log2_size;
@@ -105,37 +98,34 @@ void umbb_tile_pyramid(struct umbb_tile *tile);
 void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
                        int32_t *min_end);
 
-/*
- * A depth path. One object serves one bake. begin is called once a tile; block is called for every
- * UMBB_BLOCK square (or the whole tile if that is smaller), from any thread.
- */
-struct umbb_depth {
-    void *state;
-    /* Prepares for a tile of this place and size, and proves the squares it can. slot: 0 or 1, as
-     * two tiles may be in progress. */
-    enum umb_status (*begin)(void *state, int slot, struct umbb_tile *tile,
-                             struct umb_error *error);
-    /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
-    void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
-                  int32_t by);
-    /* Sets the limit in bytes of the path's lists of triangles from now on: begin fails with
-     * E_LIMIT instead of exceeding it. Returns their present size. Called by begin's caller. */
-    size_t (*allow)(void *state, size_t max_bytes);
-    /*
-     * Names the casters that the tile at (x0, y0) can depend on, and no more than those that touch
-     * it or have a border within two texels of it, give or take a texel. Returns all casters as the
-     * path sees them; list: numbers among them, ascending, NULL only if count is 0. NULL: the path
-     * cannot tell (Embree). Threads: as begin.
-     */
-    const struct umbb_casters *(*reach)(void *state, int32_t x0, int32_t y0, const uint32_t **list,
-                                        size_t *count);
-    void (*destroy)(void *state);
-};
-
 /* Texels a side of the blocks of a tile. */
 static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
 {
     return tile->size < UMBB_BLOCK ? tile->size : UMBB_BLOCK;
+}
+
+/* Layers of fragments: each texel of a layer holds the nearest of some kind of face. */
+enum umbb_layer {
+    UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
+    UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
+    UMBB_LAYER_BACK = 2,  /* nearest back face of closed parts */
+    UMBB_LAYER_COUNT = 3,
+};
+
+/* Class of a caster under the casters' rule: enum umbb_caster. */
+static inline uint8_t umbb_caster_kind(const struct umbb_casters *casters, size_t caster)
+{
+    return casters->closed_rule ? casters->kinds[caster] : UMBB_CASTER_OPEN;
+}
+
+/* Layer of a fragment of a caster. In: kind: of umbb_caster_kind. front: 1 if the caster, by its
+ * winding, faces the light in the fragment's row. */
+static inline enum umbb_layer umbb_layer_of(uint8_t kind, int front)
+{
+    if (kind == UMBB_CASTER_OPEN) {
+        return UMBB_LAYER_OPEN;
+    }
+    return front != (kind == UMBB_CASTER_CLOSED_FLIPPED) ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
 }
 
 /*
@@ -158,6 +148,14 @@ static inline void umbb_texel_decide(const int32_t nearest[3], int32_t backgroun
     first = front < first ? front : first;
     *lit = first;
     *end = front == first && back < background ? back : first;
+}
+
+/* Decides and writes texel number `at` of a tile. In: nearest: [enum umbb_layer]. */
+static inline void umbb_tile_put(struct umbb_tile *tile, size_t at, const int32_t nearest[3])
+{
+    int32_t end;
+    umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
+    tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
 }
 
 #endif

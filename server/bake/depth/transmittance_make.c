@@ -93,18 +93,17 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
     if (!umbb_perspective_prepare(casters, triangle, &coverage)) {
         return UMB_OK;
     }
-    const int32_t bottom = y0 + SIDE - 1, right = x0 + SIDE - 1;
-    const int32_t last = coverage.row_last < bottom ? coverage.row_last : bottom;
-    for (int32_t row = coverage.row_first > y0 ? coverage.row_first : y0; row <= last; row++) {
+    const int32_t right = x0 + SIDE - 1;
+    int32_t row, last;
+    umbb_coverage_rows_within(&coverage, y0, SIDE, &row, &last);
+    for (; row <= last; row++) {
         int32_t x_first, x_last;
         umbb_coverage_row_once(&coverage, row, &x_first, &x_last);
         const double row_z = umbb_coverage_row_z(&coverage, row);
         x_first = x_first > x0 ? x_first : x0;
         x_last = x_last < right ? x_last : right;
         for (int32_t x = x_first; x <= x_last; x++) {
-            const int32_t lit = casters->depth_scale > 0.0
-                                    ? umbb_perspective_lit(casters, &coverage, row_z, x)
-                                    : umbb_coverage_lit(&coverage, row_z, x);
+            const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, x);
             const double opacity =
                 lit < casters->size ? umbb_cut_takes(casters->cuts, cut, x, row) : 0.0;
             if (!(opacity > 0.0)) {
@@ -174,7 +173,7 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
                                    struct umb_error *error)
 {
     size_t count;
-    const uint32_t *triangles = umbb_bins_cell(&m->bins, 6, x0, y0, &count);
+    const uint32_t *triangles = umbb_bins_cell(&m->bins, x0 / SIDE, y0 / SIDE, &count);
     enum umb_status status = UMB_OK;
     bench->count = 0;
     for (size_t i = 0; i < count && status == UMB_OK; i++) {

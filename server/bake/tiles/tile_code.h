@@ -29,8 +29,7 @@
 /* Parameters of both directions: the frustum, and the tile's place in it. */
 struct umbb_tile_shape {
     uint32_t log2_size; /* size of the frustum */
-    uint32_t
-        tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. if there is an occluder depth map */
+    uint32_t tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; at least 6 with occluder_depth */
     /* The frustum's first occluders: encoding reads the tile's, decoding adds them. NULL: not kept.
      * Borrowed. */
     struct umb__occluder_depth *occluder_depth;
@@ -40,22 +39,22 @@ struct umbb_tile_shape {
 /*
  * Writes a result.
  *
- * In:    pool: holds the column's nodes. runs: holds the column's runs. max_bytes: limit of all
- *        allocations.
+ * In:    nodes: the column's nodes and runs; max_bytes: limit of all allocations.
  * Out:   bytes: malloced; size.
  * Fails: E_LIMIT (max_bytes), E_NO_MEMORY.
  * Cost:  linear in the result; 4 bytes of address space a node of the pool, touched where used.
  */
-UMB_CHECKED enum umb_status
-umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *pool,
-                 const struct umbb_runs *runs, const struct umbb_tile_result *result,
-                 size_t max_bytes, uint8_t **bytes, size_t *size, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape,
+                                             const struct umbb_tile_nodes *nodes,
+                                             const struct umbb_tile_result *result, uint8_t **bytes,
+                                             size_t *size, struct umb_error *error);
 
 /*
  * Reads a result and adds its nodes to a pool.
  *
- * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched.
- * Out:   result: its column's runs are the last of `runs`.
+ * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched. nodes: max_bytes is
+ *        not read.
+ * Out:   result: its column's runs are the last of the runs.
  * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb__pool_brick and
  *        umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
@@ -63,7 +62,7 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *po
  */
 UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
                                              const uint8_t *bytes, size_t size,
-                                             struct umb__pool *pool, struct umbb_runs *runs,
+                                             const struct umbb_tile_nodes *nodes,
                                              struct umbb_tile_result *result,
                                              struct umb_error *error);
 

@@ -9,6 +9,7 @@
  *                       umbb_tile_folder_cached_tiles(&tile_folder)
  *     umbb_tile_folder_close(&tile_folder);
  */
+#include "bake/depth/depth.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
@@ -26,9 +27,7 @@ struct umbb_tile_folder {
     int silent; /* a notice has been given */
     const struct umbb_depth *depth;
     struct umbb_tile_shape shape; /* shape of the frustum and of the current tile */
-    uint32_t frustum;             /* its number */
-    uint64_t first;               /* number of its first tile among those of all frusta */
-    uint64_t found, baked;
+    uint64_t first;               /* number of the frustum's first tile among those of all frusta */
     struct {
         uint32_t number;
         uint8_t key[UMB_ID_BYTES];
@@ -43,7 +42,7 @@ UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_
                                                   struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
-/* Starts the next frustum. In: depth: one with reach; it and shape's occluder depth map are
+/* Starts the next frustum. In: depth: one with lists; depth and the shape's occluder depth map are
  * borrowed until the next call. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);

@@ -15,14 +15,13 @@
  * Not part of it, because no bit depends on it: threads, memory, instruction sets, the depth path,
  * triangles elsewhere, materials' names, the file.
  */
+#include "bake/depth/depth.h"
 #include "bake/tiles/tile_code.h"
-
-#define UMBB_TILE_KEY_TEXT (2 * UMB_ID_BYTES + 1)
 
 /*
  * Computes a key.
  *
- * In:   depth: one with reach.
+ * In:   depth: one with lists.
  * Cost: SHA-256 of 74 bytes a caster that may reach the tile; no allocation.
  */
 void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,

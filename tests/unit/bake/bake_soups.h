@@ -10,8 +10,7 @@
 #include <string.h>
 
 #include "bake/build/tile_loop.h"
-#include "bake/depth/depth_embree.h"
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/depth.h"
 #include "format/octree.h"
 
 struct soup {
