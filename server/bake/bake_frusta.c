@@ -149,8 +149,8 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     return status;
 }
 
-/* Bakes under the static rule, which has an `end` of its own even if no caster is closed: all
- * casters then count as open, under the closed rule. */
+/* Bakes under the static rule. The rule moves `end` away from `lit`, which needs the arrays of the
+ * closed rule: if no caster is closed, all casters count as open under the closed rule. */
 static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
                                    uint32_t number, uint32_t *root, struct umb_error *error)
 {

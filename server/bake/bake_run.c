@@ -139,12 +139,13 @@ static void print_choice(const struct umbb_options *options, const struct umbb_f
             "umbrage-bake: --max-error %g m: %u voxels a side, true boundaries within %.3g m at "
             "one tap",
             options->max_error_m, 1U << options->resolution_log2, forecast->bound_m);
-    if (forecast->seconds > 0) {
+    if (forecast->costs.seconds > 0) {
         fprintf(stderr,
                 "; about %.6g s of processor time, %.6g MB packed, %.6g MB of nodes, going by %u "
                 "voxels",
-                two_digits(forecast->seconds), two_digits(forecast->packed_bytes * 1e-6),
-                two_digits(forecast->octree_bytes * 1e-6), 1U << forecast->small_log2);
+                two_digits(forecast->costs.seconds),
+                two_digits(forecast->costs.packed_bytes * 1e-6),
+                two_digits(forecast->costs.octree_bytes * 1e-6), 1U << forecast->small_log2);
     }
     fputc('\n', stderr);
 }

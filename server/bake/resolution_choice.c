@@ -18,11 +18,6 @@
 #define GROWTH_MIN 1.5
 #define GROWTH_MAX 3.5
 
-/* Costs of a small bake. */
-struct sample {
-    double seconds, packed_bytes, octree_bytes;
-};
-
 static double bound_m(const struct umbb_analysis *analysis)
 {
     double bound = 0;
@@ -76,7 +71,7 @@ static enum umb_status pack(const struct umbb_resolution_job *job, const struct 
 
 /* Bakes at a small resolution. */
 static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_t log2_size,
-                                  struct sample *sample, struct umb_error *error)
+                                  struct umbb_costs *sample, struct umb_error *error)
 {
     struct umbb_options options = *job->options;
     struct umbb_memory_plan memory;
@@ -108,14 +103,16 @@ static double grown(double first, double second, uint32_t doublings)
     return second * pow(fmin(fmax(growth, GROWTH_MIN), GROWTH_MAX), doublings);
 }
 
-static void extrapolate(const struct sample samples[2], uint32_t log2_size,
+static void extrapolate(const struct umbb_costs samples[2], uint32_t log2_size,
                         struct umbb_forecast *forecast)
 {
     const uint32_t doublings = log2_size - SMALL_LOG2;
     forecast->small_log2 = SMALL_LOG2;
-    forecast->seconds = grown(samples[0].seconds, samples[1].seconds, doublings);
-    forecast->packed_bytes = grown(samples[0].packed_bytes, samples[1].packed_bytes, doublings);
-    forecast->octree_bytes = grown(samples[0].octree_bytes, samples[1].octree_bytes, doublings);
+    forecast->costs.seconds = grown(samples[0].seconds, samples[1].seconds, doublings);
+    forecast->costs.packed_bytes =
+        grown(samples[0].packed_bytes, samples[1].packed_bytes, doublings);
+    forecast->costs.octree_bytes =
+        grown(samples[0].octree_bytes, samples[1].octree_bytes, doublings);
 }
 
 /* 1 if a bake is likely to fit its memory. */
@@ -124,12 +121,12 @@ static int fits(const struct umbb_resolution_job *job, uint32_t log2_size,
 {
     struct umbb_memory_plan plan;
     return divide(job, log2_size, &plan, NULL) == UMB_OK &&
-           forecast->octree_bytes <= (double)plan.octree_max_bytes;
+           forecast->costs.octree_bytes <= (double)plan.octree_max_bytes;
 }
 
 /* Fails because the wanted resolution is out of reach; names the best one within it. */
 static enum umb_status fail_memory(const struct umbb_resolution_job *job,
-                                   const struct sample samples[2], uint32_t wanted_log2,
+                                   const struct umbb_costs samples[2], uint32_t wanted_log2,
                                    const struct umbb_forecast *wanted, struct umb_error *error)
 {
     uint32_t log2_size = wanted_log2;
@@ -141,7 +138,8 @@ static enum umb_status fail_memory(const struct umbb_resolution_job *job,
     return umb_fail(error, UMB_E_LIMIT,
                     "--max-error: %g m needs %u voxels a side, about %.0f MiB of nodes while it is "
                     "baked: too much for --memory %llu MiB; %u voxels reach %.3g m",
-                    job->options->max_error_m, 1U << wanted_log2, wanted->octree_bytes / 1048576.0,
+                    job->options->max_error_m, 1U << wanted_log2,
+                    wanted->costs.octree_bytes / 1048576.0,
                     (unsigned long long)(job->memory.memory_bytes >> 20), 1U << log2_size,
                     bound_m(job->analysis));
 }
@@ -174,7 +172,7 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
 enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job, uint32_t *log2_size,
                                        struct umbb_forecast *forecast, struct umb_error *error)
 {
-    struct sample samples[2];
+    struct umbb_costs samples[2];
     memset(forecast, 0, sizeof *forecast);
     UMB__TRY(find(job, log2_size, forecast, error));
     if (*log2_size <= SMALL_LOG2 + 1) {

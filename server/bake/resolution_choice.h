@@ -12,11 +12,16 @@
 #include "bake/analysis/analysis.h"
 #include "bake/memory_plan.h"
 
+/* Costs of a bake. */
+struct umbb_costs {
+    double seconds; /* processor time of baking and packing, on this machine */
+    double packed_bytes, octree_bytes;
+};
+
 struct umbb_forecast {
-    double bound_m; /* at one tap, the largest of all frusta */
-    double seconds; /* time of baking and packing, on this machine; 0: no forecast */
-    double packed_bytes, octree_bytes; /* 0: no forecast */
-    uint32_t small_log2;               /* size of the larger small bake */
+    double bound_m;          /* bound at one tap, metres: the largest of all frusta */
+    struct umbb_costs costs; /* zero: no forecast */
+    uint32_t small_log2;     /* voxels a side of the larger small bake, log2 */
 };
 
 struct umbb_resolution_job {

@@ -45,7 +45,7 @@ static void compact(struct umbb_analysis *analysis)
     }
 }
 
-/* Moves the cuts of the kept triangles in the same way; once, as they do not change. */
+/* Moves the cuts of the kept opaque triangles to the front. Done once: cuts do not change. */
 static void compact_cuts(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -100,9 +100,9 @@ static double area_of(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Decides whether the closed rule is used. If it is asked for closed parts only, it must be worth
- * it. The inside of closed parts saves bytes where their surfaces are, and costs penumbras and
- * columns everywhere. Without the rule all casters are open. */
+/* Decides whether the closed rule is used. In mode auto the rule must be worth its price: the inside
+ * of closed parts saves bytes where their surfaces are, and costs penumbras and columns everywhere.
+ * Without the rule all casters are open. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;

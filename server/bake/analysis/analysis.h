@@ -5,12 +5,12 @@
  * Analysis of a scene for its shadows: world triangles, closed parts, bounds, the lights.
  *
  *     umbb_analysis_run(&scene->view, &options, &analysis, &error);
- *     umbb_analysis_need_corners(&analysis, &scene->view, &error);   before each use of them
+ *     umbb_analysis_need_corners(&analysis, &scene->view, &error);   before reading corners
  *     umbb_analysis_finish(&analysis);
  *
- * Other objects take the world corners over by moving them out (voxel_casters.h,
- * umbb_analysis_take_turned), because two copies would double the memory of a bake. The next user
- * flattens them again from the scene.
+ * The world corners exist once, because two copies would double the memory of a bake. So other
+ * objects move them out of the analysis (voxel_casters.h, umbb_analysis_take_turned). The next
+ * reader has the scene flattened again.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -18,8 +18,8 @@
 #include "bake/analysis/perspective_frame.h"
 #include "scene/scene_alpha.h"
 
-/* Share of the opaque casters' area that closed parts must have for the closed rule to be worth it.
- * An asset's bytes belong to surfaces, and the rule saves at most about that share of them.
+/* Least share of the opaque casters' area in closed parts for which the closed rule is used. An
+ * asset's bytes belong to surfaces, and the rule saves at most about that share of the bytes.
  * Measured on real scenes at 4096: 0.3 % of the area saves 0.4 %, 1.1 % nothing, 5.7 % 5.6 %, 22 %
  * 10 %, 85 % 54 % (docs/results/effects.md). */
 #define UMBB_CLOSED_SHARE 0.025
@@ -37,12 +37,12 @@ enum umbb_dropped {
 struct umbb_analysis {
     /* [count + translucent_count] World corners, the opaque casters' first; NULL: moved out. */
     double (*corners)[3][3];
-    uint8_t *kinds;    /* [count] enum umbb_caster */
-    uint8_t *dropped;  /* [flat_count] enum umbb_dropped of each flattened triangle */
-    size_t count;      /* opaque triangles that can cast */
-    size_t flat_count; /* number before dropping */
-    size_t degenerate_count;
-    size_t duplicate_count; /* triangles with the three corners of an earlier one */
+    uint8_t *kinds;          /* [count] enum umbb_caster */
+    uint8_t *dropped;        /* [flat_count] enum umbb_dropped of each flattened triangle */
+    size_t count;            /* opaque triangles that can cast */
+    size_t flat_count;       /* number before dropping */
+    size_t degenerate_count; /* triangles without an area */
+    size_t duplicate_count;  /* triangles with the three corners of an earlier one */
     size_t part_count, closed_part_count;
     size_t open_on_word;       /* open parts that --closed on treats as closed */
     size_t flipped_part_count; /* closed parts that wound inward and were turned around */
@@ -50,7 +50,7 @@ struct umbb_analysis {
     double area_m2, closed_area_m2; /* area of the opaque casters, and of those in closed parts */
     int closed_declined;   /* 1: there are closed parts, but their share of the area is too small */
     char open_reason[256]; /* reason why the largest open part is open; may be empty */
-    size_t open_reason_part; /* number of that part */
+    size_t open_reason_part; /* number of the largest open part */
     int closed_rule;
     int z_up;
     struct umb_box bounds;       /* bounds of the casters */
@@ -77,7 +77,7 @@ UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view
                                               struct umb_error *error);
 void umbb_analysis_finish(struct umbb_analysis *analysis);
 
-/* Flattens the world corners again from the scene, unless they are there.
+/* Flattens the scene into world corners again, unless the analysis has its corners.
  * Fails: E_NO_MEMORY, E_INTERNAL. */
 UMB_CHECKED enum umb_status umbb_analysis_need_corners(struct umbb_analysis *analysis,
                                                        const struct umbs_scene_view *view,

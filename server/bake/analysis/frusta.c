@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/analysis/lamp_contact.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/perspective_frame.h"
 #include "base/try.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The boxes of triangles exclude nearly all of them; the distance of the others is computed, and
- * they are cut to the face. */
-#include "bake/analysis/lamp_contact.h"
+/* The boxes of triangles exclude nearly all of them. The other triangles are cut to the face, and
+ * their distance is computed. */
+#include "bake/analysis/frusta.h"
 
 #include <math.h>
 #include <string.h>

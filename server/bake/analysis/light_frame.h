@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 /*
- * Light space of a directional light: position and size of its voxels.
+ * Light space of a directional light: position and size of the voxels of its frustum.
  *
  * The frame's axes are u, v across the light and w along it, right handed (u x v = w). The box of
  * all casters is fitted on each axis separately, so voxels are boxes, not cubes. Casters keep a
@@ -31,6 +31,26 @@ void umbb_compass_direction(const double east_north_up[3], int z_up, double dire
 
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
+
+/* Least length of a frustum's axis as a share of the longest one: a flat scene still gets voxels of
+ * some depth. */
+#define UMBB_EXTENT_SHARE_MIN (1.0 / 1024.0)
+
+/* Least and greatest coordinate along an axis; the empty one is {INFINITY, -INFINITY}. */
+struct umbb_extent {
+    double low, high;
+};
+
+static inline void umbb_extent_add(struct umbb_extent *extent, double value)
+{
+    extent->low = value < extent->low ? value : extent->low;
+    extent->high = value > extent->high ? value : extent->high;
+}
+
+/* Voxels a unit along an axis, with a margin of a voxel on either side. In: least: least length of
+ * the axis. size: voxels of the axis. Out: offset: voxel coordinate of zero. */
+double umbb_extent_scale(const struct umbb_extent *extent, double least, double size,
+                         double *offset);
 
 /* Makes unit axes u, v, w from w, right handed: u is perpendicular to w and to the world axis with
  * the smallest part in w. */

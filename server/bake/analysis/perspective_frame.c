@@ -11,28 +11,15 @@
 #include "bake/analysis/eye_clip.h"
 #include "bake/depth/cut_out.h"
 
-/* Least length of an axis as a share of the longest one, as in light_frame.c. */
-#define EXTENT_SHARE_MIN (1.0 / 1024.0)
-
-struct extent {
-    double low, high;
-};
-
-static void extent_add(struct extent *extent, double value)
-{
-    extent->low = value < extent->low ? value : extent->low;
-    extent->high = value > extent->high ? value : extent->high;
-}
-
 /* Extents of u / W, v / W and W over the casters that the face sees. */
 static void measure(const struct umbb_fit *fit, const struct umbb_eye *eye, double tangent,
-                    struct extent extents[3])
+                    struct umbb_extent extents[3])
 {
     const struct umbb_pyramid pyramid = {.low = {-tangent, -tangent},
                                          .high = {tangent, tangent},
                                          .near = eye->reach * UMBB_NEAR_SHARE};
     for (int axis = 0; axis < 3; axis++) {
-        extents[axis] = (struct extent){INFINITY, -INFINITY};
+        extents[axis] = (struct umbb_extent){INFINITY, -INFINITY};
     }
     for (size_t i = 0; i < fit->count; i++) {
         double triangle[3][3], at[3];
@@ -46,21 +33,11 @@ static void measure(const struct umbb_fit *fit, const struct umbb_eye *eye, doub
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
         for (size_t k = 0; k < polygon.count; k++) {
             const double *p = polygon.corners[k];
-            extent_add(&extents[0], p[0] / p[2]);
-            extent_add(&extents[1], p[1] / p[2]);
-            extent_add(&extents[2], p[2]);
+            umbb_extent_add(&extents[0], p[0] / p[2]);
+            umbb_extent_add(&extents[1], p[1] / p[2]);
+            umbb_extent_add(&extents[2], p[2]);
         }
     }
-}
-
-/* Voxels a unit along an axis, and the position of zero: with a margin of a voxel on either
- * side. */
-static double scale_of(const struct extent *extent, double least, double size, double *offset)
-{
-    const double length = fmax(extent->high - extent->low, least);
-    const double scale = (size - 2.0) / length;
-    *offset = 0.5 * size - 0.5 * (extent->low + extent->high) * scale;
-    return scale;
 }
 
 int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
@@ -68,19 +45,19 @@ int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
 {
     const double size = (double)((uint32_t)1 << fit->log2_size);
     const double tangent = umbb_guarded_tangent(eye->tangent, fit->log2_size);
-    struct extent extents[3];
+    struct umbb_extent extents[3];
     double eye_at[3];
     measure(fit, eye, tangent, extents);
     const int seen = extents[2].low <= extents[2].high;
     if (!seen) {
-        extents[0] = extents[1] = (struct extent){-tangent, tangent};
-        extents[2] = (struct extent){eye->reach * UMBB_NEAR_SHARE, eye->reach};
+        extents[0] = extents[1] = (struct umbb_extent){-tangent, tangent};
+        extents[2] = (struct umbb_extent){eye->reach * UMBB_NEAR_SHARE, eye->reach};
     }
     const double far = extents[2].high;
     const double wide = fmax(extents[0].high - extents[0].low, extents[1].high - extents[1].low);
     const double most = fmax(wide * far, far - extents[2].low);
-    const double least[3] = {most / far * EXTENT_SHARE_MIN, most / far * EXTENT_SHARE_MIN,
-                             fmax(most * EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
+    const double least[3] = {most / far * UMBB_EXTENT_SHARE_MIN, most / far * UMBB_EXTENT_SHARE_MIN,
+                             fmax(most * UMBB_EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
     const double *w = eye->axes[2];
     double(*m)[4] = frustum->world_to_voxel;
     umb__subtract(eye->position, fit->origin, eye_at);
@@ -89,7 +66,7 @@ int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
     for (int axis = 0; axis < 3; axis++) {
         const double *along = eye->axes[axis];
         double offset;
-        const double scale = scale_of(&extents[axis], least[axis], size, &offset);
+        const double scale = umbb_extent_scale(&extents[axis], least[axis], size, &offset);
         for (int k = 0; k < 3; k++) {
             m[axis][k] = along[k] * scale + (axis < 2 ? w[k] * offset : 0.0);
             frustum->voxel_step[axis][k] = along[k] / scale;
@@ -99,6 +76,20 @@ int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
     memcpy(m[3], w, 3 * sizeof *w);
     m[3][3] = -umb__dot(w, eye_at);
     return seen;
+}
+
+void umbb_eye_corners(const struct umb_frustum_info *frustum, const double origin[3],
+                      const double triangle[3][3], double corners[3][3])
+{
+    static const int rows[3] = {0, 1, 3};
+    for (int k = 0; k < 3; k++) {
+        double at[3];
+        umb__subtract(triangle[k], origin, at);
+        for (int r = 0; r < 3; r++) {
+            const double *row = frustum->world_to_voxel[rows[r]];
+            corners[k][r] = umb__dot(row, at) + row[3];
+        }
+    }
 }
 
 /* Input of a projection, and the limit of its triangles. */
@@ -191,15 +182,9 @@ enum umb_status umbb_perspective_project(const struct umbb_casters *world,
     projected->depth_scale = rate * near;
     projected->depth_offset = m[2][3] - rate * m[3][3];
     for (size_t i = 0; i < world->count; i++) {
-        static const int rows[3] = {0, 1, 3};
-        double triangle[3][3], at[3];
+        double triangle[3][3];
         struct umbb_polygon polygon;
-        for (int k = 0; k < 3; k++) {
-            umb__subtract(world->corners[i][k], view->origin, at);
-            for (int r = 0; r < 3; r++) {
-                triangle[k][r] = umb__dot(m[rows[r]], at) + m[rows[r]][3];
-            }
-        }
+        umbb_eye_corners(view->frustum, view->origin, world->corners[i], triangle);
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
         UMB__TRY(add_polygon(projected, &polygon, &source, i, error));
     }

@@ -18,21 +18,6 @@ uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis)
                (2 * sizeof *analysis->translucent + 2 * sizeof *analysis->translucent_cuts);
 }
 
-/* Makes the edge functions of a world triangle by rows X, Y and W of the frustum's matrix: right for
- * every kind of light. */
-static void make_plane(const struct umb_frustum_info *frustum, const double origin[3],
-                       const double triangle[3][3], struct umbb_cut_plane *plane)
-{
-    static const int rows[3] = {0, 1, 3};
-    double corners[3][3];
-    for (int k = 0; k < 9; k++) {
-        const double *row = frustum->world_to_voxel[rows[k % 3]], *p = triangle[k / 3];
-        corners[k / 3][k % 3] = row[0] * (p[0] - origin[0]) + row[1] * (p[1] - origin[1]) +
-                                row[2] * (p[2] - origin[2]) + row[3];
-    }
-    umbb_cut_plane_find((const double(*)[3])corners, plane);
-}
-
 /* Makes the edge functions of all casters with holes; the casters are in world space still. */
 static enum umb_status make_planes(const struct umbb_analysis *analysis,
                                    const struct umb_frustum_info *frustum,
@@ -49,8 +34,9 @@ static enum umb_status make_planes(const struct umbb_analysis *analysis,
     }
     for (size_t i = 0; i < world->count; i++) {
         if (voxels->cuts.of[i] != UMBS_CUT_NONE) {
-            make_plane(frustum, analysis->origin, world->corners[i],
-                       &voxels->planes[voxels->cuts.of[i]]);
+            double corners[3][3];
+            umbb_eye_corners(frustum, analysis->origin, world->corners[i], corners);
+            umbb_cut_plane_find((const double(*)[3])corners, &voxels->planes[voxels->cuts.of[i]]);
         }
     }
     return UMB_OK;

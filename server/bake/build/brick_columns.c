@@ -41,9 +41,9 @@ static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *valu
     return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
 }
 
-/* The brick after z that may differ from it, `end` if none before. Brick z has an event if some lit
- * or end v has v / 8 == z. Between two events all bricks are equal: every comparison with every
- * slice has the same result. */
+/* The first brick after z that may differ from brick z; `end` if there is none before `end`. Brick z
+ * has an event if some value v of lit or end has v / 8 == z. Between two events all bricks are
+ * equal, because every comparison of a value with a slice has the same result. */
 static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
                            uint32_t end)
 {
@@ -78,11 +78,11 @@ static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_
     return UMB_OK;
 }
 
-/* Prefetches the texels of the square of 16x16 that the tree visits after (x, y). */
+/* Prefetches the texels of the quad that the tree visits after quad (x, y). */
 static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
 {
     size_t bit = 1;
-    while ((x & y & bit) != 0) { /* last of a quarter: goes on in the quarter around it */
+    while ((x & y & bit) != 0) { /* last of a quarter: the next one is in another quarter */
         x ^= bit;
         y ^= bit;
         bit <<= 1;
@@ -116,7 +116,8 @@ static void quad_bounds(const struct umbb_tile *tile, size_t x, size_t y,
 /* Most nodes that a low quad may have along the light. */
 #define LOW_NODES 8U
 
-/* All bricks of a low quad: [from its first node on][x + 2 * y]. Two rows are a node's children. */
+/* All bricks of a low quad: [z from the quad's first node on][x + 2 * y]. Two rows are a node's
+ * eight children. */
 typedef uint32_t low_bricks[2 * LOW_NODES][4];
 
 /* Fills column q. In: first: the brick of row 0. */

@@ -6,7 +6,7 @@
  *
  *     const struct umbb_slicer *slicer = umbb_slicer(umbb_vectors_best());
  *     slicer->above(lit, 8 * z, slices);                      a brick of a column
- *     z = slicer->least_from(lit, 8 * (z + 1)) / 8;           the next one that differs from it
+ *     z = slicer->least_from(lit, 8 * (z + 1)) / 8;           the next brick that differs
  */
 #include <stdint.h>
 #include "bake/base/vectors.h"
@@ -34,8 +34,8 @@ extern const struct umbb_slicer umbb__slicer_avx2, umbb__slicer_avx512;
  *
  * In:  visible[z]: voxels that must be 1. allowed[z]: voxels that may be 1 (visible or undefined);
  *      visible[z] is a subset of allowed[z].
- * Out: slices[z], visible[z] <= slices[z] <= allowed[z]. May be the same array as visible. Greedy:
- * a run of slices grows while one mask fits them all; it takes the least such mask.
+ * Out: slices: visible[z] <= slices[z] <= allowed[z]. May be the same array as visible. The choice is
+ *      greedy: a run of slices grows while one mask fits all of them, and takes the least such mask.
  */
 void umbb_slices_fill(const uint64_t visible[8], const uint64_t allowed[8], uint64_t slices[8]);
 

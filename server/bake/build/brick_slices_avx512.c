@@ -3,7 +3,7 @@
  * construction. */
 #include "bake/build/brick_slices.h"
 
-#if defined(__AVX512F__) && defined(__AVX512BW__)
+#ifdef __AVX512F__
 #include <immintrin.h>
 
 /* Sixteen values relative to z0, saturated to bytes: values above 127 stay above 7. */

@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_CACHED_TILES_H
 #define UMBRAGE_SERVER_BAKE_BUILD_CACHED_TILES_H
 /*
- * A cache of tiles' results between bakes, as two functions. The tile loop asks for each tile
- * before it draws it, and passes on each tile that it has built.
+ * A cache of tiles' results between bakes, as two functions. The tile loop asks the cache for each
+ * tile before drawing the tile, and gives the cache each tile that was built.
  *
- * A tile's result is all that the levels above the tile and the pool need of it: the greatest lit,
- * the least end, the column, and the nodes that its runs refer to.
+ * A tile's result is what the levels above the tile and the pool need: the greatest lit, the least
+ * end, the column, and the nodes that the column's runs refer to.
  * Threads: both functions are called by the owner of the loop only.
  */
 #include "bake/build/columns.h"
 
 struct umbb_tile_result {
-    int32_t max_lit, min_end; /* extremes of its texels, or bounds of them (proven_squares.h) */
+    int32_t max_lit, min_end; /* extremes of the tile's texels, or bounds (proven_squares.h) */
     struct umbb_column column;
 };
 
@@ -22,7 +22,7 @@ struct umbb_tile_place {
     uint32_t number;
 };
 
-/* Where a tile's nodes are or go, and the memory for moving them. */
+/* Pool and runs that hold a tile's nodes or receive them. */
 struct umbb_tile_nodes {
     struct umb__pool *pool; /* nodes of the column's runs */
     struct umbb_runs *runs; /* the column's runs, after any others */

@@ -69,7 +69,8 @@ struct cursor {
     size_t run; /* run that contains z, if z is in the mixed range */
 };
 
-/* Node at z, which never decreases from call to call; *end: first node after it that may differ. */
+/* Node at z. In: z: never decreases from call to call. Out: end: first node after z that may
+ * differ. */
 static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs, uint32_t z,
                             uint32_t *end)
 {

@@ -2,9 +2,8 @@
 /*
  * The loop over tiles and the levels above them.
  *
- * The grid of tiles keeps, for each tile, its greatest lit, its least end and the runs of its
- * column. That is all that the levels above need, so their nodes do not depend on the division into
- * tiles.
+ * The grid of tiles keeps the greatest lit, the least end and the column's runs of each tile. The
+ * levels above the tiles need no more, so their nodes do not depend on the division into tiles.
  */
 #include "bake/build/tile_loop.h"
 
@@ -41,7 +40,7 @@ struct loop {
     int only;             /* 1: only some tiles, for the tile cache */
     int drawn_slot;       /* slot of the tile whose depth is being drawn */
     int ruled_slot;       /* slot of the tile under the static rule */
-    uint32_t square_jobs; /* slices of the tile that is built meanwhile */
+    uint32_t square_jobs; /* number of slices that build the tile before */
     struct umbb_bake_figures figures;
 };
 
@@ -264,7 +263,7 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     return UMB_OK;
 }
 
-/* The first tile from `number` on that the tile cache lacks; `end` if it has all. */
+/* Moves *number to the first tile from there on that the tile cache lacks, or to `end`. */
 static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
                                     struct umb_error *error)
 {
@@ -301,8 +300,7 @@ static int static_bands(struct loop *loop, int slot)
 /*
  * Builds a drawn tile while the next is drawn.
  *
- * In: number: of the tile in `slot`. next, end: the first tile after it that is to be drawn, or
- * end.
+ * In: number: of the tile in `slot`. next: number of the next tile to be drawn; `end`: none.
  */
 static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t next, uint32_t end,
                                  int slot, struct umb_error *error)

@@ -18,7 +18,7 @@
 struct umbb_bake_figures {
     uint64_t texels; /* texels that were processed: without tiles that the tile cache had */
     uint64_t tiles;
-    uint64_t tiles_found; /* part of these that the tile cache had */
+    uint64_t tiles_found; /* tiles that the tile cache had */
     double seconds_depth; /* time of waiting for depth, without building */
     double seconds_build;
     size_t octree_bytes; /* size at the end, tables included */
@@ -30,8 +30,8 @@ struct umbb_bake_options {
     unsigned threads;   /* 1.. */
     int closed_rule;
     size_t octree_max_bytes;
-    /* Limit of the octree, the columns kept for the levels above the tiles, and the depth path's
-     * lists of triangles together; 0 = no limit. */
+    /* Limit in bytes of three things together: the octree, the columns kept for the levels above the
+     * tiles, and the depth path's lists of triangles; 0 = no limit. */
     size_t shared_max_bytes;
     /* If end is above first: only tiles first .. end - 1 are baked, for the tile cache; the pool is
      * empty afterwards, and there is no root. */
@@ -45,8 +45,8 @@ struct umbb_bake_options {
      * draws each tile twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
-    /* Progress callback of the owner; may be NULL. tiles: finished; _found: part of these that the
-     * tile cache had, without work; texels_done does not count them. */
+    /* Progress callback, called by the owner; may be NULL. tiles: number of finished tiles.
+     * tiles_found: how many of these the tile cache had; texels_done leaves them out. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
 };

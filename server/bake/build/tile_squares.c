@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares are slices in the order in which the owner wants them (quarter by quarter, as columns are
- * joined), so it seldom waits. Their pools live as long as the bake: they are cleared, not freed.
- * The pool given back last is reused first, as it may still be in a cache; a single thread uses
- * only one.
+ * Slices build the squares in the order in which the owner joins them (quarter by quarter), so the
+ * owner seldom waits. The squares' pools live as long as the bake: they are cleared, not freed. The
+ * pool given back last is reused first, as it may still be in a cache; a single thread uses only
+ * one pool.
  */
 #include "bake/build/tile_squares.h"
 
@@ -97,7 +97,7 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     free(squares);
 }
 
-/* Bytes of a work. Runs and merge numbers grow with the pool, to a fraction of it. */
+/* Bytes of a work. The numbers of a merge are left out: they are a fraction of the pool. */
 static size_t work_bytes(const struct work *work)
 {
     return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;
@@ -213,7 +213,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
         square_give_back(squares, square);
         return status;
     }
-    work_release(square->work); /* it exceeds its share */
+    work_release(square->work); /* the square needs more than its share */
     square_give_back(squares, square);
     const struct umbb_square place = {squares->level, {x, y}};
     return umbb_column_of_square(squares->pool, squares->tile, &place, squares->runs, column,

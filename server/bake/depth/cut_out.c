@@ -4,12 +4,7 @@
 
 #include <math.h>
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
+#include "base/vec.h"
 
 void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plane)
 {
@@ -25,7 +20,7 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
         moved[k][2] = corners[k][2];
     }
     for (int k = 0; k < 3; k++) {
-        cross(moved[(k + 1) % 3], moved[(k + 2) % 3], plane->edge[k]);
+        umb__cross(moved[(k + 1) % 3], moved[(k + 2) % 3], plane->edge[k]);
     }
 }
 

@@ -14,7 +14,7 @@
  *                     depth.block(...) for every block, from any thread
  *     depth.destroy(depth.state);
  */
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 #include "bake/depth/tile_lists.h"
 
 struct umbb_depth_options {

@@ -4,14 +4,14 @@
  * four rows or four texels at a time, without fused multiply-add, so the bits are the same. max and
  * min return their second operand if the first is a NaN, as the comparisons of the plain form do.
  *
- * A triangle is drawn in bands of eight rows, and those in cells of 8x8 texels, which lie together
+ * A triangle is drawn in bands of eight rows, and a band in cells of 8x8 texels, which lie together
  * in memory. A loop along each row would end every row of a small triangle in an unpredictable
  * branch. Lanes outside a row's span are set to INT32_MAX, so the minimum writes back the old
  * number.
  *
- * A cell is skipped if no part of the triangle can lie before its present content. That is exact:
- * every operation of the predicate, rounded or not, is monotone in x and in y, so the predicate's
- * own value at the nearest corner of the cell bounds all others.
+ * A cell is skipped if no part of the triangle can lie before the cell's present content. The test
+ * is exact: all operations of the predicate, rounded or not, are monotone in x and in y, so the
+ * predicate's own value at the nearest corner of the cell bounds its values at all other texels.
  */
 #include "bake/depth/depth_kernels.h"
 

@@ -12,7 +12,6 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth.h"
 #include "bake/depth/depth_perspective.h"
-#include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
 
 /* Padding of boxes in voxels: far above the error of rounding to float and of Embree's box test for

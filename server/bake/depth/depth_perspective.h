@@ -4,19 +4,20 @@
 /*
  * Depth of spot and point lights by scan conversion.
  *
- * The predicate of coverage.h with one change: over a projected triangle not the distance W is
- * linear, but 1 / W. So the casters' third coordinate is q = c / W. The predicate interpolates q as
- * it does any depth (from the canonical first corner, clamped to the corners' values), and z =
- * depth_scale / q + depth_offset follows. Between near and far q spans at most 2^26, so q is
- * accurate to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth, far below a
- * voxel.
+ * The predicate of coverage.h with one change: over a projected triangle 1 / W is linear, not the
+ * distance W. So the casters' third coordinate is q = c / W, with a constant c. The predicate
+ * interpolates q as it does any depth (from the canonical first corner, clamped to the corners'
+ * values), and z = depth_scale / q + depth_offset follows. The greatest q is at most 2^26 times the
+ * least. So q is accurate to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's
+ * depth, far below a voxel.
  *
  * Slivers: cutting a triangle to the frustum can leave corners that differ by rounding alone. The
- * area and the gradients of such a triangle are rounding errors. One as long as the frustum may run
- * through thousands of texel centres (the diagonal of a floor below a lamp).
- * umbb_perspective_prepare gives those narrower than 2^-49 size^2 texels the gradient along their
- * longest edge. Wider triangles have gradients accurate to an eighth of a voxel; across a sliver
- * depth is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
+ * area and the gradients of such a triangle are rounding errors. A sliver as long as the frustum may
+ * run through thousands of texel centres (the diagonal of a floor below a lamp).
+ * umbb_perspective_prepare gives triangles narrower than 2^-49 size^2 texels the gradient along their
+ * longest edge. Wider triangles have gradients accurate to an eighth of a voxel. Across a sliver
+ * depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels a
+ * side.
  *
  * Plain C and one division a covered texel.
  */

@@ -19,7 +19,6 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth.h"
 #include "bake/depth/depth_cells.h"
-#include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
 
 /* Sizes of a layer, of its array of 8x8 blocks, and of a thread's layers. */

@@ -45,10 +45,11 @@ struct umbb_casters {
     /* 1: some kinds are closed on the caller's word only, so there may be no back faces behind
      * their front faces; no square is proven then. */
     int open_on_word;
-    /* Above 0: rays start in one point. A corner's third coordinate is then the reciprocal q of its
-     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: it is z. */
+    /* Above 0: rays start in one point, a corner's third coordinate is the reciprocal q of its
+     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: the third
+     * coordinate is z. */
     double depth_scale, depth_offset;
-    const uint8_t *marks;         /* [count] front_marks.h; NULL: no square is proven */
+    const uint8_t *marks;         /* [count] of umbb_front_marks_make; NULL: no square is proven */
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
 };
 
@@ -57,7 +58,7 @@ struct umbb_tile {
     uint32_t log2_size;
     int32_t size; /* texels a side */
     int32_t *lit; /* [size * size] by 8x8 blocks */
-    int32_t *end; /* [size * size] by 8x8 blocks; is `lit` without the closed rule */
+    int32_t *end; /* [size * size] by 8x8 blocks; the same array as `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];
     /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds; its texels and levels below
@@ -92,9 +93,7 @@ void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n)
 /* Fills the pyramid above level 3, except where a square is proven. */
 void umbb_tile_pyramid(struct umbb_tile *tile);
 
-/*
- * One step of such a pyramid: reduces 2n x 2n squares of greatest lit and least end to n x n.
- */
+/* One step of a pyramid: reduces 2n x 2n squares of greatest lit and least end to n x n. */
 void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
                        int32_t *min_end);
 

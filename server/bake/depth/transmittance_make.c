@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See transmittance_make.h. A slice of work is a row of squares, drawn square by square from lists
- * of the triangles that touch each; results are put in the order of rows.
+ * A slice of work is a row of squares. Each square is drawn from the list of triangles that touch it.
+ * The results of the rows are joined in order.
  */
 #include "bake/depth/transmittance_make.h"
 
@@ -174,13 +174,9 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
 {
     size_t count;
     const uint32_t *triangles = umbb_bins_cell(&m->bins, x0 / SIDE, y0 / SIDE, &count);
-    enum umb_status status = UMB_OK;
     bench->count = 0;
-    for (size_t i = 0; i < count && status == UMB_OK; i++) {
-        status = draw(m, triangles[i], x0, y0, bench, error);
-    }
-    if (status != UMB_OK) {
-        return status;
+    for (size_t i = 0; i < count; i++) {
+        UMB__TRY(draw(m, triangles[i], x0, y0, bench, error));
     }
     sort_by_texel(bench);
     for (size_t i = 0; i < UMB__TRANSMITTANCE_SIDE * UMB__TRANSMITTANCE_SIDE; i++) {
@@ -277,12 +273,11 @@ static enum umb_status join(const struct maker *m, uint32_t rows,
         total += m->rows[i].count;
     }
     *too_large = bytes->count + total > m->job->max_bytes;
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < rows && total > empty_bytes(m) && status == UMB_OK; i++) {
-        status = umb__transmittance_append(bytes, m->rows[i].data, m->rows[i].count,
-                                           m->job->max_bytes, error);
+    for (uint32_t i = 0; i < rows && total > empty_bytes(m); i++) {
+        UMB__TRY(umb__transmittance_append(bytes, m->rows[i].data, m->rows[i].count,
+                                           m->job->max_bytes, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status fill_bins(struct maker *m, uint32_t rows, struct umb_error *error)

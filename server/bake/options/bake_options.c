@@ -7,7 +7,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "bake/options/effect_options.h"
 #include "base/try.h"
 #include "tool/bake_settings.h"
 

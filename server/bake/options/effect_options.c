@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A table of effects, with the decider of each and where to change it. */
-#include "bake/options/effect_options.h"
 
 #include <string.h>
 

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_occluder_depth_code.h"
+#include "bake/tiles/tile_code.h"
 #include "base/bytes.h"
 #include "base/try.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Combines key, code and cache. */
+/* The tile loop's cache: a key names a tile, tile_code.h makes bytes of it, tile_cache.h keeps them. */
 #include "bake/tiles/tile_folder.h"
 
 #include <errno.h>
@@ -8,7 +8,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "bake/tiles/tile_key.h"
 #include "base/try.h"
 
 enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_folder,
@@ -37,7 +36,7 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
     tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
 }
 
-/* Logs once that the cache does not help. */
+/* Prints the first failure of the cache. */
 static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error *error)
 {
     if (!tile_folder->quiet && !tile_folder->silent) {

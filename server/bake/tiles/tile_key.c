@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers go into the hash little-endian, doubles as their bits. */
-#include "bake/tiles/tile_key.h"
+#include "bake/tiles/tile_folder.h"
 
 #include <string.h>
 

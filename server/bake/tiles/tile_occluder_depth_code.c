@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Squares of first occluders, from a frustum's occluder depth map to bytes and back. */
-#include "bake/tiles/tile_occluder_depth_code.h"
+#include "bake/tiles/tile_code.h"
 
 #include <stdlib.h>
 

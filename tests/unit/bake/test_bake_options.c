@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "bake/options/bake_options.h"
-#include "bake/options/effect_options.h"
 #include "tool/exit_code.h"
 
 #define MAX_WORDS 16

@@ -12,7 +12,7 @@
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth_perspective.h"
 #include "bake/depth/depth.h"
-#include "bake/tiles/tile_key.h"
+#include "bake/tiles/tile_folder.h"
 #include "cut_scene.h"
 
 enum {

@@ -10,7 +10,7 @@
 
 #include "tool/threads.h"
 #include "bake/depth/depth.h"
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 #include "bake/depth/triangle_bins.h"
 #include "bake_soups.h"
 

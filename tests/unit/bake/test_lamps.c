@@ -14,7 +14,6 @@
 #include <string.h>
 
 #include "bake/analysis/frusta.h"
-#include "bake/analysis/lamp_contact.h"
 #include "make_asset.h"
 
 enum {

@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "bake/depth/coverage.h"
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 #include "bake_soups.h"
 
 typedef enum umb_status (*create_fn)(const struct umbb_casters *, const struct umbb_depth_options *,
