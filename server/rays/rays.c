@@ -249,12 +249,6 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
     return UMB_OK;
 }
 
-enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
-                                 struct umbr_rays **out, struct umb_error *error)
-{
-    return umbr_rays_build(corners, count, NULL, out, error);
-}
-
 void umbr_rays_destroy(struct umbr_rays *rays)
 {
     if (rays == NULL) {

@@ -45,9 +45,6 @@ UMB_CHECKED enum umb_status umbr_rays_build(const double (*corners)[3][3], size_
                                             const struct umbr_rays_options *options,
                                             struct umbr_rays **out, struct umb_error *error);
 
-/* umbr_rays_build with options NULL. */
-UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
-                                             struct umbr_rays **out, struct umb_error *error);
 void umbr_rays_destroy(struct umbr_rays *rays);
 
 /* Greatest error in metres of the side on which a ray passes an edge or corner: 2^-20 of the

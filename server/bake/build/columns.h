@@ -108,11 +108,11 @@ umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
 /*
  * Joins four columns (x + 2 * y) of level - 1 into one.
  *
- * In:    column: bounds set; the four's runs are the last of `runs`, from runs_mark on.
+ * In:    column: bounds set. four: their runs are the last of `runs`.
  * Out:   column: its runs replace the four's.
  */
 UMB_CHECKED enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
-                                             const struct umbb_column four[4], size_t runs_mark,
+                                             const struct umbb_column four[4],
                                              struct umbb_runs *runs, struct umbb_column *column,
                                              struct umb_error *error);
 

@@ -11,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/page_alloc.h"
 #include "bake/build/columns.h"
 #include "base/try.h"
 #include "tool/threads.h"
@@ -450,22 +449,5 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
     if (figures != NULL) {
         *figures = loop.figures;
     }
-    return status;
-}
-
-enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
-                                  const struct umbb_bake_options *options,
-                                  struct umb__octree *octree, struct umbb_bake_figures *figures,
-                                  struct umb_error *error)
-{
-    struct umb__pool pool;
-    uint32_t root = UMB__REF_LIT;
-    memset(octree, 0, sizeof *octree);
-    umb__pool_init(&pool, &umb__page_alloc, options->octree_max_bytes);
-    enum umb_status status = umbb_bake_into(depth, options, &pool, &root, figures, error);
-    if (status == UMB_OK) {
-        status = umb__pool_take(&pool, &root, &options->log2_size, 1, octree, error);
-    }
-    umb__pool_finish(&pool);
     return status;
 }

@@ -66,18 +66,6 @@ UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            struct umbb_bake_figures *figures,
                                            struct umb_error *error);
 
-/*
- * Bakes one frustum alone.
- *
- * Out:   octree: canonical, one root; the caller finishes it.
- * Else as umbb_bake_into.
- */
-UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
-                                              const struct umbb_bake_options *options,
-                                              struct umb__octree *octree,
-                                              struct umbb_bake_figures *figures,
-                                              struct umb_error *error);
-
 /* Bytes of all tiles that a bake has in memory. */
 size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule);
 

@@ -11,6 +11,8 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 
+#include "base/try.h"
+
 /* Pool and runs in which a square is built. */
 struct work {
     struct umb__pool pool;
@@ -187,18 +189,17 @@ static enum umb_status square_merge(struct umbb_squares *squares, const struct s
                                     struct umbb_column *column, struct umb_error *error)
 {
     const struct work *work = square->work;
-    enum umb_status status =
-        umb__pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error);
+    UMB__TRY(umb__pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error));
     *column = square->column;
     column->run_first = squares->runs->count;
-    for (size_t i = 0; i < square->column.run_count && status == UMB_OK; i++) {
+    for (size_t i = 0; i < square->column.run_count; i++) {
         const struct umbb_column_run run = work->runs.items[square->column.run_first + i];
         const uint32_t ref =
             umb__ref_state(run.ref) == UMB__NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
-        status = umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error);
+        UMB__TRY(umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error));
     }
     column->run_count = squares->runs->count - column->run_first;
-    return status;
+    return UMB_OK;
 }
 
 /* The column over a square, as a leaf of the tile's tree. */

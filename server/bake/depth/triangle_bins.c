@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "bake/depth/proven_squares.h"
 
@@ -285,10 +286,8 @@ static enum umb_status cells_reserve(struct umbb_bins *bins, uint32_t cells_x,
 enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_input *input,
                                struct umb_error *error)
 {
-    enum umb_status status = cells_reserve(bins, input->cells_x, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status;
+    UMB__TRY(cells_reserve(bins, input->cells_x, error));
     struct fill fill = {.input = input,
                         .count = input->all ? input->casters->count : input->count,
                         .cells = (size_t)input->cells_x * input->cells_x};

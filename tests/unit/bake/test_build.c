@@ -307,7 +307,7 @@ static void memory_limit_stops_the_build_with_a_reason(void **state)
     const struct umbb_bake_options options = {
         .log2_size = 9, .tile_log2 = 7, .threads = 2, .octree_max_bytes = 150000};
     struct umb__octree octree;
-    assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
+    assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "memory: the shadow octree"));
     assert_null(octree.bricks);
     depth.destroy(depth.state);
@@ -334,7 +334,7 @@ static void the_shared_limit_counts_columns_and_lists_too(void **state)
                                                   .octree_max_bytes = SIZE_MAX,
                                                   .shared_max_bytes = limits[i]};
         struct umb__octree octree;
-        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
+        assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
         assert_non_null(strstr(error.message, "memory"));
         assert_null(octree.bricks);
         depth.destroy(depth.state);
@@ -365,7 +365,7 @@ static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
                                                   .threads = 2,
                                                   .octree_max_bytes = SIZE_MAX,
                                                   .shared_max_bytes = limits[i]};
-        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
+        assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
         assert_same_octree(&octree, &reference);
         umb__octree_finish(&octree);
         depth.destroy(depth.state);
@@ -396,7 +396,7 @@ static void a_cancelled_bake_ends_cleanly(void **state)
                                               .octree_max_bytes = 1 << 30,
                                               .cancelled = always};
     struct umb__octree octree;
-    assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_CANCELLED);
+    assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_CANCELLED);
     depth.destroy(depth.state);
     soup_finish(&soup);
 }
