@@ -5,10 +5,11 @@
  * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head
  * stores them.
  *
- * Every reader of an asset loads its head, so the maps are kept small. A map has at most 2048 texels
- * a side, and no more than the frustum has voxels. If the maps of all frusta take more than 16 MiB
- * together, all are made again with half the texels a side. Coarse maps suffice, because the shadows
- * of such casters have soft edges: hair, glass and smoke fade in depth and by their textures.
+ * Every reader of an asset loads its head, so the maps are kept small. A map has at most 2048
+ * texels a side, and no more than the frustum has voxels. If the maps of all frusta take more than
+ * 16 MiB together, all are made again with half the texels a side. Coarse maps suffice, because the
+ * shadows of such casters have soft edges: hair, glass and smoke fade in depth and by their
+ * textures.
  */
 #include "bake/analysis/analysis.h"
 #include "bake/options/bake_options.h"

@@ -24,12 +24,12 @@
  * on surfaces. They are found by rays along the light from anywhere in the box, and moved to the
  * light's side by the automatic bias of one tap.
  *
- * Points inside closed parts of assets baked under the closed rule are counted and left out, because
- * answers there are unspecified. A point in shadow that agrees is left out if its ray first meets the
- * inner side of a closed part. A point that disagrees is left out only if five of six rays in
- * opposite directions find it inside a solid, so an open surface cannot excuse a wrong voxel. Other
- * points are drawn instead, up to four times as many: a frustum that is nearly all solid gets fewer
- * points than requested.
+ * Points inside closed parts of assets baked under the closed rule are counted and left out,
+ * because answers there are unspecified. A point in shadow that agrees is left out if its ray first
+ * meets the inner side of a closed part. A point that disagrees is left out only if five of six
+ * rays in opposite directions find it inside a solid, so an open surface cannot excuse a wrong
+ * voxel. Other points are drawn instead, up to four times as many: a frustum that is nearly all
+ * solid gets fewer points than requested.
  */
 #include "rays/rays.h"
 #include "umbrage/query.h"

@@ -7,7 +7,8 @@
 #include "bake/build/tile_loop.h"
 #include "base/page_alloc.h"
 
-/* umbb_bake_into with a pool of its own. Out: octree: canonical, one root; the caller finishes it. */
+/* umbb_bake_into with a pool of its own. Out: octree: canonical, one root; the caller finishes
+ * it. */
 static inline enum umb_status
 bake_frustum(const struct umbb_depth *depth, const struct umbb_bake_options *options,
              struct umb__octree *octree, struct umbb_bake_figures *figures, struct umb_error *error)

@@ -100,9 +100,9 @@ static double area_of(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Decides whether the closed rule is used. In mode auto the rule must be worth its price: the inside
- * of closed parts saves bytes where their surfaces are, and costs penumbras and columns everywhere.
- * Without the rule all casters are open. */
+/* Decides whether the closed rule is used. In mode auto the rule must be worth its price: the
+ * inside of closed parts saves bytes where their surfaces are, and costs penumbras and columns
+ * everywhere. Without the rule all casters are open. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;

@@ -88,8 +88,8 @@ UMB_CHECKED enum umb_status umbb_analysis_need_corners(struct umbb_analysis *ana
 UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
                                                 struct umb_error *error);
 
-/* Moves the corners out, with inward-winding closed parts turned around: rays tell the inside by the
- * winding. In: analysis: with corners. Returns corners [count], to be freed with free. */
+/* Moves the corners out, with inward-winding closed parts turned around: rays tell the inside by
+ * the winding. In: analysis: with corners. Returns corners [count], to be freed with free. */
 double (*umbb_analysis_take_turned(struct umbb_analysis *analysis))[3][3];
 
 #endif

@@ -5,10 +5,10 @@
  * Light space of spot and point lights: position and size of the voxels of one face.
  *
  * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. The frustum
- * keeps the part of the face with casters. That part is fitted on each of three axes separately: the
- * tangents u / W and v / W, and W. Depth is linear in W. The range of W is at least so wide that
- * coordinates can resolve its voxels (UMBB_VOXEL_SHARE). Part of a widened range may lie behind the
- * light, where nothing is.
+ * keeps the part of the face with casters. That part is fitted on each of three axes separately:
+ * the tangents u / W and v / W, and W. Depth is linear in W. The range of W is at least so wide
+ * that coordinates can resolve its voxels (UMBB_VOXEL_SHARE). Part of a widened range may lie
+ * behind the light, where nothing is.
  *
  * Guard band: t is widened so that at least UMBB_GUARD_TEXELS texels lie beyond the face's edge. A
  * filter window of a point inside the face then has all its texels in the face's own frustum. A
@@ -28,9 +28,9 @@
  * lamps with such casters.
  *
  * Why 2^-26. Across the axis: the numerator X of X / W is off by some 2^-52 of `size` times the
- * reach. So a caster at the near distance is off by 2^-26 `size` texels, which is 2^-8 of a texel at
- * 2^18 texels a side. Along the axis: over a triangle from the near distance to the far end near / W
- * goes from 1 to 2^-26, and is off by 2^-52. So W is off by 2^-26 of itself, which is 2^-8 of a
+ * reach. So a caster at the near distance is off by 2^-26 `size` texels, which is 2^-8 of a texel
+ * at 2^18 texels a side. Along the axis: over a triangle from the near distance to the far end the
+ * ratio near / W goes from 1 to 2^-26, off by 2^-52. So W is off by 2^-26 of itself, 2^-8 of a
  * voxel at 2^18 voxels a side. A power of two leaves the bits of farther casters unchanged.
  */
 #define UMBB_NEAR_SHARE 0x1p-26
@@ -70,8 +70,8 @@ static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
 int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum);
 
-/* Coordinates X, Y and W of a world triangle's corners, by the rows of a frustum's matrix; W is 1 for
- * parallel light. */
+/* Coordinates X, Y and W of a world triangle's corners, by the rows of a frustum's matrix; W is 1
+ * for parallel light. */
 void umbb_eye_corners(const struct umb_frustum_info *frustum, const double origin[3],
                       const double triangle[3][3], double corners[3][3]);
 

@@ -121,9 +121,9 @@ static int has_extent(const struct umbb_analysis *a)
     return any;
 }
 
-/* Width of a light's half shadows, in metres and in voxels. Under a directional light the receiver is
- * taken to lie behind the whole depth of the frustum. Under other lights the caster is taken to lie
- * halfway between light and receiver. */
+/* Width of a light's half shadows, in metres and in voxels. Under a directional light the receiver
+ * is taken to lie behind the whole depth of the frustum. Under other lights the caster is taken to
+ * lie halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
                              double *voxels)
 {

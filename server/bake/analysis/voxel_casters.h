@@ -41,8 +41,8 @@ UMB_CHECKED enum umb_status umbb_voxel_casters_make(struct umbb_analysis *analys
                                                     struct umbb_voxel_casters *voxels,
                                                     struct umb_error *error);
 
-/* Makes the translucent casters of a frustum, whose matrix may be scaled. The analysis may be without
- * corners. Else as umbb_voxel_casters_make. */
+/* Makes the translucent casters of a frustum, whose matrix may be scaled. The analysis may be
+ * without corners. Else as umbb_voxel_casters_make. */
 UMB_CHECKED enum umb_status umbb_voxel_casters_translucent(const struct umbb_analysis *analysis,
                                                            const struct umb_frustum_info *frustum,
                                                            size_t max_bytes,

@@ -13,12 +13,13 @@ struct umbb_progress {
     uint64_t total; /* number of items of the phase: texels or points */
 };
 
-/* Starts a phase. In: quiet: 1 = never draw. unit: name of a million items, as "Mtexel"; borrowed. */
+/* Starts a phase. In: quiet: 1 = never draw. unit: name of a million items, as "Mtexel";
+ * borrowed. */
 void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total);
 
-/* Draws the line, and writes one to the supervisor. In: user: the struct umbb_progress. done: number
- * of items done. */
+/* Draws the line, and writes one to the supervisor. In: user: the struct umbb_progress. done:
+ * number of items done. */
 void umbb_progress_update(void *user, uint64_t done);
 
 /* Removes the line. */

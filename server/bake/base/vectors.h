@@ -4,8 +4,8 @@
 /*
  * Sets of vector instructions that the bake has kernels for. A table has a row of kernels for each
  * set (depth/depth_kernels.h, build/brick_slices.h). All rows give equal bits: the choice affects
- * time only. A file NAME_avx2.c or NAME_avx512.c is compiled for its set, and is empty on processors
- * other than x86-64.
+ * time only. A file NAME_avx2.c or NAME_avx512.c is compiled for its set, and is empty on
+ * processors other than x86-64.
  */
 
 /* Each set contains those before it. */

@@ -41,8 +41,8 @@ static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *valu
     return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
 }
 
-/* The first brick after z that may differ from brick z; `end` if there is none before `end`. Brick z
- * has an event if some value v of lit or end has v / 8 == z. Between two events all bricks are
+/* The first brick after z that may differ from brick z; `end` if there is none before `end`. Brick
+ * z has an event if some value v of lit or end has v / 8 == z. Between two events all bricks are
  * equal, because every comparison of a value with a slice has the same result. */
 static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
                            uint32_t end)

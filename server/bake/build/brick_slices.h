@@ -20,7 +20,8 @@ struct umbb_slicer {
     int32_t (*least_from)(const int32_t values[64], int32_t z0);
 };
 
-/* The slicer of a set of vector instructions; NULL if this build or this processor lacks the set. */
+/* The slicer of a set of vector instructions; NULL if this build or this processor lacks the
+ * set. */
 const struct umbb_slicer *umbb_slicer(enum umbb_vectors vectors);
 
 /* Plain C: the definition. */
@@ -34,8 +35,9 @@ extern const struct umbb_slicer umbb__slicer_avx2, umbb__slicer_avx512;
  *
  * In:  visible[z]: voxels that must be 1. allowed[z]: voxels that may be 1 (visible or undefined);
  *      visible[z] is a subset of allowed[z].
- * Out: slices: visible[z] <= slices[z] <= allowed[z]. May be the same array as visible. The choice is
- *      greedy: a run of slices grows while one mask fits all of them, and takes the least such mask.
+ * Out: slices: visible[z] <= slices[z] <= allowed[z]. May be the same array as visible. The choice
+ *      is greedy: a run of slices grows while one mask fits all of them, and takes the least such
+ *      mask.
  */
 void umbb_slices_fill(const uint64_t visible[8], const uint64_t allowed[8], uint64_t slices[8]);
 

@@ -44,8 +44,8 @@ void umbb_runs_finish(struct umbb_runs *runs);
 UMB_CHECKED enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
                                            struct umbb_column *column, struct umb_error *error);
 
-/* Appends nodes up to z_end to the column whose runs start at column_first. Equal nodes lengthen the
- * column's last run. Fails: E_NO_MEMORY. */
+/* Appends nodes up to z_end to the column whose runs start at column_first. Equal nodes lengthen
+ * the column's last run. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first,
                                            uint32_t z_end, uint32_t ref, struct umb_error *error);
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Windows as boxes. The bias moves point p of a triangle by at most `reach`, and the window adds
- * half the taps. So the window of p can read texel t only if p lies within a box of that size around
- * t. Inside the box the triangle lies between two depths. The window of a point on the triangle's
- * plane lies before the plane everywhere, by half a voxel and more, thanks to the bias.
+ * half the taps. So the window of p can read texel t only if p lies within a box of that size
+ * around t. Inside the box the triangle lies between two depths. The window of a point on the
+ * triangle's plane lies before the plane everywhere, by half a voxel and more, thanks to the bias.
  */
 #include "bake/build/static_rule.h"
 
@@ -28,9 +28,9 @@
  * Greatest distance in voxels by which the automatic bias moves a point. In: edge: lengths e of a
  * voxel's edges.
  *
- * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 and the moves s nx / ex,
- * s ny / ey and s nz / ez. Products of two components of n are at most 1/2. The result also covers
- * points without a normal (query.c), and has one voxel more for rounding.
+ * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2, and the moves
+ * s nx / ex, s ny / ey and s nz / ez. Products of two components of n are at most 1/2. The result
+ * also covers points without a normal (query.c), and has one voxel more for rounding.
  */
 static void set_reach(const double edge[3], double reach[3])
 {

@@ -5,11 +5,11 @@
  * The static rule: nothing moves, so queries come only for points on surfaces. Voxels that no
  * window of such a point reads are undefined.
  *
- * A triangle is *asked* if some shadow touches it: it covers a texel centre where another caster lies
- * more than a voxel before it, or it covers no centre. A triangle that the light reaches all over is
- * not asked: points on it are lit, whatever their windows meet behind another caster's front. Behind
- * the first caster a column is undefined up to the first voxel that a window of an asked triangle
- * may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the automatic
+ * A triangle is *asked* if some shadow touches it: it covers a texel centre where another caster
+ * lies more than a voxel before it, or it covers no centre. A triangle that the light reaches all
+ * over is not asked: points on it are lit, whatever their windows meet behind another caster's
+ * front. Behind the first caster a column is undefined up to the first voxel that a window of an
+ * asked triangle may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the automatic
  * bias, and the triangle's own normal, or none on slopes of at most 3 in 4
  * (docs/explained/effects.md).
  *

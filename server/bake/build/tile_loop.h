@@ -30,8 +30,8 @@ struct umbb_bake_options {
     unsigned threads;   /* 1.. */
     int closed_rule;
     size_t octree_max_bytes;
-    /* Limit in bytes of three things together: the octree, the columns kept for the levels above the
-     * tiles, and the depth path's lists of triangles; 0 = no limit. */
+    /* Limit in bytes of three things together: the octree, the columns kept for the levels above
+     * the tiles, and the depth path's lists of triangles; 0 = no limit. */
     size_t shared_max_bytes;
     /* If end is above first: only tiles first .. end - 1 are baked, for the tile cache; the pool is
      * empty afterwards, and there is no root. */

@@ -322,7 +322,8 @@ static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __
     return before | left;
 }
 
-/* Eight bands of a triangle, one a lane: first rows, and a range of x that holds all covered centres. */
+/* Eight bands of a triangle, one a lane: first rows, and a range of x that holds all covered
+ * centres. */
 struct eight {
     __m256i rows;
     __m512d left, right;
@@ -360,9 +361,9 @@ static inline struct eight eight_bands(const struct plane *k, int32_t row)
  * A bound of lit in each band: no texel of the triangle lies before it.
  *
  * Why: all operations of the predicate, rounded or not, are monotone in x and in y. So the least
- * depth is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y is
- * computed as in the predicate, because adding seven to `below` would round twice. The range of x
- * holds all centres, and may be too wide: then the bound is only lower.
+ * depth is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y
+ * is computed as in the predicate, because adding seven to `below` would round twice. The range of
+ * x holds all centres, and may be too wide: then the bound is only lower.
  */
 static inline __m256i eight_bounds(const struct plane *k, const struct eight *bands)
 {

@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_LANES_H
+#define UMBRAGE_SERVER_BAKE_DEPTH_COVERAGE_LANES_H
 /*
  * umbb_coverage_prepare for LANES triangles at a time: its operations in the same order, without
  * fused multiply-add, so the bits are the same. Corners are loaded and coverages stored as rows of
  * numbers of one triangle. In between they are transposed, so that a register holds one number of
  * LANES triangles.
  *
- * coverage_avx2.c and coverage_avx512.c include this file once each, after defining LANES; the types
- * lanes (doubles), mask and ints (32 bits); the macros LOAD, SAVE, ALL_OF, LEAST, MOST, LESS, EQUAL,
- * BOTH, EITHER, DIFFER, SELECT and KEPT; the functions transpose, first_centre, minus_one, choose,
- * ones and pairs; and PREPARE, the name of the result.
+ * coverage_avx2.c and coverage_avx512.c include this file once each, after defining LANES; the
+ * types lanes (doubles), mask and ints (32 bits); the macros LOAD, SAVE, ALL_OF, LEAST, MOST, LESS,
+ * EQUAL, BOTH, EITHER, DIFFER, SELECT and KEPT; the functions transpose, first_centre, minus_one,
+ * choose, ones and pairs; and PREPARE, the name of the result.
  */
 
 /* A coverage is sixteen numbers, the last two of which are pairs of integers. */
@@ -120,3 +122,5 @@ void PREPARE(const double (*corners)[3][3], const uint32_t *triangles, size_t co
         }
     }
 }
+
+#endif

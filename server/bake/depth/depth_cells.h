@@ -2,20 +2,20 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 /*
- * Drawing in two steps. First each cell of 8x8 texels of a block gets notes: a part for each triangle
- * that may show there. Then each cell is drawn in registers and written once, at its place in the
- * tile. A part takes 16 bytes. A cell's texels take 256 bytes, which every triangle would otherwise
- * read and write again.
+ * Drawing in two steps. First each cell of 8x8 texels of a block gets notes: a part for each
+ * triangle that may show there. Then each cell is drawn in registers and written once, at its place
+ * in the tile. A part takes 16 bytes. A cell's texels take 256 bytes, which every triangle would
+ * otherwise read and write again.
  *
  * Life, once a block: begin; note (as often as needed); then store. When the notes are full, `draw`
  * draws them into layers (depth_kernels.h) and clears them, noting goes on, and the layers hold the
  * result.
  *
- * Bounds tell what a cell hides. No texel of a cell ends up behind the cell's `far`, so a part whose
- * nearest lit is not below `far` need not be noted or drawn. A part's bounds are the predicate's own
- * values at corners of the cell: all operations of the predicate, rounded or not, are monotone in x
- * and in y. A cell that no single triangle covers gets its `far` from all parts that cover the cell
- * together.
+ * Bounds tell what a cell hides. No texel of a cell ends up behind the cell's `far`, so a part
+ * whose nearest lit is not below `far` need not be noted or drawn. A part's bounds are the
+ * predicate's own values at corners of the cell: all operations of the predicate, rounded or not,
+ * are monotone in x and in y. A cell that no single triangle covers gets its `far` from all parts
+ * that cover the cell together.
  */
 #include "bake/depth/depth_kernels.h"
 

@@ -12,12 +12,12 @@
  * depth, far below a voxel.
  *
  * Slivers: cutting a triangle to the frustum can leave corners that differ by rounding alone. The
- * area and the gradients of such a triangle are rounding errors. A sliver as long as the frustum may
- * run through thousands of texel centres (the diagonal of a floor below a lamp).
- * umbb_perspective_prepare gives triangles narrower than 2^-49 size^2 texels the gradient along their
- * longest edge. Wider triangles have gradients accurate to an eighth of a voxel. Across a sliver
- * depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels a
- * side.
+ * area and the gradients of such a triangle are rounding errors. A sliver as long as the frustum
+ * may run through thousands of texel centres (the diagonal of a floor below a lamp).
+ * umbb_perspective_prepare gives triangles narrower than 2^-49 size^2 texels the gradient along
+ * their longest edge. Wider triangles have gradients accurate to an eighth of a voxel. Across a
+ * sliver depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels
+ * a side.
  *
  * Plain C and one division a covered texel.
  */

@@ -3,8 +3,8 @@
  * The rasteriser of parallel light.
  *
  * create bins the casters by tile, once. begin bins a tile's casters by block. block draws them
- * into three layers of integers and decides lit and end. With AVX-512 it draws cell by cell, without
- * layers (depth_cells.h).
+ * into three layers of integers and decides lit and end. With AVX-512 it draws cell by cell,
+ * without layers (depth_cells.h).
  *
  * Invariant: a texel's three integers are the minimum of the predicate over all casters, so the
  * order of drawing does not matter. Bins only leave out casters whose bounding box holds no centre

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Pairing the half edges of front faces. A half edge is put into a hash table, unless its counterpart
- * is there: then both are paired. A half edge that is left in the table at the end is a border.
+ * Pairing the half edges of front faces. A half edge is put into a hash table, unless its
+ * counterpart is there: then both are paired. A half edge that is left in the table at the end is a
+ * border.
  *
  * Several threads share the table. A slot goes from free to taken to gone and never back. So a half
- * edge and its counterpart, whose searches start at the same slot, cannot miss each other: both want
- * the first free slot, and the later one finds the other there. Threads share only the slots. The
- * triangles that slots name were written before, so no memory ordering is needed.
+ * edge and its counterpart, whose searches start at the same slot, cannot miss each other: both
+ * want the first free slot, and the later one finds the other there. Threads share only the slots.
+ * The triangles that slots name were written before, so no memory ordering is needed.
  */
 #include "bake/depth/proven_squares.h"
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Proving squares in one pass over the casters. Until the end the tile itself holds a square's state:
- * the two numbers of the pyramid hold the bounds, and the entry of `proven` holds flags. Each thread
- * takes a strip of whole rows of squares, and reads all casters.
+ * Proving squares in one pass over the casters. Until the end the tile itself holds a square's
+ * state: the two numbers of the pyramid hold the bounds, and the entry of `proven` holds flags.
+ * Each thread takes a strip of whole rows of squares, and reads all casters.
  */
 #include "bake/depth/proven_squares.h"
 

@@ -10,11 +10,12 @@
  * bound of its greatest lit and the least lit of all back and open faces. Then lit ends before that
  * multiple, and nothing defined is shadowed before the multiple.
  *
- * There are two bounds of the greatest lit. Where a single front face covers every texel, it is that
- * face's greatest lit. Where a front face covers the middle and no border of the front side (the
- * marks below) comes near, it is the greatest lit that any front face could give: away from borders
- * every texel has as many front faces over it as the middle one, at least one. Behind each front
- * face lies a back face of the same solid; this holds only where every closed part was found closed.
+ * There are two bounds of the greatest lit. Where a single front face covers every texel, it is
+ * that face's greatest lit. Where a front face covers the middle and no border of the front side
+ * (the marks below) comes near, it is the greatest lit that any front face could give: away from
+ * borders every texel has as many front faces over it as the middle one, at least one. Behind each
+ * front face lies a back face of the same solid; this holds only where every closed part was found
+ * closed.
  *
  * The bounds are the predicate's own values at the nearest or farthest texel, as every rounded
  * operation is monotone. They depend on square and casters only, not on tiles, threads or paths.

@@ -19,8 +19,8 @@ struct umbb_tile_lists {
     struct umbb_bins blocks[2];         /* a tile by block, one a slot */
 };
 
-/* Lists the casters of each tile. In: lists: the first four fields set, everything else zero; finish
- * after any result. Fails: E_NO_MEMORY, E_LIMIT (max_bytes). */
+/* Lists the casters of each tile. In: lists: the first four fields set, everything else zero;
+ * finish after any result. Fails: E_NO_MEMORY, E_LIMIT (max_bytes). */
 UMB_CHECKED enum umb_status umbb_tile_lists_fill(struct umbb_tile_lists *lists,
                                                  struct umb_error *error);
 

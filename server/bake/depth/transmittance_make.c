@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A slice of work is a row of squares. Each square is drawn from the list of triangles that touch it.
- * The results of the rows are joined in order.
+ * A slice of work is a row of squares. Each square is drawn from the list of triangles that touch
+ * it. The results of the rows are joined in order.
  */
 #include "bake/depth/transmittance_make.h"
 

@@ -52,8 +52,8 @@ UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape
 /*
  * Reads a result and adds its nodes to a pool.
  *
- * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched. nodes: max_bytes is
- *        not read.
+ * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched. nodes: max_bytes
+ *        is not read.
  * Out:   result: its column's runs are the last of the runs.
  * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb__pool_brick and
  *        umb__occluder_depth_add_square.

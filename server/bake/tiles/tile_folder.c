@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tile loop's cache: a key names a tile, tile_code.h makes bytes of it, tile_cache.h keeps them. */
+/* The tile loop's cache: a key names a tile, tile_code.h makes bytes of it, tile_cache.h keeps
+ * them. */
 #include "bake/tiles/tile_folder.h"
 
 #include <errno.h>
