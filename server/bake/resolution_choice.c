@@ -156,8 +156,8 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
         if (forecast->bound_m <= wanted_m) {
             return UMB_OK;
         }
-        /* The bound halves with each doubling, margins apart: skips resolutions that cannot reach
-         * it. */
+        /* A doubling halves the bound, apart from margins. So resolutions that cannot reach the
+         * wanted bound are skipped. */
         while (*log2_size < UMBB_RESOLUTION_LOG2_MAX && forecast->bound_m > 4 * wanted_m) {
             forecast->bound_m /= 2;
             ++*log2_size;

@@ -94,9 +94,9 @@ static double largest(const double a[3])
 }
 
 /*
- * Side of an edge on which a ray passes: twice the volume that both span, or 0 if rounding decides.
- * The Pluecker form of difference and sum errs by the length of the edge, not by its distance. It
- * changes its sign with the direction of the edge, bit for bit.
+ * Side of the edge a, b on which a ray from the origin passes: the sign of the volume that ray and
+ * edge span, or 0 if rounding decides. The Pluecker form of difference and sum has an error in the
+ * length of the edge, not in its distance. Exchanging a and b changes the sign and no other bit.
  */
 static double side_of_edge(const double a[3], const double b[3], const double direction[3])
 {

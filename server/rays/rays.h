@@ -83,7 +83,7 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
 /*
  * Sums up the crossings of a whole ray, to test whether a point is inside a closed solid.
  *
- * In:    closed: uint8[triangle count], 1 for triangles of a closed part.
+ * In:    closed: uint8[triangle count], not 0 for triangles of a closed part.
  * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
  *        crossings: all hits of closed triangles. A ray through an edge or a corner that facets
  *        share crosses there once.

@@ -52,8 +52,8 @@ struct umbb_contact {
     double at[3];    /* nearest place of the surface, metres, world */
 };
 
-/* Finds the nearest such surface in one face of a lamp; returns 0 if there is none. Triangles
- * without an area do not count, because they cast nothing. */
+/* Finds the nearest surface that one face of a lamp cannot draw; returns 0 if there is none.
+ * Triangles without an area do not count, because they cast nothing. */
 int umbb_lamp_contact(const struct umbb_fit *fit, const struct umbb_eye *eye,
                       struct umbb_contact *contact);
 

@@ -5,8 +5,9 @@
  * Rounding up and down is part of the conversion to integers.
  *
  * There are two steps, each over several triangles: first their bands of eight rows, then the cells
- * of 8x8 texels of those bands. The reason are branches on a small triangle's coverage, which the
- * processor cannot predict: handled alone, each triangle would wait at each band for a wrong guess.
+ * of 8x8 texels of those bands. The reason is the branches on a small triangle's coverage, which
+ * the processor cannot predict: handled alone, each triangle would wait at each band for a wrong
+ * guess.
  */
 #include "bake/depth/depth_cells.h"
 

@@ -28,8 +28,8 @@ struct umbb_depth_options {
 /* A depth path. One object serves one bake. */
 struct umbb_depth {
     void *state;
-    /* Lists of triangles a tile, part of `state`. NULL: the path has none (Embree), so tiles cannot
-     * be cached, and its memory is planned for. */
+    /* Lists of triangles a tile, part of `state`. NULL: the path has none (Embree). Then tiles
+     * cannot be cached, and the path's memory is part of the plan (memory_plan.h). */
     struct umbb_tile_lists *lists;
     /* Prepares for a tile of this place and size, and proves the squares it can. slot: 0 or 1, as
      * two tiles may be in progress. */

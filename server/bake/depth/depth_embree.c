@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "bake/depth/cut_out.h"
 #include "bake/depth/depth.h"
 #include "bake/depth/depth_perspective.h"
@@ -137,8 +138,12 @@ static void embree_destroy(void *state)
 {
     struct caster *caster = state;
     if (caster != NULL) {
-        rtcReleaseScene(caster->scene);
-        rtcReleaseDevice(caster->device);
+        if (caster->scene != NULL) {
+            rtcReleaseScene(caster->scene);
+        }
+        if (caster->device != NULL) {
+            rtcReleaseDevice(caster->device);
+        }
         free(caster->marks);
         free(caster);
     }
@@ -165,6 +170,25 @@ static int build_scene(struct caster *caster)
     return rtcGetDeviceError(caster->device) == RTC_ERROR_NONE;
 }
 
+/* Marks the casters, and builds Embree's device and scene. */
+static enum umb_status caster_init(struct caster *caster, const struct umbb_depth_options *options,
+                                   struct umb_error *error)
+{
+    char config[64];
+    snprintf(config, sizeof config, "threads=%u", options->threads);
+    UMB__TRY(umbb_front_marks_make(&caster->casters, options->prove, NULL, &caster->marks, error));
+    caster->casters.marks = caster->marks;
+    caster->device = rtcNewDevice(config);
+    if (caster->device == NULL) {
+        return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
+                        (int)rtcGetDeviceError(NULL));
+    }
+    return build_scene(caster) ? UMB_OK
+                               : umb_fail(error, UMB_E_NO_MEMORY,
+                                          "ray caster: Embree could not build %zu triangles",
+                                          caster->casters.count);
+}
+
 enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
                                          const struct umbb_depth_options *options,
                                          struct umbb_depth *depth, struct umb_error *error)
@@ -174,27 +198,11 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
     if (caster == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: memory refused");
     }
-    char config[64];
-    snprintf(config, sizeof config, "threads=%u", options->threads);
-    const enum umb_status status =
-        umbb_front_marks_make(casters, options->prove, NULL, &caster->marks, error);
-    if (status != UMB_OK) {
-        free(caster);
-        return status;
-    }
     caster->casters = *casters;
-    caster->casters.marks = caster->marks;
-    caster->device = rtcNewDevice(config);
-    if (caster->device == NULL) {
-        free(caster->marks);
-        free(caster);
-        return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
-                        (int)rtcGetDeviceError(NULL));
-    }
-    if (!build_scene(caster)) {
+    const enum umb_status status = caster_init(caster, options, error);
+    if (status != UMB_OK) {
         embree_destroy(caster);
-        return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: Embree could not build %zu triangles",
-                        casters->count);
+        return status;
     }
     *depth = (struct umbb_depth){
         .state = caster,

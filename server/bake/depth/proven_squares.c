@@ -222,7 +222,7 @@ static void decide(struct squares *s, size_t square)
         s->front_most[square] = background;
         proven = 1;
     } else {
-        /* Bound of every lit: a face over the whole square, or all faces that may lie over it. */
+        /* Bound of every lit: by a front face over the whole square, or by all front faces. */
         const int whole = flags == (TOUCHED | MIDDLE);
         s->front_most[square] =
             whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];

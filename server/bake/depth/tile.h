@@ -21,7 +21,7 @@
 #include "umbrage/asset.h"
 
 #define UMBB_BLOCK_LOG2 8
-/* Texels a side of the unit of depth work: fits the second-level cache. */
+/* Texels a side of a block, the unit of depth work: its layers fit the second-level cache. */
 #define UMBB_BLOCK (1 << UMBB_BLOCK_LOG2)
 
 /* Log2 of the texels a side of a square that may be proven from bounds. */

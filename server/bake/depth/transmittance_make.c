@@ -293,27 +293,31 @@ static enum umb_status fill_bins(struct maker *m, uint32_t rows, struct umb_erro
     return umbb_bins_fill(&m->bins, &input, error);
 }
 
+/* Makes the map from allocated arrays. */
+static enum umb_status make_map(struct maker *m, uint32_t rows,
+                                struct umb__transmittance_bytes *bytes, int *too_large,
+                                struct umb_error *error)
+{
+    if (m->benches == NULL || m->rows == NULL || m->statuses == NULL || m->errors == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
+    }
+    UMB__TRY(fill_bins(m, rows, error));
+    UMB__TRY(make_rows_in_memory(m, rows, too_large, error));
+    return join(m, rows, bytes, too_large, error);
+}
+
 enum umb_status umbb_transmittance_make(const struct umbb_transmittance_input *job,
                                         struct umb__transmittance_bytes *bytes, int *too_large,
                                         struct umb_error *error)
 {
     const uint32_t rows = (uint32_t)1 << (job->level - 6);
-    struct maker m = {.job = job};
+    struct maker m = {.job = job,
+                      .benches = calloc(job->threads, sizeof *m.benches),
+                      .rows = calloc(rows, sizeof *m.rows),
+                      .statuses = calloc(rows, sizeof *m.statuses),
+                      .errors = calloc(rows, sizeof *m.errors)};
     *too_large = 0;
-    m.benches = calloc(job->threads, sizeof *m.benches);
-    m.rows = calloc(rows, sizeof *m.rows);
-    m.statuses = calloc(rows, sizeof *m.statuses);
-    m.errors = calloc(rows, sizeof *m.errors);
-    enum umb_status status =
-        m.benches != NULL && m.rows != NULL && m.statuses != NULL && m.errors != NULL
-            ? fill_bins(&m, rows, error)
-            : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
-    if (status == UMB_OK) {
-        status = make_rows_in_memory(&m, rows, too_large, error);
-    }
-    if (status == UMB_OK) {
-        status = join(&m, rows, bytes, too_large, error);
-    }
+    const enum umb_status status = make_map(&m, rows, bytes, too_large, error);
     for (uint32_t i = 0; m.rows != NULL && i < rows; i++) {
         umb__transmittance_bytes_finish(&m.rows[i]);
     }
