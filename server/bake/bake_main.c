@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "bake/bake_run.h"
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"

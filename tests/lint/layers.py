@@ -63,10 +63,10 @@ LIBRARIES = {
 FLOORS = {
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/*"],
     "server/bake": [
-        "bake_progress interrupt print_text",
+        "base/*",
         "sandbox/*",
         "import/*",
-        "bake_options effect_options light_options",
+        "options/*",
         "depth/*",
         "analysis/*",
         "build/*",

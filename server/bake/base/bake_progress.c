@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The supervisor's lines, see bake_progress.h. */
-#include "bake/bake_progress.h"
+#include "bake/base/bake_progress.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -17,7 +17,7 @@ void umbb_progress_tell_to(int fd)
     told = fd;
 }
 
-/* A line leaves in one write, so that a pipe does not cut it. */
+/* Writes a line to the supervisor by one call, so that a pipe does not cut the line. */
 static void tell(const char *text, size_t length)
 {
     if (told >= 0 && write(told, text, length) < 0) {
@@ -67,7 +67,7 @@ void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *
     umbu_progress_begin(&progress->line, unit, quiet);
 }
 
-/* Tells a supervisor, if it is time. */
+/* Writes a progress line to the supervisor, unless the last one was less than INTERVAL_S ago. */
 static void tell_progress(struct umbb_progress *progress, uint64_t done)
 {
     const double now = told >= 0 ? umbu_clock_s() : 0;

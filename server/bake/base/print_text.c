@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Escapes as in C. */
-#include "bake/print_text.h"
+#include "bake/base/print_text.h"
 
 #include <string.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_PRINT_TEXT_H
-#define UMBRAGE_SERVER_BAKE_PRINT_TEXT_H
+#ifndef UMBRAGE_SERVER_BAKE_BASE_PRINT_TEXT_H
+#define UMBRAGE_SERVER_BAKE_BASE_PRINT_TEXT_H
 /* Foreign text made safe to print: names in plans and on terminals. */
 #include <stddef.h>
 #include "umbrage/asset.h"

@@ -4,19 +4,18 @@
  * four rows or four texels at a time, without fused multiply-add, so the bits are the same. max and
  * min return their second operand if the first is a NaN, as the comparisons of the plain form do.
  *
- * A triangle is drawn in bands of eight rows, and those in cells of 8x8 texels, which lie together
+ * A triangle is drawn in bands of eight rows, and a band in cells of 8x8 texels, which lie together
  * in memory. A loop along each row would end every row of a small triangle in an unpredictable
  * branch. Lanes outside a row's span are set to INT32_MAX, so the minimum writes back the old
  * number.
  *
- * A cell is skipped if no part of the triangle can lie before its present content. That is exact:
- * every operation of the predicate, rounded or not, is monotone in x and in y, so the predicate's
- * own value at the nearest corner of the cell bounds all others.
+ * A cell is skipped if no part of the triangle can lie before the cell's present content. The test
+ * is exact: all operations of the predicate, rounded or not, are monotone in x and in y, so the
+ * predicate's own value at the nearest corner of the cell bounds its values at all other texels.
  */
-#include "bake/depth/depth_draw.h"
+#include "bake/depth/depth_kernels.h"
 
 #include <math.h>
-#include <stddef.h>
 
 #ifdef __AVX2__
 #include "bake/depth/lane_extremes.h"
@@ -316,15 +315,15 @@ static void draw_one(const struct umbb_coverage *coverage, const struct umbb_can
     }
 }
 
-static void draw(const struct umbb_coverage *coverages, size_t count,
-                 const struct umbb_canvas *canvas)
+void umbb__draw_avx2(const struct umbb_coverage *coverages, size_t count,
+                     const struct umbb_canvas *canvas)
 {
     for (size_t i = 0; i < count; i++) {
         draw_one(&coverages[i], canvas);
     }
 }
 
-static void find_far(const int32_t *layer, int32_t n, int32_t *far)
+void umbb__far_avx2(const int32_t *layer, int32_t n, int32_t *far)
 {
     const size_t blocks = (size_t)(n >> 3) * (size_t)(n >> 3);
     for (size_t block = 0; block < blocks; block++, layer += 64) {
@@ -336,26 +335,42 @@ static void find_far(const int32_t *layer, int32_t n, int32_t *far)
     }
 }
 
-umbb_draw_fn umbb_draw_avx2(void)
+/* One 8x8 block: decides, stores, reduces. */
+static inline void store_square(const int32_t *layers, size_t texels, struct umbb_tile *tile,
+                                size_t square)
 {
-    return __builtin_cpu_supports("avx2") ? draw : NULL;
+    int32_t *lit_to = tile->lit + square * 64, *end_to = tile->end + square * 64;
+    const __m256i background = _mm256_set1_epi32(tile->background);
+    __m256i most = _mm256_setzero_si256(), fewest = _mm256_set1_epi32(INT32_MAX);
+    for (size_t y = 0; y < 8; y++, layers += 8) {
+        __m256i lit = load(layers + UMBB_LAYER_OPEN * texels), end = lit;
+        if (end_to != lit_to) {
+            const __m256i front = load(layers + UMBB_LAYER_FRONT * texels);
+            const __m256i back = load(layers + UMBB_LAYER_BACK * texels);
+            lit = _mm256_min_epi32(front, _mm256_min_epi32(back, lit));
+            const __m256i inside = _mm256_and_si256(_mm256_cmpeq_epi32(front, lit),
+                                                    _mm256_cmpgt_epi32(background, back));
+            end = _mm256_blendv_epi8(lit, back, inside);
+            save(end_to + 8 * y, end);
+        }
+        save(lit_to + 8 * y, lit);
+        most = _mm256_max_epi32(most, lit);
+        fewest = _mm256_min_epi32(fewest, end);
+    }
+    tile->max_lit[UMB_LEVEL_BRICK][square] = umbb_most_of_8(most);
+    tile->min_end[UMB_LEVEL_BRICK][square] = umbb_least_of_8(fewest);
 }
 
-umbb_far_fn umbb_far_avx2(void)
+void umbb__store_avx2(const int32_t *layers, int32_t n, struct umbb_tile *tile, int32_t x0,
+                      int32_t y0)
 {
-    return __builtin_cpu_supports("avx2") ? find_far : NULL;
-}
-
-#else
-
-umbb_far_fn umbb_far_avx2(void)
-{
-    return NULL;
-}
-
-umbb_draw_fn umbb_draw_avx2(void)
-{
-    return NULL;
+    const size_t width = (size_t)n, texels = width * width;
+    for (int32_t y = 0; y < n; y += 8) {
+        for (int32_t x = 0; x < n; x += 8) {
+            const size_t square = umbb_tile_index(tile, x0 + x, y0 + y) / 64;
+            store_square(layers + (size_t)y * width + 8 * (size_t)x, texels, tile, square);
+        }
+    }
 }
 
 #endif

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A table of effects, with the decider of each and where to change it. */
-#include "bake/effect_options.h"
 
 #include <string.h>
 
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 
 /* Decider of an effect: which --effect settings are allowed. */
 enum decider {

@@ -1,22 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading the options about lights, see light_options.h. */
-#include "bake/light_options.h"
+#include "bake/options/light_options.h"
 
 #include <math.h>
 #include <string.h>
 
-/* The next free request, or NULL after a refusal. */
-static struct umbb_light_request *add_request(void *lights, const struct umbu_option *option,
-                                              const char *value, struct umb_error *error)
+/* Adds a request. Fails: E_ARGUMENT (too many). */
+static enum umb_status add_request(struct umbb_light_requests *requests,
+                                   const struct umbb_light_request *request,
+                                   const struct umbu_option *option, const char *value,
+                                   struct umb_error *error)
 {
-    struct umbb_light_requests *requests = lights;
     if (requests->count == UMBB_LIGHT_REQUESTS_MAX) {
-        (void)umb_fail(error, UMB_E_ARGUMENT,
-                       "--%s: '%.64s' is one too many; give at most %u lights", option->name, value,
-                       UMBB_LIGHT_REQUESTS_MAX);
-        return NULL;
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--%s: '%.64s' is one too many; give at most %u lights", option->name,
+                        value, UMBB_LIGHT_REQUESTS_MAX);
     }
-    return &requests->items[requests->count++];
+    requests->items[requests->count++] = *request;
+    return UMB_OK;
 }
 
 enum umb_status umbb_light_option_sun(const struct umbu_option *option, const char *value,
@@ -26,13 +27,9 @@ enum umb_status umbb_light_option_sun(const struct umbu_option *option, const ch
     if (!umbu_read_numbers(value, 2, n) || fabs(n[0]) > 360.0 || n[1] < 0.0 || n[1] > 90.0) {
         return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(lights, option, value, error);
-    if (request == NULL) {
-        return UMB_E_ARGUMENT;
-    }
-    *request = (struct umbb_light_request){
+    const struct umbb_light_request request = {
         .kind = UMBB_REQUEST_SUN, .azimuth_deg = n[0], .elevation_deg = n[1]};
-    return UMB_OK;
+    return add_request(lights, &request, option, value, error);
 }
 
 /* Reads exactly `digits` digits, then `end`. */
@@ -77,12 +74,8 @@ enum umb_status umbb_light_option_path(const struct umbu_option *option, const c
         path.step_minutes < 1.0 || path.step_minutes > UMBB_PATH_STEP_MAX) {
         return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(lights, option, value, error);
-    if (request == NULL) {
-        return UMB_E_ARGUMENT;
-    }
-    *request = (struct umbb_light_request){.kind = UMBB_REQUEST_PATH, .path = path};
-    return UMB_OK;
+    const struct umbb_light_request request = {.kind = UMBB_REQUEST_PATH, .path = path};
+    return add_request(lights, &request, option, value, error);
 }
 
 enum umb_status umbb_light_option_name(const struct umbu_option *option, const char *value,
@@ -91,12 +84,8 @@ enum umb_status umbb_light_option_name(const struct umbu_option *option, const c
     if (value[0] == '\0') {
         return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(lights, option, value, error);
-    if (request == NULL) {
-        return UMB_E_ARGUMENT;
-    }
-    *request = (struct umbb_light_request){.kind = UMBB_REQUEST_NAME, .name = value};
-    return UMB_OK;
+    const struct umbb_light_request request = {.kind = UMBB_REQUEST_NAME, .name = value};
+    return add_request(lights, &request, option, value, error);
 }
 
 /* Numbers with commas between them, each at most UMBB_LIGHT_AT_MAX in magnitude. */
@@ -117,15 +106,11 @@ enum umb_status umbb_light_option_spot(const struct umbu_option *option, const c
         n[6] > 90.0) {
         return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(lights, option, value, error);
-    if (request == NULL) {
-        return UMB_E_ARGUMENT;
-    }
-    *request = (struct umbb_light_request){.kind = UMBB_REQUEST_SPOT,
-                                           .position = {n[0], n[1], n[2]},
-                                           .direction = {n[3], n[4], n[5]},
-                                           .half_deg = n[6]};
-    return UMB_OK;
+    const struct umbb_light_request request = {.kind = UMBB_REQUEST_SPOT,
+                                               .position = {n[0], n[1], n[2]},
+                                               .direction = {n[3], n[4], n[5]},
+                                               .half_deg = n[6]};
+    return add_request(lights, &request, option, value, error);
 }
 
 enum umb_status umbb_light_option_point(const struct umbu_option *option, const char *value,
@@ -135,13 +120,9 @@ enum umb_status umbb_light_option_point(const struct umbu_option *option, const 
     if (!read_places(value, 3, n)) {
         return umbu_refuse(option, value, error);
     }
-    struct umbb_light_request *request = add_request(lights, option, value, error);
-    if (request == NULL) {
-        return UMB_E_ARGUMENT;
-    }
-    *request =
-        (struct umbb_light_request){.kind = UMBB_REQUEST_POINT, .position = {n[0], n[1], n[2]}};
-    return UMB_OK;
+    const struct umbb_light_request request = {.kind = UMBB_REQUEST_POINT,
+                                               .position = {n[0], n[1], n[2]}};
+    return add_request(lights, &request, option, value, error);
 }
 
 enum umb_status umbb_light_option_size(const struct umbu_option *option, const char *value,

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The options of umbrage-bake as a table, and the checks that concern several options. */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 
 #include <fcntl.h>
 #include <math.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "bake/effect_options.h"
 #include "base/try.h"
 #include "tool/bake_settings.h"
 
@@ -187,33 +186,32 @@ const struct umbu_command umbb_command = {
                  {"this machine", UMBU_ROWS(MACHINE)}},
 };
 
-/* What a task alone can tell. */
+/* Checks the options against the task. */
 static enum umb_status check_task(const struct umbb_options *o, struct umb_error *error)
 {
-    if (o->task == UMBB_TASK_MERGE && o->from == NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--from: is needed: the folder of tiles");
-    }
-    if (o->task != UMBB_TASK_MERGE && o->from != NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--from: only umbrage-bake merge takes it");
-    }
-    if (o->task != UMBB_TASK_TILE && o->only_given) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--only: only umbrage-bake tile takes it");
-    }
-    if (o->task != UMBB_TASK_BAKE && o->cache != NULL) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--cache: the folder of tiles is one already (-o, --from)");
-    }
-    if ((o->task != UMBB_TASK_BAKE || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "--depth: 'embree' cannot tell which triangles reach a tile, so that its "
-                        "tiles cannot be kept; give auto, raster or plain");
-    }
+    const int bakes = o->task == UMBB_TASK_BAKE, merges = o->task == UMBB_TASK_MERGE;
+    const struct {
+        int is_wrong;
+        const char *text;
+    } rules[] = {
+        {merges && o->from == NULL, "--from: is needed: the folder of tiles"},
+        {!merges && o->from != NULL, "--from: only umbrage-bake merge takes it"},
+        {o->task != UMBB_TASK_TILE && o->only_given, "--only: only umbrage-bake tile takes it"},
+        {!bakes && o->cache != NULL, "--cache: the folder of tiles is one already (-o, --from)"},
+        {(!bakes || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE,
+         "--depth: 'embree' cannot tell which triangles reach a tile, so that its tiles cannot be "
+         "kept; give auto, raster or plain"},
+        {o->task == UMBB_TASK_IMPORT && o->plan,
+         "--plan: umbrage-bake import only reads the scene"},
+    };
     if (o->task == UMBB_TASK_IMPORT && o->scene_buffer) {
         return umb_fail(error, UMB_E_ARGUMENT, "--scene-buffer: '%.64s' is imported already",
                         o->scene);
     }
-    if (o->task == UMBB_TASK_IMPORT && o->plan) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--plan: umbrage-bake import only reads the scene");
+    for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        if (rules[i].is_wrong) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s", rules[i].text);
+        }
     }
     return UMB_OK;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
-#define UMBRAGE_SERVER_BAKE_BAKE_OPTIONS_H
+#ifndef UMBRAGE_SERVER_BAKE_OPTIONS_BAKE_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_OPTIONS_BAKE_OPTIONS_H
 /*
  * The command line of umbrage-bake, checked.
  *
@@ -9,8 +9,7 @@
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "bake/effect_options.h"
-#include "bake/light_options.h"
+#include "bake/options/light_options.h"
 #include "bake/sandbox/bake_sandbox.h"
 #include "tool/options.h"
 #include "tool/threads.h"
@@ -34,6 +33,13 @@ enum umbb_up_axis {
     UMBB_UP_Z = 2,
 };
 
+/* Setting of half shadows (penumbras). */
+enum umbb_penumbra_mode {
+    UMBB_PENUMBRA_AUTO = 0, /* on if a light's extent calls for it and occluders are known */
+    UMBB_PENUMBRA_ON,       /* keeps first occluders for it (`front`) */
+    UMBB_PENUMBRA_OFF,      /* the asset's lights get no extent: queries have no penumbras */
+};
+
 /* Tasks of the program. */
 enum umbb_task {
     UMBB_TASK_BAKE = 0,
@@ -52,7 +58,7 @@ enum umbb_task {
 struct umbb_options {
     enum umbb_task task;
     const char *scene;    /* borrowed from argv */
-    int scene_buffer;     /* 1: it is a file of task import (--scene-buffer) */
+    int scene_buffer;     /* 1: the scene is a file of task import (--scene-buffer) */
     const char *output;   /* a folder with task tile; NULL with plan */
     const char *cache;    /* folder of tile results to use and fill, or NULL */
     const char *from;     /* task merge: folder of the tile results */
@@ -76,7 +82,7 @@ struct umbb_options {
     uint32_t tile_log2;
     enum umbb_depth_path depth;
     uint64_t verify_points; /* 0 = off */
-    int progress_fd;        /* see progress.h; -1 = no reports */
+    int progress_fd;        /* descriptor of a supervisor (bake_progress.h); -1 = none */
     enum umbb_sandbox_mode sandbox;
     int plan, json, quiet, help, version;
 };
@@ -92,5 +98,22 @@ UMB_CHECKED enum umb_status umbb_options_parse(int argc, char **argv, struct umb
 
 /* The table of options. */
 extern const struct umbu_command umbb_command;
+
+/*
+ * --effect NAME=on|off overrules what the analysis decides.
+ *
+ * Only effects that a caller can decide are accepted. For an effect that follows from the lights or
+ * the coordinates, the refusal names the place to change it. An effect that this version lacks may
+ * be off, never on.
+ */
+
+/* Reads --effect NAME=on|off into a struct umbb_options. Fails: E_ARGUMENT. */
+enum umb_status umbb_effect_set(const struct umbu_option *option, const char *value, void *options,
+                                struct umb_error *error);
+
+/* Completes the effects once all options are read: penumbras keep first occluders. Fails:
+ * E_ARGUMENT. */
+UMB_CHECKED enum umb_status umbb_effects_settle(struct umbb_options *options,
+                                                struct umb_error *error);
 
 #endif

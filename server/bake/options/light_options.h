@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
-#define UMBRAGE_SERVER_BAKE_LIGHT_OPTIONS_H
+#ifndef UMBRAGE_SERVER_BAKE_OPTIONS_LIGHT_OPTIONS_H
+#define UMBRAGE_SERVER_BAKE_OPTIONS_LIGHT_OPTIONS_H
 /* Lights of the command line: --sun, --sun-path, --spot, --point, --light, and their size:
  * --light-size. */
 #include <stddef.h>

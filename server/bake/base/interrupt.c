@@ -3,7 +3,7 @@
  * One handler. Signals come in bursts (a terminal and a supervisor both send one, timeout(1) sends
  * two), so another one counts as a second request only after a while.
  */
-#include "bake/interrupt.h"
+#include "bake/base/interrupt.h"
 
 #include <signal.h>
 #include <stdatomic.h>
