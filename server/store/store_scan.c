@@ -105,18 +105,6 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
     return fresh;
 }
 
-static enum umb_status look_at(const struct umbs_store *store, const struct umbs_name *name,
-                               struct stat *facts, int *missing, struct umb_error *error)
-{
-    char *path = umbs__packed_path(store, name);
-    if (path == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
-    }
-    *missing = stat(path, facts) != 0 || !S_ISREG(facts->st_mode);
-    free(path);
-    return UMB_OK;
-}
-
 /*
  * Decides what stands for one file in the new table: the old entry, a new one, or none. None is
  * NULL and UMB_OK: the file vanished, or it waits for its turn. The result holds a reference for
@@ -127,11 +115,11 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
 {
     struct umbs_store *store = pass->store;
     struct stat now;
-    int missing = 0;
+    char path[UMBS_PATH_SIZE];
     *out = NULL;
-    enum umb_status status = look_at(store, name, &now, &missing, error);
-    if (status != UMB_OK || missing) {
-        return status;
+    umbs__packed_path(store, name, path);
+    if (stat(path, &now) != 0 || !S_ISREG(now.st_mode)) {
+        return UMB_OK;
     }
     /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
     struct umbs_entry *old = umbs__table_find_name(store->table, name->text);
@@ -326,9 +314,9 @@ size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *tabl
         swept += sweep_folder(store, store->folders[i].path, NULL);
     }
     for (size_t i = 0; i < store->cache_count; i++) {
-        char *own = umbs__cache_own_folder(&store->caches[i]);
-        swept += own != NULL ? sweep_folder(store, own, table) : 0;
-        free(own);
+        char own[UMBS_PATH_SIZE];
+        swept +=
+            umbs__cache_own_folder(&store->caches[i], own) ? sweep_folder(store, own, table) : 0;
     }
     return swept;
 }
