@@ -7,24 +7,45 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One thread; owner: owner of its current request, NULL = idle. Under the mutex. */
+#include "jobs/job.h"
+
 struct file_thread {
     struct umbj_file_threads *home;
     pthread_t thread;
-    const char *owner;
+    const char *owner; /* Owner of its current request, NULL = idle; under the mutex */
 };
 
 struct umbj_file_threads {
+    void (*then)(struct umbj_service *service, struct umbj_request *request);
     struct umbj_service *service;
     pthread_mutex_t mutex;
     pthread_cond_t wake;
-    struct umbj_request *first, *last; /* under mutex */
+    struct umbj_request_queue queue; /* Waiting requests; under mutex */
     atomic_int stop;
-    char served[UMBJ_OWNER_SIZE]; /* owner of the request taken last; under mutex */
-    unsigned count, running;      /* running: number of threads that were started */
+    char served[UMBJ_OWNER_SIZE]; /* Owner of the request taken last; under mutex */
+    unsigned count, running;      /* Number of threads, wanted and started */
     struct file_thread list[];
 };
 
+void umbj_queue_add(struct umbj_request_queue *queue, struct umbj_request *request)
+{
+    request->next = NULL;
+    request->skipped = 0;
+    if (queue->last != NULL) {
+        queue->last->next = request;
+    } else {
+        queue->first = request;
+    }
+    queue->last = request;
+}
+
+void umbj_request_skip(struct umbj_request *request)
+{
+    request->skipped = 1;
+    request->done(request);
+}
+
+/* Number of an owner's requests that run. */
 static unsigned at_work_for(const struct umbj_file_threads *threads, const char *owner)
 {
     unsigned count = 0;
@@ -39,7 +60,8 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
  * not the one served last. NULL: the queue is empty, or all its owners have their share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
-    struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;
+    struct umbj_request **best = NULL, **at = &threads->queue.first, *before = NULL,
+                        *before_best = NULL;
     unsigned fewest = 2 * (threads->count > 1 ? threads->count - 1 : 1);
     for (; *at != NULL; before = *at, at = &(*at)->next) {
         const unsigned busy =
@@ -55,7 +77,7 @@ static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
     }
     struct umbj_request *request = *best;
     *best = request->next;
-    threads->last = threads->last == request ? before_best : threads->last;
+    threads->queue.last = threads->queue.last == request ? before_best : threads->queue.last;
     (void)snprintf(threads->served, sizeof threads->served, "%s", request->owner);
     return request;
 }
@@ -78,15 +100,16 @@ static void *run_thread(void *user)
         thread->owner = NULL;
         pthread_cond_signal(&threads->wake); /* another request of this owner may go on */
         pthread_mutex_unlock(&threads->mutex);
-        umbj_service_files_done(threads->service, request);
+        threads->then(threads->service, request);
         pthread_mutex_lock(&threads->mutex);
     }
     pthread_mutex_unlock(&threads->mutex);
     return NULL;
 }
 
-enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *service,
-                                         struct umbj_file_threads **out, struct umb_error *error)
+enum umb_status umbj_file_threads_create(
+    unsigned count, void (*then)(struct umbj_service *service, struct umbj_request *request),
+    struct umbj_service *service, struct umbj_file_threads **out, struct umb_error *error)
 {
     *out = NULL;
     struct umbj_file_threads *threads =
@@ -94,6 +117,7 @@ enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *se
     if (threads == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the file threads");
     }
+    threads->then = then;
     threads->service = service;
     threads->count = count;
     pthread_mutex_init(&threads->mutex, NULL);
@@ -114,28 +138,17 @@ enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *se
     return UMB_OK;
 }
 
-static void skip(struct umbj_request *request)
-{
-    request->skipped = 1;
-    request->done(request);
-}
-
 void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request)
 {
-    request->next = NULL;
-    request->skipped = 0;
     pthread_mutex_lock(&threads->mutex);
     const int stopped = atomic_load(&threads->stop);
-    if (!stopped && threads->last != NULL) {
-        threads->last->next = request;
-    } else if (!stopped) {
-        threads->first = request;
+    if (!stopped) {
+        umbj_queue_add(&threads->queue, request);
+        pthread_cond_signal(&threads->wake);
     }
-    threads->last = stopped ? threads->last : request;
-    pthread_cond_signal(&threads->wake);
     pthread_mutex_unlock(&threads->mutex);
     if (stopped) {
-        skip(request);
+        umbj_request_skip(request);
     }
 }
 
@@ -148,8 +161,8 @@ void umbj_file_threads_end(struct umbj_file_threads *threads)
 {
     pthread_mutex_lock(&threads->mutex);
     atomic_store(&threads->stop, 1);
-    struct umbj_request *request = threads->first;
-    threads->first = threads->last = NULL;
+    struct umbj_request *request = threads->queue.first;
+    threads->queue = (struct umbj_request_queue){NULL, NULL};
     pthread_cond_broadcast(&threads->wake);
     pthread_mutex_unlock(&threads->mutex);
     for (unsigned i = 0; i < threads->running; i++) {
@@ -158,7 +171,7 @@ void umbj_file_threads_end(struct umbj_file_threads *threads)
     threads->running = 0;
     while (request != NULL) {
         struct umbj_request *next = request->next;
-        skip(request);
+        umbj_request_skip(request);
         request = next;
     }
 }

@@ -58,16 +58,24 @@ int umbj_names_read(int folder, struct umbj_names *names)
     return failed;
 }
 
-/* Removes everything in a folder. stop: may be NULL. */
-static void empty_until(int folder, const atomic_int *stop)
+int umbj_folder_each(int folder, void (*each)(void *user, int folder, const char *name), void *user)
 {
     struct umbj_names names;
-    if (umbj_names_read(folder, &names) == 0) {
-        for (size_t i = 0; i < names.count; i++) {
-            umbj_folder_remove_until(folder, names.list[i], stop);
-        }
-        umbj_names_finish(&names);
+    if (folder < 0) {
+        return -1;
     }
+    const int failed = umbj_names_read(folder, &names);
+    for (size_t i = 0; i < names.count; i++) {
+        each(user, folder, names.list[i]);
+    }
+    umbj_names_finish(&names);
+    close(folder);
+    return failed;
+}
+
+static void remove_one(void *user, int folder, const char *name)
+{
+    umbj_folder_remove_until(folder, name, user);
 }
 
 void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop)
@@ -76,17 +84,15 @@ void umbj_folder_remove_until(int parent, const char *name, const atomic_int *st
         (errno != EISDIR && errno != EPERM)) {
         return;
     }
-    int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (folder >= 0) {
-        empty_until(folder, stop);
-        close(folder);
-    }
+    (void)umbj_folder_each(openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC),
+                           remove_one, (void *)stop);
     (void)unlinkat(parent, name, AT_REMOVEDIR); /* files that stay are swept at the next start */
 }
 
-void umbj_folder_empty(int folder)
+void umbj_folder_empty(int parent, const char *name)
 {
-    empty_until(folder, NULL);
+    (void)umbj_folder_each(openat(parent, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC), remove_one,
+                           NULL);
 }
 
 void umbj_folder_remove(int parent, const char *name)

@@ -204,19 +204,20 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
                                                 int64_t bytes, struct umb_error *error);
 
-/* Calls found(user, asset) for the assets of unknown size: those of an older program. */
-typedef void (*umbj_unsized_fn)(void *user, const uint8_t *asset);
-UMB_CHECKED enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn found,
-                                               void *user, struct umb_error *error);
+/* Finds the next asset of unknown size, which an older program made. In: asset: the one before, or
+ * zeros. Fails: E_NOT_FOUND: there are no more. */
+UMB_CHECKED enum umb_status umbj_table_next_unsized(struct umbj_table *table,
+                                                    uint8_t asset[UMBJ_HASH_BYTES],
+                                                    struct umb_error *error);
 
 /* Asset and duration of an earlier bake of the key, of any owner. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
                                                  uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
                                                  struct umb_error *error);
 
-/* 1 if a job made the asset; *owned: 1 if it is the owner's (NULL: any owner's). */
+/* Tells whether an asset is an owner's (NULL: any owner's). Out: owned: 0 also on failure. */
 UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset,
-                                             const char *owner, int *known, int *owned,
+                                             const char *owner, int *owned,
                                              struct umb_error *error);
 
 /* Takes the asset from an owner (NULL = from all). Fails: E_NOT_FOUND if it is not the owner's. */
@@ -232,7 +233,7 @@ UMB_CHECKED enum umb_status umbj_table_forget(struct umbj_table *table, const ui
                                               struct umb_error *error);
 
 /* Calls found(user, asset, owner) for every asset and owner. */
-typedef enum umb_status (*umbj_owned_fn)(void *user, const uint8_t *asset, const char *owner);
+typedef void (*umbj_owned_fn)(void *user, const uint8_t *asset, const char *owner);
 UMB_CHECKED enum umb_status umbj_table_owned(struct umbj_table *table, umbj_owned_fn found,
                                              void *user, struct umb_error *error);
 

@@ -38,11 +38,11 @@ static int setup(void **state)
     snprintf(f->jobs, sizeof f->jobs, "%s/jobs", f->folder);
     const struct umbj_service_options options = {
         .folder = f->jobs,
-        .program = "/bin/false",
-        .workers = 1,
-        .threads = 1,
-        .timeout_ms = 10000,
-        .max_output_bytes = 1000,
+        .tries.program = "/bin/false",
+        .tries.workers = 1,
+        .tries.threads = 1,
+        .tries.timeout_ms = 10000,
+        .tries.max_output_bytes = 1000,
         .max_bundle_bytes = 1000,
         .keep_ms = 1000000,
         .limits = {.owner_jobs = 8, .owner_bytes = 1000, .total_bytes = 4000, .lease_ms = 100000},
@@ -235,7 +235,7 @@ static struct umbj_service_options options_again(const struct fixture *f)
 {
     struct umbj_service_options options = *umbj_service_options_of(f->service);
     options.folder = f->jobs;
-    options.program = "/bin/false";
+    options.tries.program = "/bin/false";
     return options;
 }
 
@@ -294,12 +294,12 @@ static void a_service_that_cannot_start_says_why(void **state)
     struct umbj_service_options options = options_again(f);
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_BUSY);
     assert_non_null(strstr(f->error.message, "another daemon"));
-    options.program = "/nonexistent";
+    options.tries.program = "/nonexistent";
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
-    options.program = f->jobs; /* a folder, which may be entered but not run */
+    options.tries.program = f->jobs; /* a folder, which may be entered but not run */
     options.folder = "/dev/null/jobs";
     assert_int_not_equal(umbj_service_create(&options, &other, &f->error), UMB_OK);
-    options.program = NULL; /* beside this test there is none */
+    options.tries.program = NULL; /* beside this test there is none */
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
     memset(long_path, 'x', sizeof long_path - 1);
     long_path[sizeof long_path - 1] = '\0';

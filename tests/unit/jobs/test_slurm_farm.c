@@ -14,7 +14,7 @@
 #include <cmocka.h>
 
 #include "jobs/folder.h"
-#include "jobs/slurm_farm.h"
+#include "jobs/farm.h"
 
 #define NAME  "00ff.1"
 #define COUNT 2500
