@@ -329,7 +329,7 @@ void umbj__look_at_loading(struct umbj_service *service)
     }
 }
 
-/* Size of the file to be published: the staged one, or the one that was there when the try ended. */
+/* Size of the file to be published: the staged one, or one that is there since an earlier try. */
 static enum umb_status size_of(struct umbj_service *service, const struct umbj_report *report,
                                int64_t *bytes, struct umb_error *error)
 {

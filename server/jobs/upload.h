@@ -42,7 +42,7 @@ UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const 
 UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error);
 
 /*
- * Begins to remove an accepted bundle: renames it in one step, so that an interrupted removal leaves
+ * Begins to remove an accepted bundle: renames it in one step. An interrupted removal so leaves
  * nothing that a later upload of the key would take for complete.
  *
  * In:    jobs: descriptor of the jobs folder.

@@ -249,7 +249,7 @@ static enum umb_status supervise(const struct umbj_process *process, pid_t child
     return known ? UMB_OK : umb_fail(error, UMB_E_INTERNAL, "worker: its exit status is lost");
 }
 
-/* Starts the process. Out: child; the ends of the pipes that the process writes to, to be closed. */
+/* Starts the process. Out: child; both pipes, also on failure: the caller closes all ends. */
 static enum umb_status start(const struct umbj_process *process, const struct umbj_words *words,
                              int said[2], int progress[2], pid_t *child, struct umb_error *error)
 {
