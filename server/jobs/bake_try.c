@@ -47,22 +47,13 @@ enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status sta
                                        const struct umb_error *error)
 {
     enum umbj_failure failure = UMBJ_INTERNAL;
-    switch (status) {
-    case UMB_E_NO_MEMORY:
-    case UMB_E_LIMIT:
-    case UMB_E_BUSY:
-    case UMB_E_UNAVAILABLE:
+    if (status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT || status == UMB_E_BUSY ||
+        status == UMB_E_UNAVAILABLE) {
         failure = UMBJ_TEMPORARY;
-        break;
-    case UMB_E_IO:
-    case UMB_E_CANNOT_CREATE:
+    } else if (status == UMB_E_IO || status == UMB_E_CANNOT_CREATE) {
         failure = UMBJ_IO;
-        break;
-    case UMB_E_TOO_LARGE:
+    } else if (status == UMB_E_TOO_LARGE) {
         failure = UMBJ_REJECTED;
-        break;
-    default:
-        break;
     }
     return umbj_try_fail(try, failure, "%s", error->message);
 }

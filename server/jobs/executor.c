@@ -80,23 +80,6 @@ static enum umbj_failure wait_as_known(struct umbj_try *try)
     return UMBJ_NO_FAILURE;
 }
 
-/* Removes the try's folder. Tasks of a farm that could not be cancelled then end by themselves
- * (farm.h). */
-static void drop_folder(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    char parent[4200];
-    if (slash != NULL && (size_t)(slash - path) < sizeof parent) {
-        memcpy(parent, path, (size_t)(slash - path));
-        parent[slash - path] = '\0';
-        int fd = open(parent, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        if (fd >= 0) {
-            umbj_folder_drop(fd, slash + 1);
-            close(fd);
-        }
-    }
-}
-
 static void *run_try(void *user)
 {
     struct slot *slot = user;
@@ -111,7 +94,7 @@ static void *run_try(void *user)
     } else {
         ended.failure = bake(&try, &ended);
         ended.bake_ms = umbu_clock_ms() - start;
-        drop_folder(slot->work.folder);
+        umbj_folder_drop(AT_FDCWD, slot->work.folder); /* its farm's tasks then end (farm.h) */
     }
     memcpy(ended.text, try.cause, sizeof ended.text);
     const int closing = atomic_load(&slot->owner->closing);

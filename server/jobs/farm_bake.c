@@ -351,12 +351,11 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
         (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot make a folder for the tasks");
         failure = umbj_try_fail_status(try, UMB_E_IO, &error);
     } else {
-        stage.done = block;
-        stage.wanted = block + count;
-        stage.known = block + 2 * (size_t)count;
-        stage.tries = block + 3 * (size_t)count;
-        stage.unknown = block + 4 * (size_t)count;
-        stage.asked = block + 5 * (size_t)count;
+        uint8_t **const arrays[6] = {&stage.done,  &stage.wanted,  &stage.known,
+                                     &stage.tries, &stage.unknown, &stage.asked};
+        for (size_t i = 0; i < 6; i++) {
+            *arrays[i] = block + i * count;
+        }
         memset(stage.wanted, 1, count);
         stage.farm = (struct umbj_farm_stage){.name = stage.name,
                                               .folder = stage.folder,

@@ -102,8 +102,8 @@ void umbj_folder_remove(int parent, const char *name)
 
 void umbj_folder_drop(int parent, const char *name)
 {
-    char gone[300]; /* names have 255 bytes at most */
-    snprintf(gone, sizeof gone, "%.255s.gone", name);
+    char gone[4300]; /* longer than any path */
+    (void)snprintf(gone, sizeof gone, "%.4200s.gone", name);
     umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
 }
 

@@ -30,18 +30,18 @@
  */
 #include "jobs/job.h"
 
-#define UMBJ_TRIES_MAX      6    /* claims of one job that may fail */
-#define UMBJ_HARD_TRIES_MAX 2    /* claims of one job that may take the worker down */
-#define UMBJ_PAUSE_MS       1000 /* after the first failure; doubles */
+#define UMBJ_TRIES_MAX      6    /* number of failed tries after which a job ends */
+#define UMBJ_HARD_TRIES_MAX 2    /* number of tries that may take the worker down */
+#define UMBJ_PAUSE_MS       1000 /* milliseconds after the first failed try; each pause doubles */
 #define UMBJ_PAUSE_MAX_MS   300000
 
 struct umbj_table; /* opaque */
 
 struct umbj_limits {
-    int64_t owner_jobs;  /* unfinished jobs of one owner */
-    int64_t owner_bytes; /* bytes of one owner's bundles */
-    int64_t total_bytes; /* bytes of all bundles */
-    int64_t lease_ms;
+    int64_t owner_jobs;    /* Limit of the unfinished jobs of one owner */
+    int64_t owner_bytes;   /* Limit of the bytes of one owner's bundles */
+    int64_t total_bytes;   /* Limit of the bytes of all bundles */
+    int64_t lease_ms;      /* Milliseconds without a report after which a try is lost */
     int64_t owner_assets;  /* Limit of the bytes of one owner's assets; 0 = none */
     int64_t owner_history; /* Limit of the finished jobs of one owner; 0 = none */
 };
@@ -90,10 +90,10 @@ UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);
 
-/* Uploads in progress: not jobs yet, but their space already counts. */
+/* Uploads in progress, which count for the quotas as jobs do. */
 struct umbj_pending {
-    int64_t own_jobs, own_bytes; /* unfinished jobs of the owner, and bytes of their bundles */
-    int64_t all_bytes;
+    int64_t own_jobs, own_bytes; /* Number of the owner's uploads, and bytes of their bundles */
+    int64_t all_bytes;           /* Bytes of all owners' bundles */
 };
 
 /* Checks the owner's quotas for one more job of that size. pending: NULL = none. Fails: as

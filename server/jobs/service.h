@@ -54,13 +54,13 @@ struct umbj_service_options {
     uint64_t keep_ms;          /* Milliseconds for which finished jobs are kept */
     struct umbj_limits limits;
     const struct umbs_log *log;
-    /* Called on the service's thread when the store has a new file, or one fewer. */
+    /* Callback, on the service's thread, after a file of the store was added or removed. */
     void (*store_changed)(void *user);
-    /* Called before the asset's file gets its name, and again with yes = 0 if it then does not get
-     * it. The following steps must take equally long if other owners have an equal file. NULL:
-     * nothing to do. */
+    /* Callback before an asset's file gets its name (yes = 1), and again if the renaming failed
+     * (yes = 0). The store then loads the file anew, so that an owner cannot tell by the time
+     * whether others have the asset. NULL: nothing to do. */
     void (*replacing)(void *user, const uint8_t *asset, int yes);
-    /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
+    /* Callback: 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
     /* For tests; NULL: the system's clocks, and an executor made from the options above. */

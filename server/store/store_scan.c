@@ -27,10 +27,10 @@
 struct pass {
     struct umbs_store *store;
     struct umbs_store_report *report;
-    int may_load;     /* another file may be read whole */
-    uint64_t load_ms; /* Milliseconds spent on such files */
-    int pending;      /* more files wait to be read whole */
-    int waits;        /* the lane has no room for one */
+    int may_load;     /* 1 if another file may be read whole in this pass */
+    uint64_t load_ms; /* Milliseconds spent on files read whole */
+    int pending;      /* 1 if more files wait to be read whole */
+    int waits;        /* 1 if a file waits for the lane */
 };
 
 static int compare_ids(const void *a, const void *b)
@@ -78,7 +78,8 @@ static void remember(struct umbs_store *store, const struct umbs_entry *entry)
     }
 }
 
-/* Takes a fresh entry, or keeps the old one where the fresh one's failure may be temporary. */
+/* Returns the entry for the new table: the fresh one, or the old one if the fresh one failed and a
+ * later scan may succeed. */
 static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
                                  struct umbs_entry *fresh, const struct stat *file)
 {
