@@ -27,18 +27,6 @@ struct umbj_file_threads {
     struct file_thread list[];
 };
 
-void umbj_queue_add(struct umbj_request_queue *queue, struct umbj_request *request)
-{
-    request->next = NULL;
-    request->skipped = 0;
-    if (queue->last != NULL) {
-        queue->last->next = request;
-    } else {
-        queue->first = request;
-    }
-    queue->last = request;
-}
-
 void umbj_request_skip(struct umbj_request *request)
 {
     request->skipped = 1;
@@ -60,26 +48,21 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
  * not the one served last. NULL: the queue is empty, or all its owners have their share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
-    struct umbj_request **best = NULL, **at = &threads->queue.first, *before = NULL,
-                        *before_best = NULL;
+    struct umbj_request *best = NULL, *at;
     unsigned fewest = 2 * (threads->count > 1 ? threads->count - 1 : 1);
-    for (; *at != NULL; before = *at, at = &(*at)->next) {
+    for (at = STAILQ_FIRST(&threads->queue); at != NULL; at = STAILQ_NEXT(at, next)) {
         const unsigned busy =
-            2 * at_work_for(threads, (*at)->owner) + (strcmp(threads->served, (*at)->owner) == 0);
+            2 * at_work_for(threads, at->owner) + (strcmp(threads->served, at->owner) == 0);
         if (busy < fewest) {
             fewest = busy;
             best = at;
-            before_best = before;
         }
     }
-    if (best == NULL) {
-        return NULL;
+    if (best != NULL) {
+        STAILQ_REMOVE(&threads->queue, best, umbj_request, next);
+        (void)snprintf(threads->served, sizeof threads->served, "%s", best->owner);
     }
-    struct umbj_request *request = *best;
-    *best = request->next;
-    threads->queue.last = threads->queue.last == request ? before_best : threads->queue.last;
-    (void)snprintf(threads->served, sizeof threads->served, "%s", request->owner);
-    return request;
+    return best;
 }
 
 static void *run_thread(void *user)
@@ -120,6 +103,7 @@ enum umb_status umbj_file_threads_create(
     threads->then = then;
     threads->service = service;
     threads->count = count;
+    STAILQ_INIT(&threads->queue);
     pthread_mutex_init(&threads->mutex, NULL);
     pthread_cond_init(&threads->wake, NULL);
     for (unsigned i = 0; i < count; i++) {
@@ -143,7 +127,8 @@ void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_reque
     pthread_mutex_lock(&threads->mutex);
     const int stopped = atomic_load(&threads->stop);
     if (!stopped) {
-        umbj_queue_add(&threads->queue, request);
+        request->skipped = 0;
+        STAILQ_INSERT_TAIL(&threads->queue, request, next);
         pthread_cond_signal(&threads->wake);
     }
     pthread_mutex_unlock(&threads->mutex);
@@ -161,18 +146,16 @@ void umbj_file_threads_end(struct umbj_file_threads *threads)
 {
     pthread_mutex_lock(&threads->mutex);
     atomic_store(&threads->stop, 1);
-    struct umbj_request *request = threads->queue.first;
-    threads->queue = (struct umbj_request_queue){NULL, NULL};
     pthread_cond_broadcast(&threads->wake);
     pthread_mutex_unlock(&threads->mutex);
     for (unsigned i = 0; i < threads->running; i++) {
         pthread_join(threads->list[i].thread, NULL);
     }
     threads->running = 0;
-    while (request != NULL) {
-        struct umbj_request *next = request->next;
+    struct umbj_request *request;
+    while ((request = STAILQ_FIRST(&threads->queue)) != NULL) {
+        STAILQ_REMOVE_HEAD(&threads->queue, next);
         umbj_request_skip(request);
-        request = next;
     }
 }
 

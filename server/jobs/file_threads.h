@@ -18,6 +18,7 @@
  * is done. Requests of different calls have no order.
  */
 #include <stdatomic.h>
+#include <sys/queue.h>
 #include "umbrage/status.h"
 
 struct umbj_service;
@@ -27,7 +28,7 @@ struct umbj_file_threads; /* opaque */
  * own, then done. Either of the first two may be NULL. The request is the sender's again from done
  * on. When the service ends, done is called without run, or without both: `skipped`. */
 struct umbj_request {
-    struct umbj_request *next;
+    STAILQ_ENTRY(umbj_request) next;
     void (*files)(struct umbj_request *request);
     void (*run)(struct umbj_request *request, struct umbj_service *service);
     void (*done)(struct umbj_request *request);
@@ -37,11 +38,7 @@ struct umbj_request {
 };
 
 /* Requests in their order. */
-struct umbj_request_queue {
-    struct umbj_request *first, *last;
-};
-
-void umbj_queue_add(struct umbj_request_queue *queue, struct umbj_request *request);
+STAILQ_HEAD(umbj_request_queue, umbj_request);
 
 /* Calls request->done of a request that was not run. */
 void umbj_request_skip(struct umbj_request *request);

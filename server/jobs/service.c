@@ -48,7 +48,8 @@ static void files_done(struct umbj_service *service, struct umbj_request *reques
         return;
     }
     pthread_mutex_lock(&service->mutex);
-    umbj_queue_add(&service->queue, request);
+    request->skipped = 0;
+    STAILQ_INSERT_TAIL(&service->queue, request, next);
     pthread_cond_signal(&service->wake);
     pthread_mutex_unlock(&service->mutex);
 }
@@ -192,14 +193,12 @@ static struct umbj_request *next_request(struct umbj_service *service, int64_t w
 {
     const struct timespec until = umbu_clock_deadline(wait_ms);
     pthread_mutex_lock(&service->mutex);
-    struct umbj_request_queue *queue = &service->queue;
-    if (queue->first == NULL && !service->closing && wait_ms > 0) {
+    if (STAILQ_EMPTY(&service->queue) && !service->closing && wait_ms > 0) {
         pthread_cond_timedwait(&service->wake, &service->mutex, &until);
     }
-    struct umbj_request *request = queue->first;
+    struct umbj_request *request = STAILQ_FIRST(&service->queue);
     if (request != NULL) {
-        queue->first = request->next;
-        queue->last = queue->first != NULL ? queue->last : NULL;
+        STAILQ_REMOVE_HEAD(&service->queue, next);
     }
     pthread_mutex_unlock(&service->mutex);
     return request;
@@ -359,6 +358,7 @@ static void init_service(struct umbj_service *service, const struct umbj_service
     service->clocks = options->clocks != NULL ? *options->clocks : system_clocks;
     service->executor = options->executor;
     service->folder = -1;
+    STAILQ_INIT(&service->queue);
     umbj_place_init(&service->place);
     pthread_mutex_init(&service->mutex, NULL);
     pthread_condattr_init(&monotonic);

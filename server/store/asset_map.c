@@ -21,6 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/queue.h>
 #include <unistd.h>
 
 #include "base/open_status.h"
@@ -35,13 +36,13 @@
 
 /* A block that an asset allocated while it was opened. */
 struct block {
-    struct block *next, *previous;
+    LIST_ENTRY(block) link;
     max_align_t bytes[];
 };
 
 struct block_list {
     pthread_mutex_t lock;
-    struct block *first;
+    LIST_HEAD(, block) blocks;
 };
 
 struct umbs_asset_map {
@@ -80,48 +81,22 @@ int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b)
            same_time(&a->modified, &b->modified) && same_time(&a->changed, &b->changed);
 }
 
-/* Takes a block out of its list. */
-static void block_unlink(struct block_list *list, struct block *block)
-{
-    if (block->previous != NULL) {
-        block->previous->next = block->next;
-    } else {
-        list->first = block->next;
-    }
-    if (block->next != NULL) {
-        block->next->previous = block->previous;
-    }
-}
-
-static void block_link(struct block_list *list, struct block *block)
-{
-    block->previous = NULL;
-    block->next = list->first;
-    if (list->first != NULL) {
-        list->first->previous = block;
-    }
-    list->first = block;
-}
-
 /* Resizes a block; called with the list's lock held. */
 static void *block_renew(struct block_list *list, struct block *old, size_t size)
 {
     if (old != NULL) {
-        block_unlink(list, old);
+        LIST_REMOVE(old, link);
     }
     if (size == 0) {
         free(old);
         return NULL;
     }
     struct block *block = realloc(old, sizeof *block + size);
-    if (block == NULL) {
-        if (old != NULL) {
-            block_link(list, old);
-        }
-        return NULL;
+    struct block *kept = block != NULL ? block : old;
+    if (kept != NULL) {
+        LIST_INSERT_HEAD(&list->blocks, kept, link);
     }
-    block_link(list, block);
-    return block->bytes;
+    return block != NULL ? block->bytes : NULL;
 }
 
 /* Resize callback of umb_alloc; user is the list. */
@@ -219,9 +194,9 @@ static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_t
 
 static void free_blocks(struct block_list *list)
 {
-    while (list->first != NULL) {
-        struct block *block = list->first;
-        block_unlink(list, block);
+    struct block *block;
+    while ((block = LIST_FIRST(&list->blocks)) != NULL) {
+        LIST_REMOVE(block, link);
         free(block);
     }
 }
@@ -364,11 +339,13 @@ static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb
     return UMB_OK;
 }
 
-/* Opens the bytes: checks all of them, or only the head of a file that is known. */
-static enum umb_status open_checked(struct umbs_asset_map *map,
+/* Opens the file and its asset: checks all bytes, or only the head of a file that is known. */
+static enum umb_status open_checked(struct umbs_asset_map *map, const char *path,
                                     const struct umbs_asset_map_options *options,
                                     struct umb_error *error)
 {
+    UMB__TRY(open_file(map, path, options->ours, error));
+    UMB__TRY(options->copy ? copy_file(map, error) : map_file(map, error));
     const int known =
         options->known != NULL && !options->copy && umbs_stamp_equal(options->known, &map->stamp);
     if (!known) {
@@ -394,13 +371,7 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
         memcpy(map->digest, options->digest, UMB_ID_BYTES);
     }
     umbs_fault_guard_install();
-    enum umb_status status = open_file(map, path, options->ours, error);
-    if (status == UMB_OK) {
-        status = options->copy ? copy_file(map, error) : map_file(map, error);
-    }
-    if (status == UMB_OK) {
-        status = open_checked(map, options, error);
-    }
+    const enum umb_status status = open_checked(map, path, options, error);
     if (status != UMB_OK) {
         umbs_asset_map_close(map);
         return status;

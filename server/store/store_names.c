@@ -95,11 +95,11 @@ static enum umb_status read_folder(struct reading *reading, DIR *folder, const c
     enum umb_status status = UMB_OK;
     while (status == UMB_OK) {
         errno = 0;
-        struct dirent *item = readdir(folder);
+        const struct dirent *item = readdir(folder);
+        if (item == NULL && errno != 0) {
+            status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read a store folder");
+        }
         if (item == NULL) {
-            status = errno == 0
-                         ? UMB_OK
-                         : umb_fail_errno(error, UMB_E_IO, errno, "cannot read a store folder");
             break;
         }
         const char *name = item->d_name;

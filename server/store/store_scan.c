@@ -19,6 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 
 #define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
@@ -226,43 +227,42 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
     umbs__cache_keep(cache, &now);
 }
 
+/* Publishes tables until every file is in one; the first takes the files that open at once. */
+static enum umb_status scan(struct pass *pass, struct umbs_name_list *list, struct umb_error *error)
+{
+    struct umbs_store *store = pass->store;
+    UMB__TRY(umbs__names_read(store, list, pass->report, error));
+    do {
+        struct umbs_table *table;
+        const int was_done = umbs__lane_has_done(store);
+        pass->report->unchanged = 0;
+        pass->pending = 0;
+        pass->waits = 0;
+        UMB__TRY(build_table(pass, list, &table, error));
+        publish(pass, table);
+        pass->may_load = 1; /* each further pass takes at least one more file: the loop ends */
+        pass->load_ms = 0;
+        pass->pending |= umbs__lane_clear(store, was_done) && pass->waits;
+    } while (pass->pending);
+    for (size_t i = 0; i < store->cache_count; i++) {
+        write_records(store, &store->caches[i]);
+    }
+    pass->report->swept = umbs__store_sweep(store, store->table);
+    return UMB_OK;
+}
+
 enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_report *report,
                                   struct umb_error *error)
 {
     struct umbs_store_report own;
     struct umbs_name_list list = {0};
-    struct umbs_table *table = NULL;
-    report = report != NULL ? report : &own;
-    memset(report, 0, sizeof *report);
+    struct pass pass = {.store = store, .report = report != NULL ? report : &own};
+    memset(pass.report, 0, sizeof *pass.report);
     pthread_mutex_lock(&store->scan);
     store->serial++;
-    struct pass pass = {.store = store, .report = report};
-    enum umb_status status = umbs__names_read(store, &list, report, error);
-    do {
-        /* The first pass takes the quick files; each further pass takes at least one more file, so
-         * the loop ends. */
-        report->unchanged = 0;
-        pass.pending = 0;
-        pass.waits = 0;
-        const int was_done = umbs__lane_has_done(store);
-        if (status == UMB_OK) {
-            status = build_table(&pass, &list, &table, error);
-        }
-        if (status == UMB_OK) {
-            publish(&pass, table);
-        }
-        pass.may_load = 1;
-        pass.load_ms = 0;
-        pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
-    } while (status == UMB_OK && pass.pending);
-    free(list.names);
-    for (size_t i = 0; status == UMB_OK && i < store->cache_count; i++) {
-        write_records(store, &store->caches[i]);
-    }
-    if (status == UMB_OK) {
-        report->swept = umbs__store_sweep(store, store->table);
-    }
+    const enum umb_status status = scan(&pass, &list, error);
     pthread_mutex_unlock(&store->scan);
+    free(list.names);
     umbs_store_reap(store);
     return status;
 }
