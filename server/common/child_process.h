@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_CHILD_PROCESS_H
 #define UMBRAGE_SERVER_COMMON_CHILD_PROCESS_H
 /*
- * Child processes, as all programs of the server start them: a near-empty environment, only the agreed
- * descriptors, default signals, and a process group of their own that ends with them. A child dies
- * when its parent does. Linux only.
+ * Child processes, as all programs of the server start them: a near-empty environment, only the
+ * agreed descriptors, default signals, and a process group of their own that ends with them. A
+ * child dies when its parent does. Linux only.
  *
  * Between fork and exec only async-signal-safe calls are made, because the caller may have many
  * threads. Functions marked "in the child" keep to that, and return 0 or -1 with errno.

@@ -107,18 +107,20 @@ void umbj_folder_drop(int parent, const char *name)
     umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
 }
 
+int umbj_folder_above(const char *path, char *above, size_t size)
+{
+    const char *slash = strrchr(path, '/');
+    return slash == NULL   ? snprintf(above, size, ".")
+           : slash == path ? snprintf(above, size, "/")
+                           : snprintf(above, size, "%.*s", (int)(slash - path), path);
+}
+
 /* Syncs the folder that holds the name: without it a power cut may remove the new folder. */
 static int sync_parent(int parent, const char *name)
 {
-    const char *slash = strrchr(name, '/');
-    char *above = slash == NULL   ? strdup(".")
-                  : slash == name ? strdup("/")
-                                  : strndup(name, (size_t)(slash - name));
-    const int result = above != NULL ? umbu_folder_sync_at(parent, above) : -1;
-    const int cause = errno;
-    free(above);
-    errno = cause;
-    return result;
+    char above[4300];
+    (void)umbj_folder_above(name, above, sizeof above);
+    return umbu_folder_sync_at(parent, above);
 }
 
 enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)

@@ -6,6 +6,10 @@
 #include <stddef.h>
 #include "umbrage/status.h"
 
+/* Writes the path of the folder that holds `path`: all before the last slash, "." or "/". Returns
+ * the path's length, as snprintf. */
+int umbj_folder_above(const char *path, char *above, size_t size);
+
 /* Names in a folder, without "." and "..". */
 struct umbj_names {
     char **list;

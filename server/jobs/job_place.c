@@ -14,22 +14,11 @@
 #include "base/try.h"
 #include "tool/clock.h"
 #include "common/private_folder.h"
+#include "jobs/folder.h"
 
 void umbj_place_init(struct umbj_place *place)
 {
     *place = (struct umbj_place){.folder = {.fd = -1}, .table = {.fd = -1}};
-}
-
-/* Parent folder of a path. */
-static enum umb_status folder_of(const char *path, char folder[4200], struct umb_error *error)
-{
-    const char *slash = strrchr(path, '/');
-    const int length = slash == NULL   ? snprintf(folder, 4200, ".")
-                       : slash == path ? snprintf(folder, 4200, "/")
-                                       : snprintf(folder, 4200, "%.*s", (int)(slash - path), path);
-    return length < 4200
-               ? UMB_OK
-               : umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long", length);
 }
 
 /* Refuses a folder on a network file system. */
@@ -85,12 +74,12 @@ enum umb_status umbj_place_check(const char *folder, const char *table, struct u
     if (length < 0 || (size_t)length >= sizeof place->table_path) {
         return umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long", length);
     }
-    UMB__TRY(folder_of(place->table_path, around, error));
+    (void)umbj_folder_above(place->table_path, around, sizeof around);
     UMB__TRY(check_reach(around, error));
     return table != NULL ? check_apart(folder, table, around, error) : UMB_OK;
 }
 
-/* Takes the lock FILE.lock or FOLDER/lock; the option names what it guards. */
+/* Takes the lock FILE.lock or FOLDER/lock. In: option: option that names the guarded file. */
 static enum umb_status take(const char *guarded, const char *ending, const char *option,
                             struct umbs_owner_lock *lock, struct umb_error *error)
 {

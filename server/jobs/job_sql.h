@@ -5,8 +5,8 @@
  * SQLite for the job table: one statement a call, failures as umb_status.
  *
  * Life: umbj_sql_open, umbj_sql_run ..., umbj_sql_close. Changes that belong together stand between
- * umbj_sql_begin and umbj_sql_end; what fails in between is rolled back by the end.
- * Durability: journal in WAL mode with synchronous=FULL: what umbj_sql_end or a single changing
+ * umbj_sql_begin and umbj_sql_end; after a failure in between, the end rolls all of them back.
+ * Durability: journal in WAL mode with synchronous=FULL. A change that umbj_sql_end or a single
  * statement acknowledged survives a kill and a power cut (SQLite, "Write-Ahead Logging").
  * Threads: one at a time.
  */
@@ -33,7 +33,7 @@ typedef enum umb_status (*umbj_row_fn)(void *user, sqlite3_stmt *row);
  *
  * In:    row: may be NULL. types: one letter for each `?` of the text and argument behind it: t
  *        const char *, i int64_t, h const uint8_t[UMBJ_HASH_BYTES]. A NULL pointer is SQL's NULL.
- * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, what row returns.
+ * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, or the status of row.
  */
 UMB_CHECKED enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error,
                                          umbj_row_fn row, void *user, const char *text,

@@ -7,8 +7,8 @@
  * further than REACH_BYTES beyond the map's end. That range is reserved without access, which costs
  * address space and nothing else.
  *
- * Opening reads hostile bytes too, so it runs under the guard. A fault would leak what the opening
- * had allocated, hence its allocator keeps a list of its blocks. Some readers of the open asset
+ * Opening reads hostile bytes too, so it runs under the guard. A fault would leak the memory of the
+ * opening, hence its allocator keeps a list of its blocks. Some readers of the open asset
  * also allocate (umb_calibrate), on any thread: the list has a lock. No file byte is read under
  * that lock.
  */

@@ -70,7 +70,7 @@ static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
     return 1;
 }
 
-/* Remembers what was proven, so that another name of the same file opens at once. */
+/* Adds the record of a proven entry, so that another name of its file opens at once. */
 static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
     struct umbs_record record;
@@ -107,11 +107,8 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
     return fresh;
 }
 
-/*
- * Decides what stands for one file in the new table: the old entry, a new one, or none. None is
- * NULL and UMB_OK: the file vanished, or it waits for its turn. The result holds a reference for
- * the table.
- */
+/* Chooses the entry of one file for the new table: the old one, a new one, or NULL with UMB_OK if
+ * the file vanished or waits for its turn. The entry has a reference for the table. */
 static enum umb_status place(struct pass *pass, const struct umbs_name *name,
                              struct umbs_entry **out, struct umb_error *error)
 {

@@ -8,7 +8,7 @@
  *
  * A reader looks into a table of its own, which it holds. A scan that publishes a table puts it
  * into the mail of each reader, with a hold for that reader. The reader takes the mail with one
- * exchange before it looks, so it sees what was published before the look-up began. A newer table
+ * exchange before it looks, so it sees all that was published before the look-up. A newer table
  * replaces one that was not fetched. The thread that exchanges a table out of the mail owns its
  * hold; so each hold is given back once, by the reader or by the scan.
  *
