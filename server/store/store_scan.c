@@ -230,7 +230,7 @@ static enum umb_status scan(struct pass *pass, struct umbs_name_list *list, stru
     struct umbs_store *store = pass->store;
     UMB__TRY(umbs__names_read(store, list, pass->report, error));
     do {
-        struct umbs_table *table;
+        struct umbs_table *table = NULL;
         const int was_done = umbs__lane_has_done(store);
         pass->report->unchanged = 0;
         pass->pending = 0;
