@@ -7,7 +7,7 @@
 #include "bake/bake_run.h"
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"
-#include "common/standard_streams.h"
+#include "common/child_process.h"
 #include "tool/exit_code.h"
 #include "umbrage/version.h"
 

@@ -4,7 +4,7 @@
  * service's thread has seen the try's end and joined the thread; only the service's thread assigns
  * slots.
  */
-#include "jobs/try_executor.h"
+#include "jobs/executor.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -29,9 +29,8 @@ struct slot {
     int taken;        /* touched by the service's thread only */
     atomic_int ended; /* set by the try's thread as its last action */
     pthread_t thread;
-    int stop; /* eventfd */
-    struct umbj_work work;
-    char *bundle, *folder, *scene, *settings, *cache; /* copies of the work's; cache may be NULL */
+    int stop;              /* eventfd */
+    struct umbj_work work; /* Work with copies of its texts */
 };
 
 struct executor {
@@ -81,23 +80,6 @@ static enum umbj_failure wait_as_known(struct umbj_try *try)
     return UMBJ_NO_FAILURE;
 }
 
-/* Removes the try's folder. Tasks of a farm that could not be cancelled then end by themselves
- * (farm.h). */
-static void drop_folder(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    char parent[4200];
-    if (slash != NULL && (size_t)(slash - path) < sizeof parent) {
-        memcpy(parent, path, (size_t)(slash - path));
-        parent[slash - path] = '\0';
-        int fd = open(parent, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        if (fd >= 0) {
-            umbj_folder_drop(fd, slash + 1);
-            close(fd);
-        }
-    }
-}
-
 static void *run_try(void *user)
 {
     struct slot *slot = user;
@@ -112,7 +94,7 @@ static void *run_try(void *user)
     } else {
         ended.failure = bake(&try, &ended);
         ended.bake_ms = umbu_clock_ms() - start;
-        drop_folder(slot->work.folder);
+        umbj_folder_drop(AT_FDCWD, slot->work.folder); /* its farm's tasks then end (farm.h) */
     }
     memcpy(ended.text, try.cause, sizeof ended.text);
     const int closing = atomic_load(&slot->owner->closing);
@@ -127,20 +109,45 @@ static void *run_try(void *user)
     return NULL;
 }
 
-static void free_texts(struct slot *slot)
+#define TEXTS 5
+
+/* The texts of a work. */
+static void texts_of(struct umbj_work *work, const char **texts[TEXTS])
 {
-    free(slot->bundle);
-    free(slot->folder);
-    free(slot->scene);
-    free(slot->settings);
-    free(slot->cache);
+    const char **const all[TEXTS] = {&work->bundle, &work->folder, &work->scene, &work->settings,
+                                     &work->cache};
+    memcpy(texts, all, sizeof all);
+}
+
+static void free_texts(struct umbj_work *work)
+{
+    const char **texts[TEXTS];
+    texts_of(work, texts);
+    for (size_t i = 0; i < TEXTS; i++) {
+        free((void *)*texts[i]);
+    }
+}
+
+/* Copies a work; returns 0 if out of memory: some texts are then NULL. */
+static int copy_work(struct umbj_work *copy, const struct umbj_work *work)
+{
+    const char **texts[TEXTS];
+    int good = 1;
+    *copy = *work;
+    texts_of(copy, texts);
+    for (size_t i = 0; i < TEXTS; i++) {
+        const int given = *texts[i] != NULL; /* there may be no cache */
+        *texts[i] = given ? strdup(*texts[i]) : NULL;
+        good &= !given || *texts[i] != NULL;
+    }
+    return good;
 }
 
 static void release(struct slot *slot)
 {
     pthread_join(slot->thread, NULL);
     close(slot->stop);
-    free_texts(slot);
+    free_texts(&slot->work);
     slot->taken = 0;
 }
 
@@ -166,23 +173,6 @@ static int executor_free_slots(struct umbj_executor *self)
     return count;
 }
 
-static int copy_work(struct slot *slot, const struct umbj_work *work)
-{
-    slot->work = *work;
-    slot->bundle = strdup(work->bundle);
-    slot->folder = strdup(work->folder);
-    slot->scene = strdup(work->scene);
-    slot->settings = strdup(work->settings);
-    slot->cache = work->cache != NULL ? strdup(work->cache) : NULL;
-    slot->work.bundle = slot->bundle;
-    slot->work.folder = slot->folder;
-    slot->work.scene = slot->scene;
-    slot->work.settings = slot->settings;
-    slot->work.cache = slot->cache;
-    return slot->bundle != NULL && slot->folder != NULL && slot->scene != NULL &&
-           slot->settings != NULL && (work->cache == NULL || slot->cache != NULL);
-}
-
 static enum umb_status executor_start(struct umbj_executor *self, const struct umbj_work *work,
                                       struct umb_error *error)
 {
@@ -196,12 +186,12 @@ static enum umb_status executor_start(struct umbj_executor *self, const struct u
         return umb_fail(error, UMB_E_BUSY, "every worker is busy");
     }
     *slot = (struct slot){.owner = executor, .stop = eventfd(0, EFD_CLOEXEC)};
-    if (slot->stop < 0 || !copy_work(slot, work) ||
+    if (slot->stop < 0 || !copy_work(&slot->work, work) ||
         pthread_create(&slot->thread, NULL, run_try, slot) != 0) {
         if (slot->stop >= 0) {
             close(slot->stop);
         }
-        free_texts(slot);
+        free_texts(&slot->work);
         return umb_fail(error, UMB_E_NO_MEMORY, "worker: no memory or no thread to be had");
     }
     slot->taken = 1;
