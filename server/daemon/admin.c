@@ -8,7 +8,7 @@
 #include <strings.h>
 #include <unistd.h>
 
-#include "daemon/acceptor.h"
+#include "daemon/transport/acceptor.h"
 
 #define REQUEST_BYTES 4096
 #define CLIENTS_MAX   32

@@ -5,8 +5,8 @@
  * The admin port: HTTP/1.1 on loopback for scrapers and probes. GET or HEAD /metrics, /livez,
  * /readyz; one request a connection, 4 KiB of it, 5 seconds, 32 connections.
  */
-#include "daemon/loop.h"
-#include "daemon/net_address.h"
+#include "daemon/transport/loop.h"
+#include "daemon/base/net_address.h"
 
 /* Opens the port of the options, if they name one. A failure is fatal only at boot. */
 UMB_CHECKED enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error);

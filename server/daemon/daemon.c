@@ -2,10 +2,10 @@
 /* Setting up and taking down the state that the loops share. */
 #include "daemon/daemon.h"
 
-#include "daemon/calibrations.h"
-#include "daemon/loop_group.h"
+#include "daemon/work/calibrations.h"
+#include "daemon/transport/loop_group.h"
 #include "jobs/service.h"
-#include "daemon/service_manager.h"
+#include "daemon/base/service_manager.h"
 
 #include <stdio.h>
 #include <stdlib.h>

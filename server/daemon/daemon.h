@@ -8,13 +8,13 @@
 #include <stdatomic.h>
 #include "common/log.h"
 #include "store/store.h"
-#include "daemon/daemon_metrics.h"
-#include "daemon/daemon_options.h"
-#include "daemon/pool.h"
-#include "daemon/rate_limit.h"
-#include "daemon/store_watch.h"
-#include "daemon/tls_context.h"
-#include "daemon/tokens.h"
+#include "daemon/base/daemon_metrics.h"
+#include "daemon/base/daemon_options.h"
+#include "daemon/work/pool.h"
+#include "daemon/base/rate_limit.h"
+#include "daemon/work/store_watch.h"
+#include "daemon/transport/tls_context.h"
+#include "daemon/base/tokens.h"
 
 struct umbd_calibrations;
 struct umbd_loop;

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "daemon/daemon.h"
-#include "daemon/service_manager.h"
+#include "daemon/base/service_manager.h"
 
 /* The settings as a config file, in memory; free() it. NULL: out of memory. */
 static char *settings_text(const struct umbd_options *options)

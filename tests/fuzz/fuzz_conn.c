@@ -18,9 +18,9 @@
 #include <unistd.h>
 
 #include "common/sha256.h"
-#include "daemon/conn.h"
-#include "daemon/h2_filter.h"
-#include "daemon/loop_group.h"
+#include "daemon/transport/conn.h"
+#include "daemon/transport/h2_filter.h"
+#include "daemon/transport/loop_group.h"
 #include "format/content.h"
 #include "fuzz.h"
 #include "fuzz_folder.h"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbraged with the service that the gRPC project's interop clients ask, for tests alone.
 INTEROP := tests/interop/service
-INTEROP_OBJ := $(patsubst %.c,$(BUILD)/interop/%.o,$(wildcard server/daemon/*.c) $(INTEROP)/interop_service.c)
+INTEROP_OBJ := $(patsubst %.c,$(BUILD)/interop/%.o,$(wildcard server/daemon/*.c server/daemon/*/*.c) $(INTEROP)/interop_service.c)
 
 $(BUILD)/gen/interop_test.pb-c.c $(BUILD)/gen/interop_test.pb-c.h &: $(INTEROP)/interop_test.proto
 	@mkdir -p $(@D)

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/call.h"
+#include "daemon/call/call.h"
 #include "interop_test.pb-c.h"
 
 #define SIZE_MAX_BYTES (16 << 20) /* of one payload that a client may order */

@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
-#include "daemon/acceptor.h"
+#include "daemon/transport/acceptor.h"
 
 enum {
     COMERS = 3

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/daemon_metrics.h"
+#include "daemon/base/daemon_metrics.h"
 
 static char *render(struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
 {

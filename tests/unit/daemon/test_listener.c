@@ -17,8 +17,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "daemon/listener.h"
-#include "daemon/service_manager.h"
+#include "daemon/transport/listener.h"
+#include "daemon/base/service_manager.h"
 
 struct fixture {
     char folder[64], path[128], address[160];

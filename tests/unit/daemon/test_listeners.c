@@ -16,8 +16,8 @@
 #include <unistd.h>
 
 #include "daemon/admin.h"
-#include "daemon/listener.h"
-#include "daemon/service_manager.h"
+#include "daemon/transport/listener.h"
+#include "daemon/base/service_manager.h"
 
 /* A daemon of which only the loop's listeners and the admin port work. */
 struct place {

@@ -11,7 +11,7 @@
 #include <stdatomic.h>
 
 #include "../store/store_fixture.h"
-#include "daemon/pool.h"
+#include "daemon/work/pool.h"
 #include "tool/clock.h"
 
 #define POINTS 50001 /* odd, several slices, the last one short */

@@ -20,8 +20,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "daemon/conn_tls.h"
-#include "daemon/loop.h"
+#include "daemon/transport/conn_tls.h"
+#include "daemon/transport/loop.h"
 
 struct fixture {
     char folder[64], certificate[96], key[96], other_key[96];
