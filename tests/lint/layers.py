@@ -78,22 +78,7 @@ FLOORS = {
 }
 
 # "file -> file": why it is there still.
-DAEMON = "the circle of connection, call and loop; issue 20 makes three floors of it"
-KNOWN = {
-    "server/daemon/base/daemon_options.c -> server/daemon/transport/loop_group.h": DAEMON,
-    "server/daemon/call/call.c -> server/daemon/service/job_request.h": DAEMON,
-    "server/daemon/transport/conn.c -> server/daemon/call/call_rights.h": DAEMON,
-    "server/daemon/transport/conn_h2.c -> server/daemon/call/call.h": DAEMON,
-    "server/daemon/transport/conn_io.c -> server/daemon/call/call.h": DAEMON,
-    "server/daemon/transport/conn_room.c -> server/daemon/call/call_rights.h": DAEMON,
-    "server/daemon/transport/drain.c -> server/daemon/admin.h": DAEMON,
-    "server/daemon/transport/drain.c -> server/daemon/call/call.h": DAEMON,
-    "server/daemon/transport/loop.c -> server/daemon/admin.h": DAEMON,
-    "server/daemon/transport/loop.c -> server/daemon/call/call.h": DAEMON,
-    "server/daemon/transport/loop.c -> server/daemon/service/job_request.h": DAEMON,
-    "server/daemon/transport/loop.h -> server/daemon/call/optimistic_reads.h": DAEMON,
-    "server/daemon/transport/loop.h -> server/daemon/daemon.h": DAEMON,
-}
+KNOWN = {}
 
 
 def sources():

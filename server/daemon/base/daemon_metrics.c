@@ -7,47 +7,12 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "tool/clock.h"
 #include "wire/grpc.h"
 #include "umbrage/version.h"
-
-struct method_name {
-    const char *service, *method, *type;
-};
-
-static const struct method_name method_names[UMBD_METHOD_COUNT] = {
-    {"umbrage.v1.Shadows", "Query", "unary"},
-    {"umbrage.v1.Shadows", "QueryStream", "bidi_stream"},
-    {"umbrage.v1.Shadows", "Describe", "unary"},
-    {"umbrage.v1.Shadows", "List", "unary"},
-    {"umbrage.v1.Shadows", "Limits", "unary"},
-    {"umbrage.v1.Bakes", "Submit", "client_stream"},
-    {"umbrage.v1.Bakes", "Watch", "server_stream"},
-    {"umbrage.v1.Bakes", "Cancel", "unary"},
-    {"umbrage.v1.Bakes", "List", "unary"},
-    {"umbrage.v1.Bakes", "Fetch", "server_stream"},
-    {"umbrage.v1.Bakes", "Delete", "unary"},
-    {"umbrage.v1.Regions", "Stream", "server_stream"},
-    {"umbrage.v1.Regions", "Follow", "bidi_stream"},
-    {"umbrage.v1.Regions", "DeriveMap", "server_stream"},
-    {"umbrage.v1.Questions", "Segments", "unary"},
-    {"umbrage.v1.Questions", "Columns", "unary"},
-    {"umbrage.v1.Questions", "Boxes", "unary"},
-    {"grpc.health.v1.Health", "Check", "unary"},
-    {"grpc.health.v1.Health", "Watch", "server_stream"},
-    {"grpc.reflection.v1.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
-    {"grpc.reflection.v1alpha.ServerReflection", "ServerReflectionInfo", "bidi_stream"},
-#ifdef UMBRAGE_TEST_SERVICE
-    {"grpc.testing.TestService", "EmptyCall", "unary"},
-    {"grpc.testing.TestService", "UnaryCall", "unary"},
-    {"grpc.testing.TestService", "StreamingInputCall", "client_stream"},
-    {"grpc.testing.TestService", "StreamingOutputCall", "server_stream"},
-    {"grpc.testing.TestService", "FullDuplexCall", "bidi_stream"},
-#endif
-    {"unknown", "unknown", "unary"},
-};
 
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
                                                           "library", "timeout", "queue"};
@@ -77,14 +42,20 @@ void umbd_observe(struct umbd_histogram *histogram, uint64_t duration_ns)
     umbd_count(&histogram->sum_ns, duration_ns);
 }
 
-void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
+void umbd_metrics_started(struct umbd_metrics *metrics, const struct umbd_method *method)
+{
+    umbd_count(&metrics->calls[method - metrics->methods].started, 1);
+}
+
+void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method *method, int code,
                           uint64_t duration_ns)
 {
+    struct umbd_method_counts *counts = &metrics->calls[method - metrics->methods];
     if (code < 0 || code >= UMBD_GRPC_CODES) {
         code = UMBW_GRPC_UNKNOWN;
     }
-    umbd_count(&metrics->handled[method][code], 1);
-    umbd_observe(&metrics->handling[method], duration_ns);
+    umbd_count(&counts->handled[code], 1);
+    umbd_observe(&counts->handling, duration_ns);
 }
 
 void umbd_metrics_scanned(struct umbd_metrics *metrics, const struct umbs_store_report *report)
@@ -107,28 +78,44 @@ static void single(FILE *out, const char *name, const char *type, const char *he
     fprintf(out, "%s %llu\n", name, value);
 }
 
-static void write_calls(FILE *out, struct umbd_metrics *metrics)
+/* Calls `write` for each row of the methods' table, the last one, of unknown paths, too. */
+static void each_method(FILE *out, struct umbd_metrics *metrics,
+                        void (*write)(FILE *out, const char *labels, const char *type,
+                                      struct umbd_method_counts *counts))
 {
-    head(out, "grpc_server_started_total", "counter", "Calls begun.");
-    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
-        fprintf(
-            out,
-            "grpc_server_started_total{grpc_service=\"%s\",grpc_method=\"%s\",grpc_type=\"%s\"} "
-            "%llu\n",
-            method_names[m].service, method_names[m].method, method_names[m].type,
-            get(&metrics->started[m]));
+    static const char *const types[] = {
+        [UMBD_UNARY] = "unary",
+        [UMBD_CLIENT_STREAM] = "client_stream",
+        [UMBD_SERVER_STREAM] = "server_stream",
+        [UMBD_BIDI_STREAM] = "bidi_stream",
+    };
+    const struct umbd_method *method = metrics->methods;
+    for (size_t m = 0, more = method != NULL; more; m++, method++) {
+        char labels[200];
+        const char *service = method->path != NULL ? method->path + 1 : "unknown/unknown";
+        const char *slash = strchr(service, '/');
+        (void)snprintf(labels, sizeof labels, "grpc_service=\"%.*s\",grpc_method=\"%s\"",
+                       (int)(slash - service), service, slash + 1);
+        write(out, labels, types[method->kind], &metrics->calls[m]);
+        more = method->path != NULL;
     }
-    head(out, "grpc_server_handled_total", "counter", "Calls finished, by status code.");
-    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
-        for (int code = 0; code < UMBD_GRPC_CODES; code++) {
-            unsigned long long value = get(&metrics->handled[m][code]);
-            if (value > 0 || code == UMBW_GRPC_OK) {
-                fprintf(out,
-                        "grpc_server_handled_total{grpc_service=\"%s\",grpc_method=\"%s\","
-                        "grpc_type=\"%s\",grpc_code=\"%s\"} %llu\n",
-                        method_names[m].service, method_names[m].method, method_names[m].type,
-                        umbw_grpc_name(code), value);
-            }
+}
+
+static void write_started(FILE *out, const char *labels, const char *type,
+                          struct umbd_method_counts *counts)
+{
+    fprintf(out, "grpc_server_started_total{%s,grpc_type=\"%s\"} %llu\n", labels, type,
+            get(&counts->started));
+}
+
+static void write_handled(FILE *out, const char *labels, const char *type,
+                          struct umbd_method_counts *counts)
+{
+    for (int code = 0; code < UMBD_GRPC_CODES; code++) {
+        unsigned long long value = get(&counts->handled[code]);
+        if (value > 0 || code == UMBW_GRPC_OK) {
+            fprintf(out, "grpc_server_handled_total{%s,grpc_type=\"%s\",grpc_code=\"%s\"} %llu\n",
+                    labels, type, umbw_grpc_name(code), value);
         }
     }
 }
@@ -150,113 +137,106 @@ static void write_histogram(FILE *out, const char *name, const char *labels,
             (double)get(&histogram->sum_ns) * 1e-9, name, open, labels, close, total);
 }
 
-static void write_times(FILE *out, struct umbd_metrics *metrics)
+static void write_handling(FILE *out, const char *labels, const char *type,
+                           struct umbd_method_counts *counts)
 {
+    (void)type;
+    write_histogram(out, "grpc_server_handling_seconds", labels, &counts->handling);
+}
+
+static void write_calls(FILE *out, struct umbd_metrics *metrics)
+{
+    head(out, "grpc_server_started_total", "counter", "Calls begun.");
+    each_method(out, metrics, write_started);
+    head(out, "grpc_server_handled_total", "counter", "Calls finished, by status code.");
+    each_method(out, metrics, write_handled);
     head(out, "grpc_server_handling_seconds", "histogram", "Time from headers to the last byte.");
-    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
-        const struct method_name *name = &method_names[m];
-        char labels[160];
-        (void)snprintf(labels, sizeof labels, "grpc_service=\"%s\",grpc_method=\"%s\"",
-                       name->service, name->method);
-        write_histogram(out, "grpc_server_handling_seconds", labels, &metrics->handling[m]);
-    }
+    each_method(out, metrics, write_handling);
     head(out, "umbrage_queue_seconds", "histogram", "Time that batches wait for a worker.");
     write_histogram(out, "umbrage_queue_seconds", "", &metrics->queued);
 }
 
 /* Number of calls that have begun and not ended. */
-static unsigned long long inflight(struct umbd_metrics *metrics)
+static long long inflight(struct umbd_metrics *metrics)
 {
     long long open = 0;
-    for (size_t m = 0; m < UMBD_METHOD_COUNT; m++) {
-        open += (long long)get(&metrics->started[m]);
+    for (size_t m = 0; m < UMBD_METHODS_MAX; m++) {
+        open += (long long)get(&metrics->calls[m].started);
         for (size_t code = 0; code < UMBD_GRPC_CODES; code++) {
-            open -= (long long)get(&metrics->handled[m][code]);
+            open -= (long long)get(&metrics->calls[m].handled[code]);
         }
     }
-    return open > 0 ? (unsigned long long)open : 0; /* the counters are not read at one moment */
+    return open;
 }
 
-/* Failed loads, by cause: the file's fault or the machine's. */
-static void write_asset_errors(FILE *out, struct umbd_metrics *metrics)
+/* One line of a family whose series differ in one label. */
+static void labelled(FILE *out, const char *name, const char *label, const char *value,
+                     unsigned long long count)
 {
-    unsigned long long machine = get(&metrics->load_failed_machine);
-    head(out, "umbrage_asset_errors_total", "counter",
-         "Loads that failed: the file is damaged, or the machine lacked something.");
-    fprintf(out,
-            "umbrage_asset_errors_total{reason=\"damaged\"} %llu\n"
-            "umbrage_asset_errors_total{reason=\"machine\"} %llu\n",
-            get(&metrics->load_failed_damaged), machine);
+    fprintf(out, "%s{%s=\"%s\"} %llu\n", name, label, value, count);
 }
 
-static void write_own(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
+static void write_counters(FILE *out, struct umbd_metrics *metrics)
 {
-    single(out, "umbrage_queries_total", "counter", "Points answered.", get(&metrics->points));
+    static const char *const kinds[] = {"segments", "columns", "boxes"};
+#define COUNTER(field, name, help) single(out, name, "counter", help, get(&metrics->field));
+    UMBD_COUNTERS(COUNTER)
+#undef COUNTER
     head(out, "umbrage_volume_queries_total", "counter", "Segments, columns and boxes answered.");
     for (size_t q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
-        static const char *const names[] = {"segments", "columns", "boxes"};
-        fprintf(out, "umbrage_volume_queries_total{kind=\"%s\"} %llu\n", names[q],
-                get(&metrics->volume_queries[q]));
+        labelled(out, "umbrage_volume_queries_total", "kind", kinds[q],
+                 get(&metrics->volume_queries[q]));
     }
-    single(out, "umbrage_batches_started_total", "counter", "Batches whose work was begun.",
-           get(&metrics->batches_started));
-    single(out, "umbrage_inflight", "gauge", "Calls begun and not finished.", inflight(metrics));
-    single(out, "umbrage_queue_depth", "gauge", "Batches waiting for a worker.",
-           gauges->queue_depth);
-    single(out, "umbrage_shed_total", "counter", "Calls refused for lack of room.",
-           get(&metrics->shed));
-    long long open = (long long)atomic_load(&metrics->connections);
-    single(out, "umbrage_connections", "gauge", "Connections open.",
-           open > 0 ? (unsigned long long)open : 0);
-    long long strangers = (long long)atomic_load(&metrics->strangers);
-    single(out, "umbrage_connections_without_rights", "gauge",
-           "Connections open of which no call had rights.",
-           strangers > 0 ? (unsigned long long)strangers : 0);
-    single(out, "umbrage_handshakes_refused_total", "counter",
-           "Connections refused for their address's rate of TLS handshakes.",
-           get(&metrics->handshakes_refused));
-    single(out, "umbrage_connections_opened_total", "counter", "Connections accepted.",
-           get(&metrics->connections_opened));
-    single(out, "umbrage_connections_refused_total", "counter",
-           "Connections refused: too many, or no descriptor left.",
-           get(&metrics->connections_refused));
-    single(out, "umbrage_connections_evicted_total", "counter",
-           "Idle connections closed to make room for new ones.",
-           get(&metrics->connections_evicted));
-    single(out, "umbrage_connections_retired_total", "counter",
-           "Connections asked to go, idle or too old.", get(&metrics->connections_retired));
-    single(out, "umbrage_tls_failures_total", "counter", "TLS handshakes and sessions that failed.",
-           get(&metrics->tls_failures));
-    single(out, "umbrage_unauthorized_total", "counter", "Calls refused for their token.",
-           get(&metrics->unauthorized));
-    single(out, "umbrage_rate_limited_total", "counter", "Calls refused for their rate.",
-           get(&metrics->rate_limited));
-    single(out, "umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
-           gauges->buffered_bytes);
     head(out, "umbrage_h2_abuse_total", "counter", "Connections or streams cut, by cause.");
     for (size_t k = 0; k < UMBD_ABUSE_COUNT; k++) {
-        fprintf(out, "umbrage_h2_abuse_total{kind=\"%s\"} %llu\n", abuse_names[k],
-                get(&metrics->abuse[k]));
+        labelled(out, "umbrage_h2_abuse_total", "kind", abuse_names[k], get(&metrics->abuse[k]));
     }
-    single(out, "umbrage_asset_loaded", "gauge", "Assets that answer.", gauges->assets.healthy);
-    single(out, "umbrage_asset_damaged", "gauge", "Files of the store that cannot answer.",
-           gauges->assets.damaged);
-    single(out, "umbrage_asset_bytes", "gauge", "Bytes that queries of all healthy assets read.",
-           gauges->assets.memory_bytes);
-    single(out, "umbrage_sigbus_total", "counter",
-           "Assets set aside because their mapped file was cut or changed in use.",
-           gauges->assets.faults);
-    write_asset_errors(out, metrics);
+    head(out, "umbrage_asset_errors_total", "counter",
+         "Loads that failed: the file is damaged, or the machine lacked something.");
+    labelled(out, "umbrage_asset_errors_total", "reason", "damaged",
+             get(&metrics->load_failed_damaged));
+    labelled(out, "umbrage_asset_errors_total", "reason", "machine",
+             get(&metrics->load_failed_machine));
     head(out, "umbrage_asset_load_seconds", "summary", "Time to open or expand an asset.");
     fprintf(out, "umbrage_asset_load_seconds_sum %.3f\numbrage_asset_load_seconds_count %llu\n",
             (double)get(&metrics->load_ms) * 1e-3, get(&metrics->loads));
-    single(out, "umbrage_scrubs_total", "counter", "Checks again that found an asset whole.",
-           gauges->assets.scrubbed);
-    single(out, "umbrage_scrub_last_success_timestamp_seconds", "gauge",
-           "Unix time of the last such check, 0 before the first.",
-           (unsigned long long)gauges->assets.scrubbed_at);
-    single(out, "umbrage_ready", "gauge", "1 while serving, 0 while draining.",
-           gauges->ready ? 1 : 0);
+}
+
+static void write_gauges(FILE *out, struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
+{
+    const struct umbs_store_counts *assets = &gauges->assets;
+    const struct {
+        const char *name, *type, *help;
+        long long value;
+    } rows[] = {
+        {"umbrage_inflight", "gauge", "Calls begun and not finished.", inflight(metrics)},
+        {"umbrage_queue_depth", "gauge", "Batches waiting for a worker.",
+         (long long)gauges->queue_depth},
+        {"umbrage_connections", "gauge", "Connections open.",
+         (long long)atomic_load(&metrics->connections)},
+        {"umbrage_connections_without_rights", "gauge",
+         "Connections open of which no call had rights.",
+         (long long)atomic_load(&metrics->strangers)},
+        {"umbrage_buffered_bytes", "gauge", "Bytes of requests and replies held.",
+         (long long)gauges->buffered_bytes},
+        {"umbrage_asset_loaded", "gauge", "Assets that answer.", (long long)assets->healthy},
+        {"umbrage_asset_damaged", "gauge", "Files of the store that cannot answer.",
+         (long long)assets->damaged},
+        {"umbrage_asset_bytes", "gauge", "Bytes that queries of all healthy assets read.",
+         (long long)assets->memory_bytes},
+        {"umbrage_sigbus_total", "counter",
+         "Assets set aside because their mapped file was cut or changed in use.",
+         (long long)assets->faults},
+        {"umbrage_scrubs_total", "counter", "Checks again that found an asset whole.",
+         (long long)assets->scrubbed},
+        {"umbrage_scrub_last_success_timestamp_seconds", "gauge",
+         "Unix time of the last such check, 0 before the first.", (long long)assets->scrubbed_at},
+        {"umbrage_ready", "gauge", "1 while serving, 0 while draining.", gauges->ready != 0},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) { /* counters are not read at once */
+        single(out, rows[i].name, rows[i].type, rows[i].help,
+               rows[i].value > 0 ? (unsigned long long)rows[i].value : 0);
+    }
     head(out, "umbrage_build_info", "gauge", "Version of this program.");
     fprintf(out, "umbrage_build_info{version=\"%s\"} 1\n", UMB_VERSION_TEXT);
 }
@@ -265,25 +245,26 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_
 {
     head(out, "umbrage_jobs", "gauge", "Bake jobs that the table knows, by state.");
     for (int i = 0; i < UMBJ_STATE_COUNT; i++) {
-        fprintf(out, "umbrage_jobs{state=\"%s\"} %lld\n", umbj_state_name((enum umbj_state)i),
-                (long long)atomic_load(&jobs->states[i]));
+        const long long count = (long long)atomic_load(&jobs->states[i]);
+        labelled(out, "umbrage_jobs", "state", umbj_state_name((enum umbj_state)i),
+                 count > 0 ? (unsigned long long)count : 0);
     }
     head(out, "umbrage_job_failures_total", "counter", "Tries of jobs that failed, by class.");
     for (int i = UMBJ_REJECTED; i < UMBJ_FAILURE_COUNT; i++) {
-        fprintf(out, "umbrage_job_failures_total{class=\"%s\"} %llu\n",
-                umbj_failure_name((enum umbj_failure)i), get(&jobs->failures[i]));
+        labelled(out, "umbrage_job_failures_total", "class",
+                 umbj_failure_name((enum umbj_failure)i), get(&jobs->failures[i]));
     }
     head(out, "umbrage_job_task_failures_total", "counter",
          "Tasks that a farm had to be given again, or that ended a try, by class.");
     for (int i = UMBJ_REJECTED; i < UMBJ_FAILURE_COUNT; i++) {
-        fprintf(out, "umbrage_job_task_failures_total{class=\"%s\"} %llu\n",
-                umbj_failure_name((enum umbj_failure)i), get(&jobs->task_failures[i]));
+        labelled(out, "umbrage_job_task_failures_total", "class",
+                 umbj_failure_name((enum umbj_failure)i), get(&jobs->task_failures[i]));
     }
     head(out, "umbrage_jobs_refused_total", "counter",
          "Submissions, and assets at publishing, that a quota refused.");
     for (int i = 0; i < UMBJ_QUOTA_COUNT; i++) {
-        fprintf(out, "umbrage_jobs_refused_total{quota=\"%s\"} %llu\n",
-                umbj_quota_name((enum umbj_quota)i), get(&jobs->refused[i]));
+        labelled(out, "umbrage_jobs_refused_total", "quota", umbj_quota_name((enum umbj_quota)i),
+                 get(&jobs->refused[i]));
     }
     head(out, "umbrage_job_owned_bytes", "gauge",
          "Bytes of assets that jobs made, added up over their owners.");
@@ -295,15 +276,12 @@ static void write_jobs(FILE *out, struct umbj_counters *jobs, const struct umbj_
     fprintf(out, "umbrage_job_bake_seconds_sum %.3f\numbrage_job_bake_seconds_count %llu\n",
             (double)get(&jobs->bake_ms) * 1e-3, get(&jobs->finished));
     head(out, "umbrage_job_tiles", "gauge", "Tiles of the jobs that run, by state.");
-    fprintf(out,
-            "umbrage_job_tiles{state=\"waiting\"} %llu\numbrage_job_tiles{state=\"done\"} %llu\n",
-            (unsigned long long)(tiles->total - tiles->done), (unsigned long long)tiles->done);
+    labelled(out, "umbrage_job_tiles", "state", "waiting", tiles->total - tiles->done);
+    labelled(out, "umbrage_job_tiles", "state", "done", tiles->done);
     head(out, "umbrage_job_tiles_total", "counter",
          "Tiles of jobs that were baked, or found kept.");
-    fprintf(out,
-            "umbrage_job_tiles_total{how=\"baked\"} %llu\n"
-            "umbrage_job_tiles_total{how=\"found\"} %llu\n",
-            get(&jobs->tiles_baked), get(&jobs->tiles_found));
+    labelled(out, "umbrage_job_tiles_total", "how", "baked", get(&jobs->tiles_baked));
+    labelled(out, "umbrage_job_tiles_total", "how", "found", get(&jobs->tiles_found));
 }
 
 /* Resident pages from /proc; 0 if there is no such file. */
@@ -338,8 +316,8 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
         return UMB_E_NO_MEMORY;
     }
     write_calls(out, metrics);
-    write_times(out, metrics);
-    write_own(out, metrics, gauges);
+    write_counters(out, metrics);
+    write_gauges(out, metrics, gauges);
     if (gauges->jobs != NULL) {
         write_jobs(out, gauges->jobs, &gauges->tiles);
     }

@@ -9,56 +9,24 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
-#include "store/store.h"
+#include "daemon/base/method.h"
 #include "jobs/service.h"
+#include "store/store.h"
 #include "umbrage/status.h"
 #include "wire/volume_queries.h"
 
-enum umbd_method {
-    UMBD_METHOD_QUERY = 0,
-    UMBD_METHOD_QUERY_STREAM,
-    UMBD_METHOD_DESCRIBE,
-    UMBD_METHOD_LIST,
-    UMBD_METHOD_LIMITS,
-    UMBD_METHOD_BAKES_SUBMIT,
-    UMBD_METHOD_BAKES_WATCH,
-    UMBD_METHOD_BAKES_CANCEL,
-    UMBD_METHOD_BAKES_LIST,
-    UMBD_METHOD_BAKES_FETCH,
-    UMBD_METHOD_BAKES_DELETE,
-    UMBD_METHOD_REGIONS_STREAM,
-    UMBD_METHOD_REGIONS_FOLLOW,
-    UMBD_METHOD_REGIONS_DERIVE,
-    UMBD_METHOD_SEGMENTS,
-    UMBD_METHOD_COLUMNS,
-    UMBD_METHOD_BOXES,
-    UMBD_METHOD_CHECK,
-    UMBD_METHOD_WATCH,
-    UMBD_METHOD_REFLECTION,
-    UMBD_METHOD_REFLECTION_ALPHA,
-#ifdef UMBRAGE_TEST_SERVICE
-    UMBD_METHOD_TEST_EMPTY,
-    UMBD_METHOD_TEST_UNARY,
-    UMBD_METHOD_TEST_INPUT,
-    UMBD_METHOD_TEST_OUTPUT,
-    UMBD_METHOD_TEST_DUPLEX,
-#endif
-    UMBD_METHOD_UNKNOWN, /* any other path */
-    UMBD_METHOD_COUNT,
-};
-
 enum umbd_abuse {
-    UMBD_ABUSE_CONTROL = 0, /* cheap frames */
-    UMBD_ABUSE_HEADERS,     /* header lists over the limit */
-    UMBD_ABUSE_RESET_SENT,  /* streams that the peer made us reset */
-    UMBD_ABUSE_LIBRARY,     /* nghttp2 ended the connection */
-    UMBD_ABUSE_TIMEOUT,     /* a timer ended it */
-    UMBD_ABUSE_QUEUE,       /* frames that the peer caused and did not read */
+    UMBD_ABUSE_CONTROL = 0, /* Cheap frames */
+    UMBD_ABUSE_HEADERS,     /* Header lists over the limit */
+    UMBD_ABUSE_RESET_SENT,  /* Streams that had to be reset for their peer's faults */
+    UMBD_ABUSE_LIBRARY,     /* Connections that nghttp2 ended */
+    UMBD_ABUSE_TIMEOUT,     /* Calls and connections that a timer ended */
+    UMBD_ABUSE_QUEUE,       /* Answers that a peer caused and did not read */
     UMBD_ABUSE_COUNT,
 };
 
 #define UMBD_GRPC_CODES   17
-#define UMBD_TIME_BUCKETS 15 /* upper bounds 50 us .. 5 s, see daemon_metrics.c */
+#define UMBD_TIME_BUCKETS 15 /* upper bounds from 50 us to 5 s: bounds_ns */
 
 /* Histogram of durations: the number in each bucket, and their sum. */
 struct umbd_histogram {
@@ -66,27 +34,43 @@ struct umbd_histogram {
     atomic_uint_fast64_t sum_ns;
 };
 
+/* Counters of one method. */
+struct umbd_method_counts {
+    atomic_uint_fast64_t started;
+    atomic_uint_fast64_t handled[UMBD_GRPC_CODES];
+    struct umbd_histogram handling;
+};
+
+/* Counters without labels: field, name, help. */
+#define UMBD_COUNTERS(X)                                                                           \
+    X(points, "umbrage_queries_total", "Points answered.")                                         \
+    X(batches_started, "umbrage_batches_started_total", "Batches whose work was begun.")           \
+    X(shed, "umbrage_shed_total", "Calls refused for lack of room.")                               \
+    X(handshakes_refused, "umbrage_handshakes_refused_total",                                      \
+      "Connections refused for their address's rate of TLS handshakes.")                           \
+    X(connections_opened, "umbrage_connections_opened_total", "Connections accepted.")             \
+    X(connections_refused, "umbrage_connections_refused_total",                                    \
+      "Connections refused: too many, or no descriptor left.")                                     \
+    X(connections_evicted, "umbrage_connections_evicted_total",                                    \
+      "Idle connections closed to make room for new ones.")                                        \
+    X(connections_retired, "umbrage_connections_retired_total",                                    \
+      "Connections asked to go, idle or too old.")                                                 \
+    X(tls_failures, "umbrage_tls_failures_total", "TLS handshakes and sessions that failed.")      \
+    X(unauthorized, "umbrage_unauthorized_total", "Calls refused for their token.")                \
+    X(rate_limited, "umbrage_rate_limited_total", "Calls refused for their rate.")
+
 struct umbd_metrics {
-    atomic_uint_fast64_t started[UMBD_METHOD_COUNT];
-    atomic_uint_fast64_t handled[UMBD_METHOD_COUNT][UMBD_GRPC_CODES];
-    struct umbd_histogram handling[UMBD_METHOD_COUNT];
-    struct umbd_histogram queued; /* from a batch's submission to a worker's first slice of it */
-    atomic_uint_fast64_t points;  /* points answered */
-    atomic_uint_fast64_t volume_queries[UMBW_VOLUME_QUERY_COUNT]; /* records answered */
-    atomic_uint_fast64_t batches_started; /* batches whose first point was looked up */
-    atomic_uint_fast64_t shed;
+    const struct umbd_method *methods; /* Rows that `calls` counts, in order; NULL: none */
+    struct umbd_method_counts calls[UMBD_METHODS_MAX];
+    struct umbd_histogram queued; /* From a task's submission to its first slice */
+#define UMBD_COUNTER(field, name, help) atomic_uint_fast64_t field;
+    UMBD_COUNTERS(UMBD_COUNTER)
+#undef UMBD_COUNTER
+    atomic_uint_fast64_t volume_queries[UMBW_VOLUME_QUERY_COUNT]; /* Records answered */
     atomic_uint_fast64_t abuse[UMBD_ABUSE_COUNT];
-    atomic_uint_fast64_t tls_failures;
-    atomic_uint_fast64_t unauthorized;
-    atomic_uint_fast64_t rate_limited;
-    atomic_uint_fast64_t loads, load_ms; /* loads of assets, failed ones too */
+    atomic_uint_fast64_t loads, load_ms; /* Loads of assets, failed ones too */
     atomic_uint_fast64_t load_failed_damaged, load_failed_machine;
-    atomic_uint_fast64_t connections_opened;
-    atomic_uint_fast64_t connections_refused;
-    atomic_uint_fast64_t connections_evicted;
-    atomic_uint_fast64_t connections_retired;
-    atomic_uint_fast64_t handshakes_refused;
-    atomic_int_fast64_t connections; /* open now */
+    atomic_int_fast64_t connections; /* Connections open now */
     atomic_int_fast64_t strangers;   /* Number of those without rights */
 };
 
@@ -97,7 +81,7 @@ struct umbd_gauges {
     uint64_t buffered_bytes;
     int ready;
     struct umbj_counters *jobs; /* NULL without --jobs */
-    struct umbj_tiles tiles;    /* tiles of the running jobs */
+    struct umbj_tiles tiles;    /* Tiles of the running jobs */
 };
 
 static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
@@ -105,8 +89,10 @@ static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
     atomic_fetch_add_explicit(counter, n, memory_order_relaxed);
 }
 
-/* Counts a finished call. code: 0..16. */
-void umbd_metrics_handled(struct umbd_metrics *metrics, enum umbd_method method, int code,
+/* Counts the beginning of a call. method: a row of metrics->methods. _handled: counts its end.
+ * code: 0..16. */
+void umbd_metrics_started(struct umbd_metrics *metrics, const struct umbd_method *method);
+void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method *method, int code,
                           uint64_t duration_ns);
 
 /* Counts what a scan of the store loaded. */

@@ -2,21 +2,25 @@
 /* The options of umbraged as a table, and the checks that concern several options. */
 #include "daemon/base/daemon_options.h"
 
+#include <errno.h>
+#include <ini.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/open_status.h"
+#include "base/try.h"
 #include "common/log.h"
-#include "daemon/base/config_file.h"
-#include "daemon/transport/loop_group.h"
 #include "daemon/base/net_address.h"
 
-#define AT(field) UMBU_AT(struct umbd_options, field)
-#define HOUR_MS   ((uint64_t)3600 * 1000)
-#define MONTH_MS  (31 * 24 * HOUR_MS)
-#define MIB       ((uint64_t)1 << 20)
-#define GIB       ((uint64_t)1 << 30)
-#define PIB       ((uint64_t)1 << 50)
+#define AT(field)       UMBU_AT(struct umbd_options, field)
+#define CONFIG_LINE_MAX 198 /* bytes; libinih reads no longer ones */
+#define HOUR_MS         ((uint64_t)3600 * 1000)
+#define MONTH_MS        (31 * 24 * HOUR_MS)
+#define MIB             ((uint64_t)1 << 20)
+#define GIB             ((uint64_t)1 << 30)
+#define PIB             ((uint64_t)1 << 50)
 
 static enum umb_status check_listen(const struct umbu_option *option, const char *text, void *field,
                                     struct umb_error *error)
@@ -256,20 +260,16 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     if (options->stores[0] == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--store: is needed; see --help");
     }
-    enum umb_status status = check_order(buffers, options->max_message, options->connection_buffer,
-                                         options->max_buffer, error);
-    if (status == UMB_OK) {
-        status = check_order(files, options->max_bundle, options->owner_bytes, options->job_bytes,
-                             error);
-    }
+    UMB__TRY(check_order(buffers, options->max_message, options->connection_buffer,
+                         options->max_buffer, error));
+    UMB__TRY(
+        check_order(files, options->max_bundle, options->owner_bytes, options->job_bytes, error));
     while (options->listen[options->listen_count] != NULL) {
         options->listen_count++;
     }
-    if (status == UMB_OK) {
-        status = check_tls(options, error);
-    }
-    if (status == UMB_OK && options->admin != NULL) {
-        status = umbd_address_parse_admin(options->admin, &address, error);
+    UMB__TRY(check_tls(options, error));
+    if (options->admin != NULL) {
+        UMB__TRY(umbd_address_parse_admin(options->admin, &address, error));
     }
     if (options->listen_count == 0) {
         options->listen[options->listen_count++] = "tcp:127.0.0.1:7420";
@@ -277,7 +277,7 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
     if (options->max_address_connections == 0) {
         options->max_address_connections = (options->max_connections + 3) / 4;
     }
-    return status;
+    return UMB_OK;
 }
 
 int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
@@ -304,10 +304,9 @@ void umbd_options_finish(struct umbd_options *options)
 }
 
 /* Takes one line of the file. */
-static enum umb_status set_from_file(void *user, const char *name, const char *value,
-                                     struct umb_error *error)
+static enum umb_status set_from_file(struct umbu_parsed *parsed, const char *name,
+                                     const char *value, struct umb_error *error)
 {
-    struct umbu_parsed *parsed = user;
     struct umbd_options *options = parsed->settings;
     const size_t size = strlen(value) + 1;
     struct umbd_option_text *text = malloc(sizeof *text + size);
@@ -320,6 +319,93 @@ static enum umb_status set_from_file(void *user, const char *name, const char *v
     return umbu_take_setting(parsed, name, text->text, error);
 }
 
+/*
+ * The INI file (umbraged.conf) is read by libinih: one `name = value` a line, comments with ';',
+ * and the section [umbraged], which may be left out. Names are those of the command line without
+ * their dashes; `store` and `listen` may be repeated; flags take true or false.
+ *
+ * libinih gives no line numbers to its handler and cuts long lines, so its line source here counts
+ * and measures the lines.
+ */
+struct reading {
+    FILE *file;
+    const char *path;
+    unsigned line;
+    struct umbu_parsed *parsed;
+    enum umb_status status;
+    struct umb_error *error;
+};
+
+/* libinih's source of lines: fgets, counted. */
+static char *next_line(char *line, int size, void *stream)
+{
+    struct reading *reading = stream;
+    if (reading->status != UMB_OK || fgets(line, size, reading->file) == NULL) {
+        return NULL;
+    }
+    size_t length = strlen(line);
+    reading->line++;
+    if (length > 0 && line[length - 1] != '\n' && !feof(reading->file)) {
+        reading->status =
+            umb_fail(reading->error, UMB_E_ARGUMENT, "%.120s line %u: longer than %d bytes",
+                     reading->path, reading->line, CONFIG_LINE_MAX);
+        return NULL;
+    }
+    /* libinih would append an indented line to the one before it. */
+    size_t blanks = strspn(line, " \t");
+    memmove(line, line + blanks, length - blanks + 1);
+    return line;
+}
+
+static int on_value(void *user, const char *section, const char *name, const char *value)
+{
+    struct reading *reading = user;
+    struct umb_error cause = {0};
+    if (reading->status != UMB_OK) {
+        return 0;
+    }
+    if (section[0] != '\0' && strcmp(section, "umbraged") != 0) {
+        reading->status = umb_fail(reading->error, UMB_E_ARGUMENT,
+                                   "%.120s line %u: section [%.40s], not [umbraged]", reading->path,
+                                   reading->line, section);
+        return 0;
+    }
+    enum umb_status status = set_from_file(reading->parsed, name, value, &cause);
+    if (status != UMB_OK) {
+        reading->status = umb_fail(reading->error, status, "%.120s line %u: %s", reading->path,
+                                   reading->line, cause.message);
+    }
+    return status == UMB_OK;
+}
+
+/*
+ * Takes each setting of the file. Fails: E_NO_INPUT, E_PERMISSION, E_IO (the file), E_ARGUMENT (a
+ * line, which the message names).
+ */
+static enum umb_status read_config(const char *path, struct umbu_parsed *parsed,
+                                   struct umb_error *error)
+{
+    struct stat facts;
+    struct reading reading = {.path = path, .parsed = parsed, .status = UMB_OK, .error = error};
+    reading.file = fopen(path, "re");
+    if (reading.file == NULL) {
+        return umb_fail_errno(error, umb__open_status(errno), errno, "--config: '%.200s'", path);
+    }
+    if (fstat(fileno(reading.file), &facts) == 0 && S_ISDIR(facts.st_mode)) {
+        (void)fclose(reading.file);
+        return umb_fail(error, UMB_E_NO_INPUT, "--config: '%.200s' is a folder", path);
+    }
+    int bad_line = ini_parse_stream(next_line, &reading, on_value, &reading);
+    if (reading.status == UMB_OK && ferror(reading.file)) {
+        reading.status = umb_fail_errno(error, UMB_E_IO, errno, "--config: '%.200s'", path);
+    } else if (reading.status == UMB_OK && bad_line != 0) {
+        reading.status = umb_fail(error, UMB_E_ARGUMENT,
+                                  "%.120s line %d: not of the form name = value", path, bad_line);
+    }
+    (void)fclose(reading.file);
+    return reading.status;
+}
+
 enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
                                    struct umb_error *error)
 {
@@ -329,7 +415,7 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
     const char *config = options->config;
     if (status == UMB_OK && config != NULL && !parsed.help && parsed.alone == NULL) {
         set_defaults(options, &parsed); /* the file first, then the arguments once more */
-        status = umbd_config_read(config, set_from_file, &parsed, error);
+        status = read_config(config, &parsed, error);
         options->config_bad = status == UMB_E_ARGUMENT;
         if (status == UMB_OK) {
             status = umbu_take_arguments(&parsed, argc, argv, error);
@@ -346,5 +432,5 @@ enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *o
 void umbd_options_print(const struct umbd_options *options, FILE *out)
 {
     (void)fprintf(out, "[umbraged]\n");
-    umbu_print_settings(&umbd_command, options, UMBD_CONFIG_LINE_MAX, out);
+    umbu_print_settings(&umbd_command, options, CONFIG_LINE_MAX, out);
 }

@@ -18,64 +18,65 @@
 #include "umbrage/status.h"
 
 #define UMBD_LISTEN_MAX 16
+#define UMBD_LOOPS_MAX  64
 
 struct umbd_option_text; /* opaque */
 
 struct umbd_options {
-    const char *stores[UMBS_STORE_FOLDERS_MAX]; /* NULL after the last; there is room for it */
-    const char *listen[UMBD_LISTEN_MAX + 1];    /* NULL behind the last */
+    const char *stores[UMBS_STORE_FOLDERS_MAX]; /* Folders, NULL after the last */
+    const char *listen[UMBD_LISTEN_MAX + 1];    /* Addresses, NULL after the last */
     size_t listen_count;
-    const char *admin;                /* HOST:PORT or NULL */
-    const char *address_file;         /* or NULL */
-    int copy, warm_up;                /* how assets are held: store.h */
-    const char *cache;                /* folder of mapped files, or NULL: in each store */
-    uint64_t load_memory;             /* bytes, packed and mapped, of an asset that is loaded */
-    uint32_t socket_mode;             /* permissions of Unix sockets */
-    const char *token_file;           /* or NULL */
-    int without_tokens;               /* allows listening beyond this machine without tokens */
-    uint64_t address_rate;            /* points a second for one address, 0 = no limit */
-    uint32_t max_address_connections; /* 0 only while options are read: a quarter of all */
+    const char *admin;                /* Admin port as HOST:PORT, or NULL */
+    const char *address_file;         /* File, or NULL */
+    int copy, warm_up;                /* 1: hold assets in memory; read files ahead (store.h) */
+    const char *cache;                /* Folder of mapped files; NULL: one in each store */
+    uint64_t load_memory;             /* Bytes of an asset while it is loaded, packed and mapped */
+    uint32_t socket_mode;             /* Permissions of Unix sockets */
+    const char *token_file;           /* File, or NULL */
+    int without_tokens;               /* 1: other machines may query without a token */
+    uint64_t address_rate;            /* Points a second for one address, 0 = no limit */
+    uint32_t max_address_connections; /* Connections of one address */
     uint64_t address_handshakes;      /* TLS handshakes a second for one address, 0 = no limit */
-    uint32_t max_watches;             /* health Watches of connections without rights */
-    const char *tls_cert, *tls_key, *tls_client_ca, *tls_crl; /* files, or NULL */
-    uint32_t loops;                                           /* threads that own connections */
-    uint32_t workers;                                         /* threads of the pool */
-    uint32_t queue; /* batches that may wait for the pool */
+    uint32_t max_watches;             /* Number of health Watches of connections without rights */
+    const char *tls_cert, *tls_key, *tls_client_ca, *tls_crl; /* Files, or NULL */
+    uint32_t loops;   /* Number of threads that own connections */
+    uint32_t workers; /* Number of threads of the worker pool */
+    uint32_t queue;   /* Number of tasks that may wait for a worker */
     uint32_t max_connections;
-    uint64_t max_points;        /* a batch */
-    uint64_t max_message;       /* bytes */
-    uint64_t max_buffer;        /* bytes of requests and replies held, process */
-    uint64_t connection_buffer; /* bytes of requests and replies held, one connection */
+    uint64_t max_points;        /* Points of a batch */
+    uint64_t max_message;       /* Bytes of a request message */
+    uint64_t max_buffer;        /* Bytes of requests and replies held in the process */
+    uint64_t connection_buffer; /* Bytes of requests and replies held for a connection */
     uint64_t drain_delay_ms, drain_timeout_ms;
-    uint64_t scrub_interval_ms; /* 0 = never */
-    uint64_t max_age_ms;        /* longest life of a connection, 0 = no limit */
+    uint64_t scrub_interval_ms; /* Longest time between checks of an asset, 0 = no checks */
+    uint64_t max_age_ms;        /* Longest life of a connection, 0 = no limit */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
-    const char *jobs;                   /* folder of the job service, or NULL */
-    const char *jobs_db;                /* file of the job table, NULL = in the folder */
-    const char *bake_program;           /* umbrage-bake, NULL = beside this program */
-    uint32_t bake_workers;              /* bakes at once */
-    uint32_t bake_threads;              /* threads of one bake */
-    const char *job_sandbox;            /* required, available, off: of umbrage-bake */
-    const char *executor;               /* local, slurm */
-    uint64_t executor_interval_ms;      /* between questions to slurm */
-    const char *slurm_options;          /* options of sbatch; may be NULL */
-    uint32_t bake_tile;                 /* texels along a tile's side: the unit of work */
-    uint32_t owner_jobs;                /* unfinished jobs of one owner */
-    uint32_t owner_history;             /* Number of finished jobs listed for one owner */
-    uint64_t tile_cache;                /* bytes, of one owner's tiles; 0 = none */
-    uint64_t bake_memory;               /* bytes, of one bake */
-    uint64_t max_bundle, max_asset;     /* bytes */
-    uint64_t owner_bytes, job_bytes;    /* bytes of unfinished jobs' bundles: one owner's, all */
-    uint64_t owner_assets;              /* Bytes of one owner's assets */
-    uint64_t job_time_ms, job_lease_ms; /* time limit and lease of one try */
-    uint64_t job_keep_ms;               /* time for which finished jobs are kept */
+    const char *jobs;                /* Folder of the job service, or NULL */
+    const char *jobs_db;             /* File of the job table; NULL: in that folder */
+    const char *bake_program;        /* Path of umbrage-bake; NULL: beside this program */
+    uint32_t bake_workers;           /* Number of bakes at once */
+    uint32_t bake_threads;           /* Number of threads of one bake */
+    const char *job_sandbox;         /* Sandbox of bakes: required, available, off */
+    const char *executor;            /* Place of bakes: local, slurm */
+    uint64_t executor_interval_ms;   /* Time between questions to Slurm */
+    const char *slurm_options;       /* Options of sbatch, or NULL */
+    uint32_t bake_tile;              /* Texels along a tile's side: the unit of work */
+    uint32_t owner_jobs;             /* Number of unfinished jobs of one owner */
+    uint32_t owner_history;          /* Number of finished jobs listed for one owner */
+    uint64_t tile_cache;             /* Bytes of one owner's kept tiles, 0 = none */
+    uint64_t bake_memory;            /* Bytes of memory of one bake */
+    uint64_t max_bundle, max_asset;  /* Bytes of a bundle, and of an asset */
+    uint64_t owner_bytes, job_bytes; /* Bytes of unfinished jobs' bundles: of one owner, of all */
+    uint64_t owner_assets;           /* Bytes of one owner's assets */
+    uint64_t job_time_ms, job_lease_ms; /* Time limit and lease of one try */
+    uint64_t job_keep_ms;               /* Time for which finished jobs are kept */
     enum umb_log_level log_level;
     enum umbs_log_format log_format;
-    const char *config;                                  /* file or NULL */
-    int config_bad;                                      /* the failure was a line of the file */
-    int check, check_files, print_config, help, version; /* requests that replace serving */
-    struct umbd_option_text *texts;                      /* texts of the file; owned */
-    int argc; /* command line, to be read again on SIGHUP */
+    const char *config; /* Config file, or NULL */
+    int config_bad;     /* 1: a line of the config file was refused */
+    int check, check_files, print_config, help, version; /* 1: requests that replace serving */
+    struct umbd_option_text *texts;                      /* Texts of the config file, owned */
+    int argc;                                            /* Command line, read again on SIGHUP */
     char **argv;
 };
 

@@ -16,10 +16,10 @@
 #include <sys/socket.h>
 
 #define UMBD_RATE_AHEAD_NS 1000000000U
-#define UMBD_CALL_POINTS   64 /* price of a call besides its points */
+#define UMBD_CALL_POINTS   64 /* price of a call in addition to its points */
 /* Rate of one address: health, and calls refused for rights. */
 #define UMBD_OPEN_CALLS_PER_SECOND 200
-#define UMBD_OPEN_CALLS_OF_ONE     1 /* rate of each of its connections in addition */
+#define UMBD_OPEN_CALLS_OF_ONE     1 /* in addition, calls a second of each connection */
 
 /*
  * Takes `points` at `per_second` (0 = no limit). Returns 1, or 0 and takes nothing.
@@ -37,10 +37,10 @@ void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, 
 
 #define UMBD_PEER_KEY_BYTES 9
 
-/* Account of an address that has connections, or debts. */
+/* Account of an address that has connections, or work that is not paid for. */
 struct umbd_peer_account {
     struct umbd_peer_account *next;
-    uint8_t key[UMBD_PEER_KEY_BYTES]; /* umbd_peer_key */
+    uint8_t key[UMBD_PEER_KEY_BYTES]; /* Key by umbd_peer_key */
     size_t connections;
     atomic_size_t strangers;                 /* Number of those without rights, on all loops */
     atomic_uint_fast64_t paid_until_ns;      /* Points: --address-rate */

@@ -77,7 +77,7 @@ static size_t split(char *line, char **words, size_t limit)
     return count;
 }
 
-/* Reads one line; returns its error in words, or NULL. */
+/* Reads one line of the file. Returns NULL, or the words that name the fault of the line. */
 static const char *take_line(struct umbd_token_set *set, char *line)
 {
     char *words[5];

@@ -22,7 +22,7 @@
 #define UMBD_HASH_BYTES      32
 
 enum umbd_scope {
-    UMBD_SCOPE_NONE = 0, /* every caller: health */
+    UMBD_SCOPE_NONE = 0, /* Every caller may: health */
     UMBD_SCOPE_QUERY = 1,
     UMBD_SCOPE_SUBMIT = 2,
     UMBD_SCOPE_ADMIN = 4,
@@ -30,9 +30,9 @@ enum umbd_scope {
 
 struct umbd_token {
     char name[UMBD_TOKEN_NAME_SIZE];
-    unsigned scopes; /* sum of enum umbd_scope */
+    unsigned scopes; /* Sum of enum umbd_scope */
     uint8_t hash[UMBD_HASH_BYTES];
-    uint64_t points_per_second; /* 0 = no limit */
+    uint64_t points_per_second; /* Rate of its caller, 0 = no limit */
     atomic_uint_fast64_t paid_until_ns;
 };
 

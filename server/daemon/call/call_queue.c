@@ -3,16 +3,15 @@
  * Calls with a stream of requests: QueryStream, Submit and reflection.
  *
  * One message is served at a time, so replies come in order. A message that comes meanwhile waits
- * in a queue. A stream waits for three things: a batch at the workers (or a job request,
- * job_request.h), a client that does not read its replies (UMBD_BACKLOG_BYTES), and its share of
- * this turn of the loop. While more than UMBD_BACKLOG_BYTES wait, the stream's window is not opened
- * again. So flow control stops a client that writes ahead or does not read at one window beyond
- * that.
+ * in a queue. A stream waits for three things: a task away from the loop, a client that does not
+ * read its replies (UMBD_BACKLOG_BYTES), and its share of this turn of the loop. While more than
+ * UMBD_BACKLOG_BYTES wait, the stream's window is not opened again. So flow control stops a client
+ * that writes ahead or does not read at one window beyond that.
  *
  * Invariants: queue_bytes is the sum of the sizes in the queue. The bytes returned to the window
  * and those in window_held add up to the bytes received. A failed call has an empty queue.
  */
-#include "daemon/call/call_rights.h"
+#include "daemon/call/call.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -21,39 +20,26 @@
 
 static int may_serve(const struct umbd_call *call)
 {
-    return !umbd_call_is_busy(call) && !call->reply_ended &&
-           umbd_call_unsent(call) < UMBD_BACKLOG_BYTES;
+    return call->task == NULL && !call->reply_ended && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES;
+}
+
+/* Bytes of the waiting messages, with their overhead in memory. */
+static size_t waiting_bytes(const struct umbd_call *call)
+{
+    return call->queue_bytes + call->queue_count * QUEUED_OVERHEAD;
 }
 
 void umbd_stream_charge(struct umbd_call *call)
 {
-    if (!umbd_method_takes_many(call->method)) {
+    if (!umbd_takes_many(call->method)) {
         return;
     }
-    size_t batch = umbd_call_is_busy(call) ? call->batch_bytes : 0;
-    size_t held = call->reader.received + call->queue_bytes + call->queue_count * QUEUED_OVERHEAD +
-                  batch + umbd_call_unsent(call) + call->kept_picture.bytes;
+    size_t held = call->reader.received + waiting_bytes(call) +
+                  (call->task != NULL ? call->task_bytes : 0) + umbd_call_unsent(call) +
+                  call->kept_bytes;
     if (held < call->charged) {
-        (void)umbd_call_charge(call, held); /* fewer bytes than before: cannot fail */
+        umbd_call_uncharge(call, held);
     }
-}
-
-void umbd_stream_drop(struct umbd_call *call)
-{
-    while (call->queue_first != NULL) {
-        struct umbd_queued *first = call->queue_first;
-        call->queue_first = first->next;
-        free(first->bytes);
-        free(first);
-    }
-    call->queue_last = NULL;
-    call->queue_bytes = call->queue_count = 0;
-}
-
-void umbd_stream_later(struct umbd_call *call)
-{
-    call->conn->pump_due = 1;
-    umbd_loop_flush_later(call->conn);
 }
 
 static enum umb_status enqueue(struct umbd_call *call, uint8_t *message, size_t size, int owned)
@@ -89,6 +75,22 @@ static enum umb_status enqueue(struct umbd_call *call, uint8_t *message, size_t 
     return UMB_OK;
 }
 
+void umbd_call_serve(struct umbd_call *call)
+{
+    call->method->serve(call);
+    umbd_call_drop_message(call);
+}
+
+/* Ends the reply of a stream whose requests are all served. */
+static void end_requests(struct umbd_call *call)
+{
+    if (call->method->end != NULL) {
+        call->method->end(call);
+    } else {
+        umbd_call_finish(call);
+    }
+}
+
 static void serve(struct umbd_call *call, uint8_t *message, size_t size, int owned)
 {
     call->message = message;
@@ -109,12 +111,6 @@ enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message, si
         umbd_stream_later(call);
     }
     return status;
-}
-
-/* Bytes of the waiting messages, with their overhead in memory. */
-static size_t waiting_bytes(const struct umbd_call *call)
-{
-    return call->queue_bytes + call->queue_count * QUEUED_OVERHEAD;
 }
 
 /* Opens the stream's window for the bytes that are no longer ahead. */
@@ -158,13 +154,13 @@ void umbd_stream_pump(struct umbd_call *call)
     }
     give_back(call);
     umbd_stream_charge(call);
-    if (call->reply_ended || umbd_call_is_busy(call) || call->queue_first != NULL) {
+    if (call->reply_ended || call->task != NULL || call->queue_first != NULL) {
         return;
     }
     if (call->request_ended) {
-        /* Each request pays for the call; a call without any pays here. */
+        /* Each request pays the price of a call; a stream without requests pays it here. */
         if (call->message_count > 0 || umbd_call_take_points(call, UMBD_CALL_POINTS)) {
-            umbd_call_end_requests(call);
+            end_requests(call);
         }
     } else if (call->last_call) {
         umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");

@@ -28,6 +28,20 @@ struct status_text {
     char code[4], pushback[12];
 };
 
+/* Appends the field that the service adds to the headers or the trailers, if any. */
+static size_t add_own(const struct umbd_call *call, int is_trailer, nghttp2_nv *fields,
+                      size_t count)
+{
+    const char *name = NULL, *value = NULL;
+    if (call->method->field != NULL) {
+        call->method->field(call, is_trailer, &name, &value);
+    }
+    if (name != NULL) {
+        fields[count++] = field(name, value);
+    }
+    return count;
+}
+
 /* Appends grpc-status and the fields that belong to it. */
 static size_t add_status(const struct umbd_call *call, struct status_text *text, nghttp2_nv *fields,
                          size_t count)
@@ -42,11 +56,7 @@ static size_t add_status(const struct umbd_call *call, struct status_text *text,
     if (call->text[0] != '\0') {
         fields[count++] = field("grpc-message", call->text);
     }
-#ifdef UMBRAGE_TEST_SERVICE
-    if (call->echo.trailing[0] != '\0') {
-        fields[count++] = field(UMBD_ECHO_TRAILING, call->echo.trailing);
-    }
-#endif
+    count = add_own(call, 1, fields, count);
     if (call->pushback_ms > 0) {
         snprintf(text->pushback, sizeof text->pushback, "%u", call->pushback_ms);
         fields[count++] = field("grpc-retry-pushback-ms", text->pushback);
@@ -78,7 +88,7 @@ static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *b
     if (count == left && call->reply_ended) {
         *flags |= NGHTTP2_DATA_FLAG_EOF;
         if (!call->plain) {
-            nghttp2_nv fields[4];
+            nghttp2_nv fields[6];
             struct status_text status;
             size_t field_count = add_status(call, &status, fields, 0);
             *flags |= NGHTTP2_DATA_FLAG_NO_END_STREAM;
@@ -97,17 +107,19 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
 {
     memcpy(to, call->out.bytes + call->sent, count);
     call->sent += count;
-    call->progress_ms = uv_now(&call->conn->loop->uv);
+    call->progress_ms = umbd_call_now_ms(call);
     if (call->sent == call->out.size) {
         call->sent = call->out.size = 0;
         if (call->out.capacity > UMBD_KEPT_BYTES) {
             umbw_buffer_finish(&call->out);
         }
     }
-    if (call->queue_first != NULL && !umbd_call_is_busy(call)) {
+    if (call->queue_first != NULL && call->task == NULL) {
         umbd_stream_later(call); /* the client reads its replies: there is room for more */
     }
-    umbd_service_bakes_more(call);
+    if (call->method->more != NULL) {
+        call->method->more(call);
+    }
 }
 
 /* Frees the request's bytes; they are of no use once the answer is known. */
@@ -122,7 +134,7 @@ static void drop_request(struct umbd_call *call)
 static void mark_responded(struct umbd_call *call)
 {
     call->responded = 1;
-    call->responded_ms = uv_now(&call->conn->loop->uv);
+    call->responded_ms = umbd_call_now_ms(call);
     call->progress_ms = call->responded_ms;
 }
 
@@ -136,25 +148,14 @@ static void submit(struct umbd_call *call, const nghttp2_nv *fields, size_t coun
     }
 }
 
-/* Cancels the call's batch. When the batch returns to the loop, it finds no call and is freed. */
-static void abandon_batch(struct umbd_call *call)
-{
-    if (call->batch != NULL) {
-        struct umbd_batch *batch = call->batch;
-        call->batch = NULL;
-        batch->charged = call->charged;
-        umbd_conn_hand_over(call->conn, call->charged);
-        call->charged = 0;
-        umbd_pool_cancel(call->conn->loop->daemon->pool, batch);
-    }
-}
-
 void umbd_call_fail(struct umbd_call *call, int code, const char *message)
 {
     if (call->responded && call->reply_ended) {
         return;
     }
-    abandon_batch(call);
+    if (call->task != NULL && call->task->pool != NULL) {
+        umbd_call_leave_task(call);
+    }
     drop_request(call);
     call->code = code;
     umbw_message_escape(message, call->text, sizeof call->text);
@@ -163,7 +164,7 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
         nghttp2_session_resume_data(call->conn->session, call->stream_id);
         return;
     }
-    (void)umbd_call_charge(call, 0);
+    umbd_call_uncharge(call, 0);
     nghttp2_nv fields[8];
     struct status_text status;
     size_t count = 0;
@@ -194,11 +195,38 @@ void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
     umbd_call_fail(call, umbw_grpc_code(status), message);
 }
 
-void umbd_call_shed(struct umbd_call *call, const struct umb_error *error)
+void umbd_call_fail_work(struct umbd_call *call, enum umb_status status,
+                         const struct umb_error *error)
 {
-    umbd_conn_hold(call->conn);
-    umbd_count(&call->conn->loop->daemon->metrics.shed, 1);
-    umbd_call_fail_status(call, UMB_E_BUSY, error);
+    if (status == UMB_E_BUSY) {
+        umbd_conn_hold(call->conn);
+        umbd_count(&call->server->metrics.shed, 1);
+    }
+    umbd_call_fail_status(call, status, error);
+}
+
+int umbd_call_charge(struct umbd_call *call, size_t bytes)
+{
+    uint64_t limit = 0;
+    const char *option = "";
+    if (bytes <= call->charged) {
+        umbd_call_uncharge(call, bytes);
+        return 1;
+    }
+    if (umbd_conn_charge(call->conn, bytes - call->charged, &limit, &option)) {
+        call->charged = bytes;
+        return 1;
+    }
+    char text[200];
+    snprintf(
+        text, sizeof text,
+        "server: requests and replies in memory are at the limit of %llu bytes (%s); try again "
+        "later",
+        (unsigned long long)limit, option);
+    umbd_count(&call->server->metrics.shed, 1);
+    call->pushback_ms = UMBD_PUSHBACK_MS;
+    umbd_call_fail(call, UMBW_GRPC_RESOURCE_EXHAUSTED, text);
+    return 0;
 }
 
 void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_error *error)
@@ -222,15 +250,11 @@ void umbd_call_cut_open(struct umbd_call *call)
 
 static void respond_grpc(struct umbd_call *call)
 {
-    nghttp2_nv fields[3];
+    nghttp2_nv fields[4];
     size_t count = 0;
     fields[count++] = field(":status", "200");
     fields[count++] = field("content-type", "application/grpc");
-#ifdef UMBRAGE_TEST_SERVICE
-    if (call->echo.initial[0] != '\0') {
-        fields[count++] = field(UMBD_ECHO_INITIAL, call->echo.initial);
-    }
-#endif
+    count = add_own(call, 0, fields, count);
     submit(call, fields, count, 1);
 }
 
@@ -244,7 +268,7 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
     }
     if (out->capacity - out->size < bytes) {
         size_t capacity = out->size + bytes;
-        if (umbd_method_gives_many(call->method)) {
+        if (umbd_gives_many(call->method)) {
             capacity += capacity / 2; /* room for more replies */
         }
         uint8_t *block = realloc(out->bytes, capacity);
@@ -261,16 +285,16 @@ uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes)
 void umbd_call_commit(struct umbd_call *call, size_t bytes)
 {
     call->out.size += bytes;
-    if (call->optimistic_turn == call->conn->loop->optimistic.turn) {
+    if (call->optimistic_turn == call->home->optimistic.turn) {
         call->unvalidated_bytes += bytes;
     }
-    if (!umbd_method_gives_many(call->method)) {
+    if (!umbd_gives_many(call->method)) {
         drop_request(call);
         call->reply_ended = 1;
         call->code = UMBW_GRPC_OK;
     }
     if (call->responded) {
-        call->progress_ms = uv_now(&call->conn->loop->uv);
+        call->progress_ms = umbd_call_now_ms(call);
         nghttp2_session_resume_data(call->conn->session, call->stream_id);
     } else {
         respond_grpc(call);
@@ -298,6 +322,17 @@ void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message)
 {
     umbd_call_reply_block(call, message->bytes, 0, message->size);
     memset(message, 0, sizeof *message);
+}
+
+void umbd_call_reply_or_fail(struct umbd_call *call, enum umb_status status,
+                             struct umbw_buffer *message, const struct umb_error *error)
+{
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, error);
+    } else if (umbd_call_charge(call, call->charged + message->size)) {
+        umbd_call_reply(call, message);
+    }
+    umbw_buffer_finish(message);
 }
 
 void umbd_call_finish(struct umbd_call *call)

@@ -4,7 +4,7 @@
  * usual call compares one hash and takes no lock; after a reload the token is looked up again. The
  * remembered token may be another call's: each use first compares its hash with the call's.
  */
-#include "daemon/call/call_rights.h"
+#include "daemon/call/call.h"
 
 #include <openssl/crypto.h>
 #include <string.h>
@@ -15,30 +15,11 @@
 #include "jobs/service.h"
 #include "tool/clock.h"
 
-static enum umbd_scope scope_of(enum umbd_method method)
-{
-    switch (method) {
-    case UMBD_METHOD_CHECK:
-    case UMBD_METHOD_WATCH:
-    case UMBD_METHOD_UNKNOWN:
-        return UMBD_SCOPE_NONE; /* balancers and probes have no tokens, and are always served */
-    case UMBD_METHOD_BAKES_SUBMIT:
-    case UMBD_METHOD_BAKES_WATCH:
-    case UMBD_METHOD_BAKES_CANCEL:
-    case UMBD_METHOD_BAKES_LIST:
-    case UMBD_METHOD_BAKES_FETCH:
-    case UMBD_METHOD_BAKES_DELETE:
-        return UMBD_SCOPE_SUBMIT;
-    default:
-        return UMBD_SCOPE_QUERY;
-    }
-}
-
 void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_t size)
 {
     static const char scheme[] = "Bearer ";
     size_t length = sizeof scheme - 1;
-    if (call->conn->loop->daemon->tokens == NULL) {
+    if (call->backend->tokens == NULL) {
         return;
     }
     call->has_token = size > length && strncasecmp((const char *)value, scheme, length) == 0;
@@ -58,7 +39,7 @@ void umbd_conn_forget_rights(struct umbd_conn *conn)
 static struct umbd_token *find_token(struct umbd_call *call)
 {
     struct umbd_conn *conn = call->conn;
-    struct umbd_tokens *tokens = conn->loop->daemon->tokens;
+    struct umbd_tokens *tokens = call->backend->tokens;
     unsigned generation = umbd_tokens_generation(tokens);
     if (conn->tokens == NULL || conn->token_generation != generation) {
         umbd_conn_doubt(conn);
@@ -75,19 +56,19 @@ static struct umbd_token *find_token(struct umbd_call *call)
 
 const struct umbd_token *umbd_call_token(struct umbd_call *call)
 {
-    return call->conn->loop->daemon->tokens != NULL && call->has_token ? find_token(call) : NULL;
+    return call->backend->tokens != NULL && call->has_token ? find_token(call) : NULL;
 }
 
 int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES])
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
-    if (daemon->jobs == NULL || daemon->tokens == NULL) {
+    const struct umbd_backend *backend = call->backend;
+    if (backend->jobs == NULL || backend->tokens == NULL) {
         return 1; /* without tokens there is one owner */
     }
     const struct umbd_token *token = umbd_call_token(call);
     return (token != NULL && (token->scopes & UMBD_SCOPE_ADMIN) != 0) ||
-           umbs_reader_has(call->conn->loop->reader, asset, daemon->store_count) ||
-           umbj_snapshot_owns(umbj_service_snapshot(daemon->jobs), asset,
+           umbs_reader_has(call->home->reader, asset, backend->store_count) ||
+           umbj_snapshot_owns(umbj_service_snapshot(backend->jobs), asset,
                               token != NULL ? token->name : "");
 }
 
@@ -99,7 +80,7 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     if (umb_id_from_text(name_or_id, id) == UMB_OK && !umbd_call_sees(call, id)) {
         return umbs_store_not_found(name_or_id, error); /* neither that it is damaged */
     }
-    enum umb_status status = umbs_reader_acquire(call->conn->loop->reader, name_or_id, out, error);
+    enum umb_status status = umbs_reader_acquire(call->home->reader, name_or_id, out, error);
     if (status == UMB_OK && !umbd_call_sees(call, umbs_entry_item(*out)->id)) {
         umbs_entry_release(*out);
         *out = NULL;
@@ -117,11 +98,11 @@ static int is_plain_tcp(const struct umbd_conn *conn)
 
 int umbd_call_is_allowed(struct umbd_call *call)
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
-    enum umbd_scope scope = scope_of(call->method);
+    struct umbd_server *server = call->server;
+    enum umbd_scope scope = call->method->scope;
     struct umb_error error UMB__UNSET;
-    if (scope == UMBD_SCOPE_SUBMIT && daemon->tokens == NULL && is_plain_tcp(call->conn)) {
-        umbd_count(&daemon->metrics.unauthorized, 1);
+    if (scope == UMBD_SCOPE_SUBMIT && call->backend->tokens == NULL && is_plain_tcp(call->conn)) {
+        umbd_count(&server->metrics.unauthorized, 1);
         umbd_call_fail(call, UMBW_GRPC_UNAUTHENTICATED,
                        "authorization: jobs are refused on plain TCP without a token (use unix:, "
                        "tls:, or --token-file)");
@@ -130,7 +111,7 @@ int umbd_call_is_allowed(struct umbd_call *call)
     if (scope == UMBD_SCOPE_NONE) {
         return 1;
     }
-    if (daemon->tokens == NULL) {
+    if (call->backend->tokens == NULL) {
         umbd_conn_prove(call->conn);
         return 1;
     }
@@ -147,7 +128,7 @@ int umbd_call_is_allowed(struct umbd_call *call)
                           scope == UMBD_SCOPE_SUBMIT ? "submit" : "query");
     }
     if (status != UMB_OK) {
-        umbd_count(&daemon->metrics.unauthorized, 1);
+        umbd_count(&server->metrics.unauthorized, 1);
         umbd_call_fail_status(call, status, &error);
         return 0;
     }
@@ -158,7 +139,7 @@ int umbd_call_is_allowed(struct umbd_call *call)
 int umbd_call_may_name_assets(struct umbd_call *call)
 {
     const struct umbd_token *token = umbd_call_token(call);
-    return call->conn->loop->daemon->tokens == NULL ||
+    return call->backend->tokens == NULL ||
            (token != NULL && (token->scopes & UMBD_SCOPE_QUERY) != 0);
 }
 
@@ -170,7 +151,7 @@ static int refuse_rate(struct umbd_call *call, const char *whose, const char *wh
     enum umb_status status = umb_fail(
         &error, UMB_E_BUSY, "rate: %s is at its limit of %llu %s a second; try again in %llu ms",
         whose, (unsigned long long)per_second, what, (unsigned long long)wait_ms);
-    umbd_count(&call->conn->loop->daemon->metrics.rate_limited, 1);
+    umbd_count(&call->server->metrics.rate_limited, 1);
     call->pushback_ms = (unsigned)wait_ms; /* an hour at most */
     umbd_call_fail_status(call, status, &error);
     return 0;
@@ -214,9 +195,9 @@ int umbd_call_take_open(struct umbd_call *call)
 int umbd_call_take_points(struct umbd_call *call, uint64_t points)
 {
     struct umbd_conn *conn = call->conn;
-    const struct umbd_options *options = &conn->loop->daemon->options;
+    const struct umbd_options *options = &call->server->options;
     uint64_t wait_ns = 0;
-    if (scope_of(call->method) == UMBD_SCOPE_NONE) {
+    if (call->method->scope == UMBD_SCOPE_NONE) {
         return 1;
     }
     if (!umbd_call_is_allowed(call)) {
@@ -244,11 +225,11 @@ void umbd_call_owe_points(struct umbd_call *call, uint64_t points)
     struct umbd_token *token = NULL;
     const uint64_t now_ns = umbu_clock_ns();
     struct umbd_conn *conn = call->conn;
-    struct umbd_daemon *daemon = conn->loop->daemon;
-    if (daemon->tokens != NULL && call->has_token) {
+    if (call->backend->tokens != NULL && call->has_token) {
         token = find_token(call);
     }
-    umbd_rate_owe(&conn->account->paid_until_ns, daemon->options.address_rate, points, now_ns);
+    umbd_rate_owe(&conn->account->paid_until_ns, call->server->options.address_rate, points,
+                  now_ns);
     if (token != NULL) {
         umbd_rate_owe(&token->paid_until_ns, token->points_per_second, points, now_ns);
     }

@@ -12,10 +12,10 @@
 
 #include "daemon/call/call.h"
 
-struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_loop *loop, const char *asked)
+struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_call_home *home, const char *asked)
 {
-    const struct umbd_optimistic_reads *optimistic = &loop->optimistic;
-    if (optimistic->count == 0 || optimistic->at_ms != uv_now(&loop->uv)) {
+    const struct umbd_optimistic_reads *optimistic = &home->optimistic;
+    if (optimistic->count == 0 || optimistic->at_ms != uv_now(&home->loop->uv)) {
         return NULL;
     }
     for (size_t i = 0; i < optimistic->count; i++) {
@@ -26,15 +26,15 @@ struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_loop *loop, cons
     return NULL;
 }
 
-int umbd_optimistic_reads_has_room(const struct umbd_loop *loop)
+int umbd_optimistic_reads_has_room(const struct umbd_call_home *home)
 {
-    return loop->optimistic.count < UMBD_OPTIMISTIC_READS_MAX;
+    return home->optimistic.count < UMBD_OPTIMISTIC_READS_MAX;
 }
 
 /* Index of the batch's version in the list, or of its new place. */
-static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const char *asked)
+static size_t place_of(struct umbd_call_home *home, struct umbd_batch *batch, const char *asked)
 {
-    struct umbd_optimistic_reads *optimistic = &loop->optimistic;
+    struct umbd_optimistic_reads *optimistic = &home->optimistic;
     struct umbs_entry *entry = batch->parts[0].entry;
     size_t i = 0;
     while (i < optimistic->count && optimistic->reads[i].entry != entry) {
@@ -45,7 +45,7 @@ static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const c
         memcpy(optimistic->reads[i].asked, asked, strlen(asked) + 1);
         batch->is_borrowed = 1; /* the reference is the list's now */
         if (optimistic->count++ == 0) {
-            optimistic->at_ms = uv_now(&loop->uv);
+            optimistic->at_ms = uv_now(&home->loop->uv);
         }
     }
     return i;
@@ -53,20 +53,20 @@ static size_t place_of(struct umbd_loop *loop, struct umbd_batch *batch, const c
 
 void umbd_optimistic_reads_add(struct umbd_call *call, struct umbd_batch *batch, const char *asked)
 {
-    struct umbd_loop *loop = call->conn->loop;
-    const size_t place = place_of(loop, batch, asked);
-    if (call->optimistic_turn != loop->optimistic.turn) {
-        call->optimistic_turn = loop->optimistic.turn;
+    struct umbd_call_home *home = call->home;
+    const size_t place = place_of(home, batch, asked);
+    if (call->optimistic_turn != home->optimistic.turn) {
+        call->optimistic_turn = home->optimistic.turn;
         call->optimistic_reads = 0;
         call->unvalidated_bytes = 0;
     }
     call->optimistic_reads |= 1U << place;
 }
 
-static void fail_calls(struct umbd_loop *loop, uint64_t turn, unsigned place,
+static void fail_calls(struct umbd_call_home *home, uint64_t turn, unsigned place,
                        const struct umb_error *error)
 {
-    for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
+    for (struct umbd_conn *conn = home->loop->first_conn; conn != NULL; conn = conn->next) {
         for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
             if (call->optimistic_turn == turn && (call->optimistic_reads & place) != 0) {
                 umbd_call_discard_unvalidated(call, error);
@@ -76,9 +76,9 @@ static void fail_calls(struct umbd_loop *loop, uint64_t turn, unsigned place,
     }
 }
 
-void umbd_optimistic_reads_revalidate(struct umbd_loop *loop)
+void umbd_optimistic_reads_revalidate(struct umbd_call_home *home)
 {
-    struct umbd_optimistic_reads *optimistic = &loop->optimistic;
+    struct umbd_optimistic_reads *optimistic = &home->optimistic;
     struct umb_error error;
     const size_t count = optimistic->count;
     if (count == 0) {
@@ -88,7 +88,7 @@ void umbd_optimistic_reads_revalidate(struct umbd_loop *loop)
     optimistic->count = 0;
     for (size_t i = 0; i < count; i++) {
         if (umbs_entry_revalidate(optimistic->reads[i].entry, &error) != UMB_OK) {
-            fail_calls(loop, turn, 1U << i, &error);
+            fail_calls(home, turn, 1U << i, &error);
         }
         umbs_entry_release(optimistic->reads[i].entry);
     }

@@ -21,33 +21,34 @@
 #include "store/store.h"
 #include "wire/messages.h"
 
-#define UMBD_OPTIMISTIC_READS_MAX 4 /* versions at once; more are revalidated early */
+#define UMBD_OPTIMISTIC_READS_MAX                                                                  \
+    4 /* number of versions at once; a further one revalidates early */
 
 struct umbd_batch;
 struct umbd_call;
-struct umbd_loop;
+struct umbd_call_home;
 
 struct umbd_optimistic_reads {
-    uint64_t turn;  /* number of this round of reads, from 1 on; calls remember it */
-    uint64_t at_ms; /* uv_now of the first read */
+    uint64_t turn;  /* Number of this round of reads, from 1 on; calls remember it */
+    uint64_t at_ms; /* Time of the first read, uv_now */
     size_t count;
     struct {
-        struct umbs_entry *entry;            /* one reference */
-        char asked[UMBW_ASSET_NAME_MAX + 1]; /* name or id that found it */
+        struct umbs_entry *entry;            /* Version that was read, with one reference */
+        char asked[UMBW_ASSET_NAME_MAX + 1]; /* Name or id that found it */
     } reads[UMBD_OPTIMISTIC_READS_MAX];
 };
 
 /* The version that this event found by that name, or NULL. Borrowed until the next revalidation. */
-struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_loop *loop, const char *asked);
+struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_call_home *home, const char *asked);
 
 /* Records the read of the batch's one part, which the call is about to commit; there must be room
  * for a version. Takes the part's reference if it has one to give. */
 void umbd_optimistic_reads_add(struct umbd_call *call, struct umbd_batch *batch, const char *asked);
 
 /* 1 if there is room for a further version. */
-int umbd_optimistic_reads_has_room(const struct umbd_loop *loop);
+int umbd_optimistic_reads_has_room(const struct umbd_call_home *home);
 
 /* Checks every file that was read; fails the calls of changed ones. Safe in callbacks. */
-void umbd_optimistic_reads_revalidate(struct umbd_loop *loop);
+void umbd_optimistic_reads_revalidate(struct umbd_call_home *home);
 
 #endif

@@ -6,12 +6,9 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/call/call_rights.h"
-
 struct umbd_job_request *umbd_job_request_create(struct umbd_call *call)
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
-    if (daemon->jobs == NULL) {
+    if (call->backend->jobs == NULL) {
         umbd_call_fail(call, UMBW_GRPC_UNIMPLEMENTED, "this server takes no jobs (--jobs)");
         return NULL;
     }
@@ -25,17 +22,14 @@ struct umbd_job_request *umbd_job_request_create(struct umbd_call *call)
         memcpy(job_request->owner, token->name, sizeof job_request->owner);
         job_request->is_admin = (token->scopes & UMBD_SCOPE_ADMIN) != 0;
     }
-    job_request->home = call->conn->loop;
-    job_request->lane = call->conn->serial;
-    job_request->stream_id = call->stream_id;
     job_request->fd = -1;
-    call->job_request = job_request;
+    call->state = job_request;
     return job_request;
 }
 
 int umbd_job_request_is_allowed(struct umbd_call *call)
 {
-    struct umbd_job_request *job_request = call->job_request;
+    struct umbd_job_request *job_request = call->state;
     if (!umbd_call_is_allowed(call)) {
         return 0;
     }
@@ -92,54 +86,11 @@ static void run_work(struct umbj_request *request, struct umbj_service *service)
 static void come_home(struct umbj_request *request)
 {
     struct umbd_job_request *job_request = (struct umbd_job_request *)request;
-    struct umbd_loop *loop = job_request->home;
     if (request->skipped) {
         job_request->status =
             umb_fail(&job_request->error, UMB_E_UNAVAILABLE, "server: shutting down");
     }
-    job_request->next_done = NULL;
-    pthread_mutex_lock(&loop->done_mutex);
-    if (loop->job_request_last != NULL) {
-        loop->job_request_last->next_done = job_request;
-    } else {
-        loop->job_request_first = job_request;
-    }
-    loop->job_request_last = job_request;
-    pthread_mutex_unlock(&loop->done_mutex);
-    uv_async_send(&loop->wake);
-}
-
-static void send_request(struct umbd_call *call, struct umbj_request request,
-                         void (*answer)(struct umbd_job_request *, struct umbd_call *))
-{
-    struct umbd_job_request *job_request = call->job_request;
-    job_request->away = 1;
-    job_request->status = UMB_OK;
-    job_request->answer = answer;
-    job_request->service = call->conn->loop->daemon->jobs;
-    job_request->request = request;
-    job_request->request.done = come_home;
-    job_request->request.owner = job_request->owner;
-    umbj_service_post(job_request->service, &job_request->request);
-}
-
-void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
-                           void (*work)(struct umbd_job_request *, struct umbj_service *),
-                           void (*answer)(struct umbd_job_request *, struct umbd_call *))
-{
-    call->job_request->files = files;
-    call->job_request->work = work;
-    send_request(call,
-                 (struct umbj_request){.files = files != NULL ? run_files : NULL,
-                                       .run = work != NULL ? run_work : NULL},
-                 answer);
-}
-
-void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
-                                   void (*answer)(struct umbd_job_request *, struct umbd_call *))
-{
-    call->job_request->files = reads;
-    send_request(call, (struct umbj_request){.files = run_files, .reads = 1}, answer);
+    job_request->task.done(&job_request->task);
 }
 
 static void run_discard(struct umbj_request *request)
@@ -159,45 +110,42 @@ static void free_there(struct umbj_request *request)
     job_request_free((struct umbd_job_request *)request);
 }
 
-static void give_up(struct umbd_daemon *daemon, struct umbd_job_request *job_request)
+/* Frees a job request that is at home, and what it holds, on the threads of the jobs. */
+static void give_up(struct umbj_service *jobs, struct umbd_job_request *job_request)
 {
-    if (daemon->jobs == NULL || (job_request->upload == NULL && job_request->fd < 0)) {
+    if (jobs == NULL || (job_request->upload == NULL && job_request->fd < 0)) {
         job_request_free(job_request);
         return;
     }
     job_request->request = (struct umbj_request){
         .files = run_discard, .run = run_drop, .done = free_there, .owner = job_request->owner};
-    umbj_service_post(daemon->jobs, &job_request->request);
+    umbj_service_post(jobs, &job_request->request);
 }
 
-void umbd_job_request_drop(struct umbd_call *call)
+void umbd_job_close(struct umbd_call *call)
 {
-    struct umbd_job_request *job_request = call->job_request;
-    call->job_request = NULL;
-    if (job_request == NULL) {
-        return;
-    }
-    if (job_request->away) {
-        /* Its memory stays counted until the loop gets it back. */
-        job_request->charged = call->charged;
-        umbd_conn_hand_over(call->conn, call->charged);
-        call->charged = 0;
-    } else {
-        give_up(call->conn->loop->daemon, job_request);
+    struct umbd_job_request *job_request = call->state;
+    if (job_request != NULL && !job_request->away) {
+        give_up(call->backend->jobs, job_request);
     }
 }
 
-static void deliver(struct umbd_loop *loop, struct umbd_job_request *job_request)
+static struct umbd_job_request *of_task(struct umbd_task *task)
 {
-    struct umbd_conn *conn = umbd_conn_find(loop, job_request->lane);
-    struct umbd_call *call =
-        conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, job_request->stream_id)
-                     : NULL;
-    if (call == NULL || call->job_request != job_request) {
-        umbd_daemon_uncharge(loop->daemon, job_request->charged);
-        give_up(loop->daemon, job_request);
-        return;
-    }
+    return (struct umbd_job_request *)(void *)((char *)task -
+                                               offsetof(struct umbd_job_request, task));
+}
+
+/* The call has ended meanwhile. */
+static void free_task(struct umbd_task *task)
+{
+    const struct umbd_call_home *home = task->home;
+    give_up(home->backend->jobs, of_task(task));
+}
+
+static void answer_call(struct umbd_call *call, struct umbd_task *task)
+{
+    struct umbd_job_request *job_request = of_task(task);
     job_request->away = 0;
     free(job_request->message);
     job_request->message = NULL;
@@ -209,41 +157,42 @@ static void deliver(struct umbd_loop *loop, struct umbd_job_request *job_request
     } else {
         job_request->answer(job_request, call);
     }
-    if (umbd_method_takes_many(call->method)) {
-        umbd_stream_pump(call);
-    }
-    umbd_loop_flush_later(conn);
 }
 
-void umbd_job_requests_collect(struct umbd_loop *loop)
+static void send_request(struct umbd_call *call, struct umbj_request request,
+                         void (*answer)(struct umbd_job_request *, struct umbd_call *))
 {
-    pthread_mutex_lock(&loop->done_mutex);
-    struct umbd_job_request *job_request = loop->job_request_first;
-    loop->job_request_first = loop->job_request_last = NULL;
-    pthread_mutex_unlock(&loop->done_mutex);
-    while (job_request != NULL) {
-        struct umbd_job_request *next = job_request->next_done;
-        deliver(loop, job_request);
-        job_request = next;
-    }
+    struct umbd_job_request *job_request = call->state;
+    job_request->away = 1;
+    job_request->status = UMB_OK;
+    job_request->answer = answer;
+    job_request->service = call->backend->jobs;
+    request.done = come_home;
+    request.owner = job_request->owner;
+    job_request->request = request;
+    job_request->task.answer = answer_call;
+    job_request->task.free = free_task;
+    job_request->task.is_kept = 1;
+    umbd_call_await(call, &job_request->task, call->task_bytes);
+    umbj_service_post(job_request->service, &job_request->request);
 }
 
-void umbd_status_of_job(const struct umbj_job *job, struct umbw_job_status *status)
+void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
+                           void (*work)(struct umbd_job_request *, struct umbj_service *),
+                           void (*answer)(struct umbd_job_request *, struct umbd_call *))
 {
-    memset(status, 0, sizeof *status);
-    memcpy(status->job, job->id, sizeof status->job);
-    memcpy(status->owner, job->owner, sizeof status->owner);
-    memcpy(status->cause, job->cause, sizeof status->cause);
-    status->state = (int)job->state;
-    status->failure = (int)job->failure;
-    status->priority = job->priority;
-    status->has_asset = job->has_asset;
-    memcpy(status->asset, job->asset, sizeof status->asset);
-    status->epoch = (uint64_t)job->epoch;
-    status->bundle_bytes = (uint64_t)job->bundle_bytes;
-    status->submitted_ms = job->submitted_ms;
-    status->started_ms = job->started_ms;
-    status->ended_ms = job->ended_ms;
-    status->not_before_ms = job->not_before_ms;
-    status->left_ms = -1;
+    struct umbd_job_request *job_request = call->state;
+    job_request->files = files;
+    job_request->work = work;
+    const struct umbj_request request = {.files = files != NULL ? run_files : NULL,
+                                         .run = work != NULL ? run_work : NULL};
+    send_request(call, request, answer);
+}
+
+void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
+                                   void (*answer)(struct umbd_job_request *, struct umbd_call *))
+{
+    struct umbd_job_request *job_request = call->state;
+    job_request->files = reads;
+    send_request(call, (struct umbj_request){.files = run_files, .reads = 1}, answer);
 }

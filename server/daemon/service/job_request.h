@@ -3,46 +3,42 @@
 #define UMBRAGE_SERVER_DAEMON_SERVICE_JOB_REQUEST_H
 /*
  * Request of a Bakes call to the job service, whose threads may block on the disk. A call has one
- * job request. It is either at home, with the call, or away, with those threads:
+ * job request, its `state`. It is either at home, with the call, or away, as a task of those
+ * threads:
  *
- *     umbd_job_request_create(call, &error)              for the owner of the call
+ *     umbd_job_request_create(call)                      for the owner of the call
  *     umbd_job_request_send(call, files, work, answer)   files runs on a thread for files, then
  *                                                        work on the jobs' thread, then answer
  *                                                        on the loop
- *     umbd_job_request_drop(call)                        the call ends
+ *     umbd_job_close(call)                               the call ends
  *
- * A call finds its job request again by (connection serial, stream id), never by pointer, since the
- * call may have ended; a job request without a call is only freed. While it is away neither the
- * call nor the loop touches its data.
+ * While it is away neither the call nor the loop touches its data.
  */
 #include "daemon/call/call.h"
+#include "daemon/service/services.h"
 #include "jobs/service.h"
 #include "wire/bakes.h"
 
 struct umbd_job_request {
-    struct umbj_request request; /* first field: the service knows only this */
-    struct umbd_job_request *next_done;
-    struct umbd_loop *home;
-    uint64_t lane;
-    int32_t stream_id;
+    struct umbj_request request; /* First field: the service knows only this */
+    struct umbd_task task;
     int away;
-    size_t charged; /* bytes counted for a call that has ended */
     void (*files)(struct umbd_job_request *job_request);
     void (*work)(struct umbd_job_request *job_request, struct umbj_service *service);
     void (*answer)(struct umbd_job_request *job_request, struct umbd_call *call);
-    struct umbj_service *service; /* set while it is away */
+    struct umbj_service *service; /* Set while it is away */
 
     char owner[UMBJ_OWNER_SIZE];
     int is_admin;
-    enum umb_status status; /* result of the work */
+    enum umb_status status; /* Result of the work */
     struct umb_error error;
 
     /* Submit */
-    uint8_t *message; /* message of data, owned while it is written */
+    uint8_t *message; /* Message with the data, owned while it is written */
     const uint8_t *data;
     size_t data_size;
     struct umbw_manifest wire;
-    struct umbj_manifest manifest; /* borrows from wire */
+    struct umbj_manifest manifest; /* Manifest in the form of the service; borrows from wire */
     struct umbj_prepared *prepared;
     uint64_t max_bundle_bytes;
     struct umbj_bundle_file *list;
@@ -59,10 +55,10 @@ struct umbd_job_request {
     size_t job_count;
     /* Fetch, Delete */
     uint8_t asset[UMB_ID_BYTES];
-    int fd; /* -1 = not open */
+    int fd; /* Descriptor of the asset's file, -1 = not open */
     int fetching;
     uint64_t size, offset;
-    uint8_t *chunk; /* UMBD_CHUNK_BYTES, made by the first fetch */
+    uint8_t *chunk; /* [UMBD_CHUNK_BYTES], made by the first fetch */
     size_t chunk_size;
 };
 
@@ -90,14 +86,5 @@ int umbd_job_request_is_allowed(struct umbd_call *call);
 
 /* Owner whose jobs the request may see: NULL = any owner's. */
 const char *umbd_job_request_owner(const struct umbd_job_request *job_request);
-
-/* Drops the call's job request. Its data is freed on the jobs' thread. */
-void umbd_job_request_drop(struct umbd_call *call);
-
-/* Takes the returned job requests; called by the loop. */
-void umbd_job_requests_collect(struct umbd_loop *loop);
-
-/* Fills what a job's status says on the wire; texts are borrowed. */
-void umbd_status_of_job(const struct umbj_job *job, struct umbw_job_status *status);
 
 #endif

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 
 /* Points that a calibration costs on the rates. They are taken together with the call's own points,
@@ -19,6 +20,8 @@
 
 /* A calibration in progress; its points lie in its message. */
 struct detour {
+    struct umbd_task task; /* The first field */
+    void (*again)(struct umbd_call *call);
     struct umbs_entry *entry; /* owned */
     uint32_t light;
     enum umbd_point_kind kind;
@@ -68,41 +71,46 @@ static enum umb_status ready_points(struct detour *detour, struct umb_error *err
     return UMB_OK;
 }
 
-/* Runs a detour on a worker's thread. */
-static enum umb_status run_detour(const struct umbd_batch *batch, size_t first, size_t count,
-                                  struct umb_error *error)
+/* Calibrates, on a worker's thread; `run` of the task, which has one record. */
+static enum umb_status run_detour(struct umbd_task *task, size_t first, size_t count,
+                                  struct umbd_slice_result *result)
 {
-    (void)first; /* there is one record */
+    (void)first;
     (void)count;
-    struct detour *detour = batch->work_user;
-    enum umb_status status = ready_points(detour, error);
-    if (status == UMB_OK) {
-        status = umbs_entry_read(detour->entry, measure, detour, error);
+    struct detour *detour = (struct detour *)task;
+    UMB__TRY(ready_points(detour, &result->error));
+    UMB__TRY(umbs_entry_read(detour->entry, measure, detour, &result->error));
+    if (detour->status != UMB_OK) {
+        result->error = detour->error;
     }
-    if (status == UMB_OK && detour->status != UMB_OK) {
-        *error = detour->error;
-        status = detour->status;
-    }
-    return status;
+    return detour->status;
 }
 
-static void free_detour(void *user)
+/* Stores a finished calibration and serves the call's message again. */
+static void answer(struct umbd_call *call, struct umbd_task *task)
 {
-    struct detour *detour = user;
+    struct detour *detour = (struct detour *)task;
+    if (task->status != UMB_OK) {
+        umbd_call_fail_work(call, task->status, &task->error);
+        return;
+    }
+    umbd_calibrations_put(call->backend->calibrations, umbs_entry_item(detour->entry)->id,
+                          detour->light, detour->kind, &detour->calibration);
+    call->message = detour->message;
+    call->message_size = detour->message_size;
+    call->message_borrowed = 0;
+    detour->message = NULL;
+    detour->again(call);
+    umbd_call_drop_message(call);
+}
+
+static void free_detour(struct umbd_task *task)
+{
+    struct detour *detour = (struct detour *)task;
     umbs_entry_release(detour->entry);
     free(detour->message);
     free(detour->pixels);
     free(detour);
-}
-
-/* Takes the message over from the call, with its points. Fails: E_NO_MEMORY. */
-static enum umb_status take_message(struct umbd_call *call, struct detour *detour,
-                                    const struct umb_points *points)
-{
-    detour->points = *points;
-    detour->message_size = call->message_size;
-    detour->message = umbd_call_take_message_of(call, &detour->points);
-    return detour->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
 }
 
 /* The light of a request with a budget, which has at most one target. */
@@ -117,25 +125,49 @@ static enum umb_status light_of(struct umbw_query_request request, struct umbw_q
     return UMB_OK;
 }
 
+/* Sends a detour to the workers; *away is 0 if it stays the caller's. */
+static enum umb_status send_away(struct umbd_call *call, struct detour *detour,
+                                 const struct umbw_query_request *request, int *away,
+                                 struct umb_error *error)
+{
+    const size_t pixel_bytes = request->has_picture && detour->kind != UMBD_POINTS_FEW
+                                   ? request->points.count * PIXEL_BYTES
+                                   : 0;
+    *away = 0;
+    if (!umbd_call_take_points(call, DETOUR_POINTS + UMBD_CALL_POINTS + request->points.count) ||
+        !umbd_call_charge(call, call->charged + pixel_bytes)) { /* the call has failed */
+        return UMB_OK;
+    }
+    detour->points = request->points;
+    detour->message_size = call->message_size;
+    detour->message = umbd_call_take_message_of(call, &detour->points);
+    if (detour->message == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a calibration");
+    }
+    detour->task.run = run_detour;
+    detour->task.answer = answer;
+    detour->task.free = free_detour;
+    detour->task.count = detour->task.slice = 1;
+    UMB__TRY(umbd_call_send_task(call, &detour->task, detour->message_size + pixel_bytes, error));
+    *away = 1;
+    return UMB_OK;
+}
+
 enum umb_status umbd_budget_calibrate(struct umbd_call *call,
                                       const struct umbw_query_request *request,
+                                      void (*again)(struct umbd_call *call),
                                       struct umb_calibration *calibration, int *away,
                                       struct umb_error *error)
 {
     struct umbw_query_target target;
     struct umbs_entry *entry = NULL;
     *away = 0;
-    enum umb_status status = light_of(*request, &target, error);
-    if (status == UMB_OK) {
-        status = umbd_call_acquire(call, target.asset, &entry, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(light_of(*request, &target, error));
+    UMB__TRY(umbd_call_acquire(call, target.asset, &entry, error));
     const enum umbd_point_kind kind = umbd_point_kind_of(umbs_entry_asset(entry), target.light,
                                                          &request->points, request->has_picture);
-    if (umbd_calibrations_get(call->conn->loop->daemon->calibrations, umbs_entry_item(entry)->id,
-                              target.light, kind, calibration)) {
+    if (umbd_calibrations_get(call->backend->calibrations, umbs_entry_item(entry)->id, target.light,
+                              kind, calibration)) {
         umbs_entry_release(entry);
         return UMB_OK;
     }
@@ -144,46 +176,17 @@ enum umb_status umbd_budget_calibrate(struct umbd_call *call,
         umbs_entry_release(entry);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a calibration");
     }
+    detour->again = again;
     detour->entry = entry;
     detour->light = target.light;
     detour->kind = kind;
-    *away = 1;
     if (request->has_picture) {
         detour->picture = request->picture;
     }
-    const size_t pixel_bytes =
-        request->has_picture && kind != UMBD_POINTS_FEW ? request->points.count * PIXEL_BYTES : 0;
-    if (!umbd_call_take_points(call, DETOUR_POINTS + UMBD_CALL_POINTS + request->points.count) ||
-        !umbd_call_charge(call, call->charged + pixel_bytes)) { /* the call has failed */
-        free_detour(detour);
-        return UMB_OK;
+    enum umb_status status = send_away(call, detour, request, away, error);
+    if (!*away) {
+        free_detour(&detour->task);
+        *away = 1;
     }
-    status = take_message(call, detour, &request->points);
-    if (status != UMB_OK) {
-        free_detour(detour);
-        return umb_fail(error, status, "out of memory for a calibration");
-    }
-    const struct umbd_work work = {.run = run_detour,
-                                   .free = free_detour,
-                                   .user = detour,
-                                   .count = 1,
-                                   .slice = 1,
-                                   .bytes = detour->message_size + pixel_bytes};
-    return umbd_call_send_work(call, &work, error);
-}
-
-enum umb_status umbd_budget_take(struct umbd_call *call, struct umbd_batch *batch)
-{
-    struct detour *detour = batch->work_user;
-    if (batch->status != UMB_OK) {
-        return batch->status;
-    }
-    umbd_calibrations_put(call->conn->loop->daemon->calibrations,
-                          umbs_entry_item(detour->entry)->id, detour->light, detour->kind,
-                          &detour->calibration);
-    call->message = detour->message;
-    call->message_size = detour->message_size;
-    call->message_borrowed = 0;
-    detour->message = NULL;
-    return UMB_OK;
+    return status;
 }

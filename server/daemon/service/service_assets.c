@@ -2,10 +2,12 @@
 /* Shadows.Describe, Shadows.List and Shadows.Limits, and server reflection. */
 #include "base/try.h"
 #include "daemon/work/calibrations.h"
-#include "daemon/call/call_rights.h"
+#include "daemon/call/call.h"
+#include "daemon/service/services.h"
 #include "daemon/work/volume_query_work.h"
 #include "jobs/bundle.h"
 #include "umbrage/version.h"
+#include "wire/reflection.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -26,17 +28,15 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
                                   struct umbw_light *light)
 {
     struct umb_frustum_info frustum;
-    enum umb_status status = umb_asset_get_light(asset, index, &light->info);
-    if (status != UMB_OK || light->info.frustum_count == 0) {
-        return status;
+    UMB__TRY(umb_asset_get_light(asset, index, &light->info));
+    if (light->info.frustum_count == 0) {
+        return UMB_OK;
     }
-    status = umb_asset_get_frustum(asset, light->info.first_frustum, &frustum);
-    if (status == UMB_OK) {
-        light->resolution = (uint64_t)1 << frustum.log2_size;
-        light->closed = frustum.closed;
-        umb_frustum_voxel_edges(&frustum, light->voxel_m);
-    }
-    return status;
+    UMB__TRY(umb_asset_get_frustum(asset, light->info.first_frustum, &frustum));
+    light->resolution = (uint64_t)1 << frustum.log2_size;
+    light->closed = frustum.closed;
+    umb_frustum_voxel_edges(&frustum, light->voxel_m);
+    return UMB_OK;
 }
 
 /* Fills a light's curve, with the costs of its rows that budgets have measured. */
@@ -84,21 +84,7 @@ static enum umb_status fill_description(const struct umbs_entry *entry,
     return UMB_OK;
 }
 
-/* Sends an encoded reply, or the failure instead. */
-static void finish(struct umbd_call *call, enum umb_status status, struct umbw_buffer *head,
-                   const struct umb_error *error)
-{
-    if (status != UMB_OK) {
-        umbw_buffer_finish(head);
-        umbd_call_fail_status(call, status, error);
-    } else if (umbd_call_charge(call, head->size)) {
-        umbd_call_reply(call, head);
-    } else {
-        umbw_buffer_finish(head);
-    }
-}
-
-void umbd_service_describe(struct umbd_call *call)
+void umbd_describe_serve(struct umbd_call *call)
 {
     char name[UMBW_ASSET_NAME_MAX + 1];
     struct umbs_entry *entry = NULL;
@@ -112,26 +98,24 @@ void umbd_service_describe(struct umbd_call *call)
         status = umbd_call_acquire(call, name, &entry, &error);
     }
     if (status == UMB_OK) {
-        status = fill_description(
-            entry, want_curves ? call->conn->loop->daemon->calibrations : NULL, &reply);
+        status = fill_description(entry, want_curves ? call->backend->calibrations : NULL, &reply);
     }
     if (status == UMB_OK) {
         status = umbw_encode_describe_reply(&reply, &head, &error);
     }
     free(reply.lights);
     umbs_entry_release(entry);
-    finish(call, status, &head, &error);
+    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
-void umbd_service_list(struct umbd_call *call)
+void umbd_list_serve(struct umbd_call *call)
 {
     struct umbs_store_item *items = NULL;
     struct umbw_list_reply reply = {0};
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
     size_t count = 0;
-    enum umb_status status =
-        umbs_store_list(call->conn->loop->daemon->store, &items, &count, &error);
+    enum umb_status status = umbs_store_list(call->backend->store, &items, &count, &error);
     if (status == UMB_OK) {
         reply.assets = calloc(count + 1, sizeof *reply.assets);
         status = reply.assets != NULL ? UMB_OK : UMB_E_NO_MEMORY;
@@ -146,12 +130,12 @@ void umbd_service_list(struct umbd_call *call)
     }
     free(reply.assets);
     free(items);
-    finish(call, status, &head, &error);
+    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
-void umbd_service_limits(struct umbd_call *call)
+void umbd_limits_serve(struct umbd_call *call)
 {
-    const struct umbd_options *options = &call->conn->loop->daemon->options;
+    const struct umbd_options *options = &call->server->options;
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
     struct umbw_limits limits = {
@@ -173,10 +157,10 @@ void umbd_service_limits(struct umbd_call *call)
         limits.max_bundle_files = UMBJ_FILES_MAX;
         limits.max_owner_jobs = options->owner_jobs;
     }
-    finish(call, umbw_encode_limits_reply(&limits, &head, &error), &head, &error);
+    umbd_call_reply_or_fail(call, umbw_encode_limits_reply(&limits, &head, &error), &head, &error);
 }
 
-void umbd_service_reflection(struct umbd_call *call)
+void umbd_reflection_serve(struct umbd_call *call)
 {
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
@@ -187,12 +171,5 @@ void umbd_service_reflection(struct umbd_call *call)
     enum umb_status status =
         umbw_reflection_answer(call->message, call->message_size, &head, &error);
     umbd_conn_spent(call->conn, from);
-    if (status == UMB_OK && !umbd_call_charge(call, call->charged + head.size)) {
-        umbw_buffer_finish(&head);
-    } else if (status == UMB_OK) {
-        umbd_call_reply(call, &head);
-    } else {
-        umbw_buffer_finish(&head);
-        umbd_call_fail_status(call, status, &error);
-    }
+    umbd_call_reply_or_fail(call, status, &head, &error);
 }

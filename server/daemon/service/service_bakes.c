@@ -8,25 +8,32 @@
 #define WATCH_MS     200 /* between two messages about progress */
 #define LIST_DEFAULT 100
 
-/* Sends an encoded reply, or the failure instead. */
-static void finish(struct umbd_call *call, enum umb_status status, struct umbw_buffer *reply,
-                   const struct umb_error *error)
+/* Fills what a job's status says on the wire; texts are borrowed. */
+static void status_of_job(const struct umbj_job *job, struct umbw_job_status *status)
 {
-    if (status != UMB_OK) {
-        umbw_buffer_finish(reply);
-        umbd_call_fail_status(call, status, error);
-    } else if (umbd_call_charge(call, call->charged + reply->size)) {
-        umbd_call_reply(call, reply);
-    } else {
-        umbw_buffer_finish(reply);
-    }
+    memset(status, 0, sizeof *status);
+    memcpy(status->job, job->id, sizeof status->job);
+    memcpy(status->owner, job->owner, sizeof status->owner);
+    memcpy(status->cause, job->cause, sizeof status->cause);
+    status->state = (int)job->state;
+    status->failure = (int)job->failure;
+    status->priority = job->priority;
+    status->has_asset = job->has_asset;
+    memcpy(status->asset, job->asset, sizeof status->asset);
+    status->epoch = (uint64_t)job->epoch;
+    status->bundle_bytes = (uint64_t)job->bundle_bytes;
+    status->submitted_ms = job->submitted_ms;
+    status->started_ms = job->started_ms;
+    status->ended_ms = job->ended_ms;
+    status->not_before_ms = job->not_before_ms;
+    status->left_ms = -1;
 }
 
 static void reply_status(struct umbd_call *call, const struct umbw_job_status *job)
 {
     struct umbw_buffer reply = {0};
     struct umb_error error = {0};
-    finish(call, umbw_encode_job_status(job, &reply, &error), &reply, &error);
+    umbd_call_reply_or_fail(call, umbw_encode_job_status(job, &reply, &error), &reply, &error);
 }
 
 /* --- Cancel --- */
@@ -42,24 +49,32 @@ static void cancel(struct umbd_job_request *job_request, struct umbj_service *se
 static void cancelled(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     struct umbw_job_status status;
-    umbd_status_of_job(&job_request->job, &status);
+    status_of_job(&job_request->job, &status);
     reply_status(call, &status);
 }
 
-void umbd_service_bakes_cancel(struct umbd_call *call)
+/* Makes the call's job request for the job that its message names, or fails the call. */
+static struct umbd_job_request *begin(struct umbd_call *call)
 {
     struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
     if (job_request == NULL) {
-        return;
+        return NULL;
     }
     enum umb_status status =
         umbw_decode_job_request(call->message, call->message_size, job_request->job.id, &error);
     if (status != UMB_OK) {
         umbd_call_fail_status(call, status, &error);
-        return;
+        return NULL;
     }
-    umbd_job_request_send(call, NULL, cancel, cancelled);
+    return job_request;
+}
+
+void umbd_job_cancel_serve(struct umbd_call *call)
+{
+    if (begin(call) != NULL) {
+        umbd_job_request_send(call, NULL, cancel, cancelled);
+    }
 }
 
 /* --- Watch --- */
@@ -83,7 +98,7 @@ static void take_look(void *user, const struct umbj_standing *standing)
 {
     struct look *look = user;
     struct umbw_job_status status;
-    umbd_status_of_job(&standing->job, &status);
+    status_of_job(&standing->job, &status);
     if (standing->loading) { /* the asset cannot be queried yet */
         status.state = UMBJ_RUNNING;
         status.has_asset = 0;
@@ -107,11 +122,11 @@ static void take_look(void *user, const struct umbj_standing *standing)
     look->status = umbw_encode_job_status(&status, &look->reply, &look->error);
 }
 
-void umbd_service_bakes_update(struct umbd_call *call)
+void umbd_job_watch_tick(struct umbd_call *call)
 {
-    struct umbd_job_request *job_request = call->job_request;
-    struct umbj_service *jobs = call->conn->loop->daemon->jobs;
-    const uint64_t now_ms = uv_now(&call->conn->loop->uv);
+    struct umbd_job_request *job_request = call->state;
+    struct umbj_service *jobs = call->backend->jobs;
+    const uint64_t now_ms = umbd_call_now_ms(call);
     if (job_request == NULL || !job_request->watching || call->reply_ended || jobs == NULL ||
         now_ms - job_request->status_ms < WATCH_MS || umbd_call_unsent(call) > 0) {
         return;
@@ -129,7 +144,7 @@ void umbd_service_bakes_update(struct umbd_call *call)
             umb_fail(&look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", job_request->job.id);
     }
     job_request->version = look.version;
-    finish(call, look.status, &look.reply, &look.error);
+    umbd_call_reply_or_fail(call, look.status, &look.reply, &look.error);
     if (look.status == UMB_OK && look.over) {
         umbd_call_finish(call);
     }
@@ -138,24 +153,16 @@ void umbd_service_bakes_update(struct umbd_call *call)
 static void watch(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     job_request->watching = 1;
-    umbd_service_bakes_update(call);
+    umbd_job_watch_tick(call);
 }
 
-void umbd_service_bakes_watch(struct umbd_call *call)
+void umbd_job_watch_serve(struct umbd_call *call)
 {
-    struct umb_error error = {0};
-    struct umbd_job_request *job_request = umbd_job_request_create(call);
+    struct umbd_job_request *job_request = begin(call);
     if (job_request == NULL) {
         return;
     }
-    enum umb_status status =
-        umbw_decode_job_request(call->message, call->message_size, job_request->job.id, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    if (umbj_snapshot_version(umbj_service_snapshot(call->conn->loop->daemon->jobs),
-                              job_request->job.id)) {
+    if (umbj_snapshot_version(umbj_service_snapshot(call->backend->jobs), job_request->job.id)) {
         watch(job_request, call); /* the usual case: the table is not needed */
     } else {
         umbd_job_request_send(call, NULL, show, watch);
@@ -180,15 +187,15 @@ static void listed(struct umbd_job_request *job_request, struct umbd_call *call)
     reply.jobs = calloc(reply.count + 1, sizeof *reply.jobs);
     if (reply.jobs != NULL) {
         for (size_t i = 0; i < reply.count; i++) {
-            umbd_status_of_job(&job_request->jobs[i], &reply.jobs[i]);
+            status_of_job(&job_request->jobs[i], &reply.jobs[i]);
         }
         status = umbw_encode_job_list(&reply, &head, &error);
         free(reply.jobs);
     }
-    finish(call, status, &head, &error);
+    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
-void umbd_service_bakes_list(struct umbd_call *call)
+void umbd_job_list_serve(struct umbd_call *call)
 {
     struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
@@ -218,10 +225,10 @@ static void deleted(struct umbd_job_request *job_request, struct umbd_call *call
     struct umbw_buffer reply = {0};
     struct umb_error error = {0};
     (void)job_request;
-    finish(call, umbw_encode_delete_reply(&reply, &error), &reply, &error);
+    umbd_call_reply_or_fail(call, umbw_encode_delete_reply(&reply, &error), &reply, &error);
 }
 
-void umbd_service_bakes_delete(struct umbd_call *call)
+void umbd_job_delete_serve(struct umbd_call *call)
 {
     char text[UMBW_ASSET_NAME_MAX + 1];
     struct umb_error error = {0};

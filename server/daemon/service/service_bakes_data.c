@@ -9,7 +9,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/call/call_rights.h"
 #include "daemon/service/job_request.h"
 
 /* Bytes of an upload that cost as much as a point: the size of its coordinates. */
@@ -114,19 +113,18 @@ static void take_manifest(struct umbd_call *call, struct umbw_submit_request *re
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    call->batch_bytes = call->message_size;
-    job_request->max_bundle_bytes =
-        umbj_service_options_of(call->conn->loop->daemon->jobs)->max_bundle_bytes;
+    call->task_bytes = call->message_size;
+    job_request->max_bundle_bytes = umbj_service_options_of(call->backend->jobs)->max_bundle_bytes;
     umbd_job_request_send(call, prepare, begin_upload, upload_begun);
 }
 
-void umbd_service_bakes_submit(struct umbd_call *call)
+void umbd_submit_serve(struct umbd_call *call)
 {
     struct umbw_submit_request request;
     struct umb_error error = {0};
     enum umb_status status =
         umbw_decode_submit_request(call->message, call->message_size, &request, &error);
-    const int begins = call->job_request == NULL;
+    const int begins = call->state == NULL;
     if (begins ? !umbd_call_take_points(call, UMBD_CALL_POINTS)
                : !umbd_job_request_is_allowed(call)) {
         umbw_manifest_finish(&request.manifest);
@@ -146,9 +144,9 @@ void umbd_service_bakes_submit(struct umbd_call *call)
         take_manifest(call, &request);
         return;
     }
-    struct umbd_job_request *job_request = call->job_request;
+    struct umbd_job_request *job_request = call->state;
     const size_t at = request.data != NULL ? (size_t)(request.data - call->message) : 0;
-    call->batch_bytes = call->message_size;
+    call->task_bytes = call->message_size;
     job_request->message = umbd_call_take_message(call);
     if (job_request->message == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
@@ -177,12 +175,12 @@ static void accepted(struct umbd_job_request *job_request, struct umbd_call *cal
     reply_job(call, &job_request->job, 0);
 }
 
-void umbd_service_bakes_submit_end(struct umbd_call *call)
+void umbd_submit_end(struct umbd_call *call)
 {
-    if (call->job_request == NULL) {
+    if (call->state == NULL) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT, "manifest: the request ended without one");
     } else if (umbd_job_request_is_allowed(call)) {
-        call->batch_bytes = 0;
+        call->task_bytes = 0;
         umbd_job_request_send(call, keep_bundle, accept_upload, accepted);
     }
 }
@@ -224,11 +222,11 @@ static void read_piece(struct umbd_job_request *job_request)
 
 static void piece_read(struct umbd_job_request *job_request, struct umbd_call *call);
 
-void umbd_service_bakes_more(struct umbd_call *call)
+void umbd_fetch_more(struct umbd_call *call)
 {
-    struct umbd_job_request *job_request = call->job_request;
+    struct umbd_job_request *job_request = call->state;
     if (job_request != NULL && job_request->fetching && !job_request->away && !call->reply_ended &&
-        call->conn->loop->daemon->jobs != NULL && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES) {
+        call->backend->jobs != NULL && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES) {
         umbd_job_request_send(call, read_piece, NULL, piece_read);
     }
 }
@@ -255,7 +253,7 @@ static void piece_read(struct umbd_job_request *job_request, struct umbd_call *c
         job_request->fetching = 0;
         umbd_call_finish(call);
     } else {
-        umbd_service_bakes_more(call);
+        umbd_fetch_more(call);
     }
 }
 
@@ -266,11 +264,11 @@ static void file_opened(struct umbd_job_request *job_request, struct umbd_call *
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
     } else if (umbd_call_charge(call, 2 * UMBD_BACKLOG_BYTES)) { /* the most that is ever unsent */
         job_request->fetching = 1;
-        umbd_service_bakes_more(call);
+        umbd_fetch_more(call);
     }
 }
 
-void umbd_service_bakes_fetch(struct umbd_call *call)
+void umbd_fetch_serve(struct umbd_call *call)
 {
     struct umbw_fetch_request request;
     struct umb_error error = {0};

@@ -4,27 +4,25 @@
  * another process may cut short; the reading is then left midway. So all its memory comes from a
  * ledger, which knows what must be freed.
  */
-#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/call/call_rights.h"
-#include "daemon/transport/loop.h"
-#include "tool/clock.h"
+#include "daemon/call/call.h"
+#include "daemon/service/services.h"
 #include "wire/regions.h"
 
 #define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
 #define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
-/* A block of the ledger; its memory follows it, aligned for any type. */
+/* Head of an allocated block; the memory follows it, aligned for any type. */
 struct block {
     _Alignas(max_align_t) struct block *next;
     struct block *previous;
 };
 
 struct deriving {
+    struct umbd_task task;    /* The first field */
     struct umbs_entry *entry; /* owned */
-    const struct umbd_batch *batch;
     struct umbw_derive_request request;
     struct block ledger; /* head of a ring of the allocated blocks */
     struct umb_error error;
@@ -70,8 +68,7 @@ static void ledger_free(struct deriving *d)
 static int is_given_up(void *user)
 {
     const struct deriving *d = user;
-    return atomic_load_explicit(&d->batch->given_up, memory_order_relaxed) ||
-           (d->batch->deadline_ns != 0 && umbu_clock_ns() > d->batch->deadline_ns);
+    return umbd_task_stopped(&d->task) != UMB_OK;
 }
 
 /* Reads voxels; may be left midway. */
@@ -104,29 +101,28 @@ static enum umb_status make_messages(struct deriving *d, struct umb_error *error
     return status;
 }
 
-/* On a worker's thread. */
-static enum umb_status work(const struct umbd_batch *batch, size_t first, size_t count,
-                            struct umb_error *error)
+/* Derives the maps, on a worker's thread; `run` of the task, which has one record. */
+static enum umb_status work(struct umbd_task *task, size_t first, size_t count,
+                            struct umbd_slice_result *result)
 {
-    (void)first; /* there is one record */
+    (void)first;
     (void)count;
-    struct deriving *d = batch->work_user;
-    d->batch = batch;
-    enum umb_status status = umbs_entry_read(d->entry, derive, d, error);
+    struct deriving *d = (struct deriving *)task;
+    enum umb_status status = umbs_entry_read(d->entry, derive, d, &result->error);
     if (status == UMB_OK && d->status != UMB_OK) {
-        *error = d->error;
+        result->error = d->error;
         status = d->status;
     }
     if (status == UMB_OK) {
-        status = make_messages(d, error);
+        status = make_messages(d, &result->error);
     }
     ledger_free(d);
     return status;
 }
 
-static void free_deriving(void *user)
+static void free_deriving(struct umbd_task *task)
 {
-    struct deriving *d = user;
+    struct deriving *d = (struct deriving *)task;
     umbs_entry_release(d->entry);
     umbw_buffer_finish(&d->messages);
     free(d);
@@ -142,7 +138,7 @@ static enum umb_status check_texels(const struct umbd_call *call, const struct d
                                     uint64_t *texels, struct umb_error *error)
 {
     const struct umb_derive_settings *settings = &d->request.settings;
-    const uint64_t limit = call->conn->loop->daemon->options.max_points;
+    const uint64_t limit = call->server->options.max_points;
     *texels = (uint64_t)settings->width * settings->height; /* below 2^64: both are 32 bits */
     if (*texels > limit / map_count(d)) {
         return umb_fail(error, UMB_E_TOO_LARGE,
@@ -154,58 +150,62 @@ static enum umb_status check_texels(const struct umbd_call *call, const struct d
     return UMB_OK;
 }
 
-void umbd_service_derive(struct umbd_call *call)
+static void answer(struct umbd_call *call, struct umbd_task *task)
+{
+    struct deriving *d = (struct deriving *)task;
+    if (task->status != UMB_OK) {
+        umbd_call_fail_status(call, task->status, &task->error);
+    } else if (umbd_call_charge(call, d->messages.size)) {
+        umbd_call_reply(call, &d->messages);
+        umbd_call_finish(call);
+    }
+}
+
+/* Reads the request and sends it to the workers. Returns 0 if the task is not away: the call has
+ * failed, or fails with *status. */
+static int begin(struct umbd_call *call, struct deriving *d, enum umb_status *status,
+                 struct umb_error *error)
+{
+    uint64_t texels = 0;
+    *status = umbw_decode_derive_request(call->message, call->message_size, &d->request, error);
+    if (*status == UMB_OK) {
+        *status = umbd_call_acquire(call, d->request.asset, &d->entry, error);
+    }
+    if (*status == UMB_OK) {
+        *status = check_texels(call, d, &texels, error);
+    }
+    if (*status != UMB_OK) {
+        return 0;
+    }
+    /* The file, and half of it as messages. */
+    const uint64_t bytes = umb_derive_bytes(&d->request.settings) * 3 / 2;
+    if (!umbd_call_take_points(call, UMBD_CALL_POINTS + texels) ||
+        !umbd_call_charge(call, call->charged + (size_t)bytes)) {
+        return 0;
+    }
+    d->task.turns = texels / TURN_TEXELS;
+    *status = umbd_call_send_task(call, &d->task, (size_t)bytes, error);
+    return *status == UMB_OK;
+}
+
+void umbd_derive_serve(struct umbd_call *call)
 {
     struct umb_error error = {0};
+    enum umb_status status;
     struct deriving *d = calloc(1, sizeof *d);
     if (d == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
         return;
     }
     d->ledger.next = d->ledger.previous = &d->ledger;
-    uint64_t texels = 0;
-    enum umb_status status =
-        umbw_decode_derive_request(call->message, call->message_size, &d->request, &error);
-    if (status == UMB_OK) {
-        status = umbd_call_acquire(call, d->request.asset, &d->entry, &error);
-    }
-    if (status == UMB_OK) {
-        status = check_texels(call, d, &texels, &error);
-    }
-    if (status != UMB_OK) {
-        free_deriving(d);
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    /* The file, and half of it as messages. */
-    const uint64_t bytes = umb_derive_bytes(&d->request.settings) * 3 / 2;
-    if (!umbd_call_take_points(call, UMBD_CALL_POINTS + texels) ||
-        !umbd_call_charge(call, call->charged + (size_t)bytes)) {
-        free_deriving(d);
-        return;
-    }
-    const struct umbd_work job = {.run = work,
-                                  .free = free_deriving,
-                                  .user = d,
-                                  .count = 1,
-                                  .slice = 1,
-                                  .turns = texels / TURN_TEXELS,
-                                  .bytes = (size_t)bytes};
-    status = umbd_call_send_work(call, &job, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-    }
-}
-
-void umbd_service_derive_done(struct umbd_call *call, struct umbd_batch *batch)
-{
-    struct deriving *d = batch->work_user;
-    if (batch->status != UMB_OK) {
-        umbd_call_fail_status(call, batch->status, &batch->error);
-        return;
-    }
-    if (umbd_call_charge(call, d->messages.size)) {
-        umbd_call_reply(call, &d->messages);
-        umbd_call_finish(call);
+    d->task.run = work;
+    d->task.answer = answer;
+    d->task.free = free_deriving;
+    d->task.count = d->task.slice = 1;
+    if (!begin(call, d, &status, &error)) {
+        free_deriving(&d->task);
+        if (status != UMB_OK) {
+            umbd_call_fail_status(call, status, &error);
+        }
     }
 }

@@ -4,7 +4,8 @@
  * unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a message, for Watch (the gRPC
  * health checking protocol).
  */
-#include "daemon/call/call_rights.h"
+#include "daemon/call/call.h"
+#include "daemon/service/services.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -25,8 +26,7 @@ enum serving {
  */
 static int state_of(struct umbd_call *call, const char *service)
 {
-    struct umbd_daemon *daemon = call->conn->loop->daemon;
-    int serving = atomic_load(&daemon->draining) ? NOT_SERVING : SERVING;
+    int serving = atomic_load(&call->server->draining) ? NOT_SERVING : SERVING;
     size_t length = strlen(SERVICE);
     if (service[0] == '\0' || strcmp(service, SERVICE) == 0) {
         return serving;
@@ -43,7 +43,7 @@ static int state_of(struct umbd_call *call, const char *service)
     return status == UMB_OK ? serving : status == UMB_E_NOT_FOUND ? SERVICE_UNKNOWN : NOT_SERVING;
 }
 
-void umbd_service_health_check(struct umbd_call *call)
+void umbd_health_check_serve(struct umbd_call *call)
 {
     char service[256];
     struct umbw_buffer head = {0};
@@ -57,80 +57,74 @@ void umbd_service_health_check(struct umbd_call *call)
     if (status == UMB_OK) {
         status = umbw_encode_health_reply(state, &head, &error);
     }
-    if (status != UMB_OK) {
-        umbw_buffer_finish(&head);
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    umbd_call_reply(call, &head);
+    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
-void umbd_service_health_update(struct umbd_call *call)
+/* State of a Watch. */
+struct watch {
+    int last;       /* Serving status sent last, -1 = none */
+    uint64_t at_ms; /* uv_now of the last check */
+    char service[];
+};
+
+/* Sends a Watch the state if it changed. Asset states are checked once a second. */
+void umbd_health_watch_tick(struct umbd_call *call)
 {
+    struct watch *watch = call->state;
     struct umbw_buffer head = {0};
     struct umb_error error = {0};
-    uint64_t now_ms = uv_now(&call->conn->loop->uv);
-    int draining = atomic_load(&call->conn->loop->daemon->draining);
-    if (call->reply_ended || call->watch_service == NULL ||
-        (call->watch_last >= 0 && !draining && now_ms - call->watch_ms < ASSET_LOOK_MS)) {
+    uint64_t now_ms = umbd_call_now_ms(call);
+    int draining = atomic_load(&call->server->draining);
+    if (call->reply_ended || watch == NULL ||
+        (watch->last >= 0 && !draining && now_ms - watch->at_ms < ASSET_LOOK_MS)) {
         return;
     }
-    int state = state_of(call, call->watch_service);
-    call->watch_ms = now_ms;
-    if (state == call->watch_last) {
+    int state = state_of(call, watch->service);
+    watch->at_ms = now_ms;
+    if (state == watch->last) {
         return;
     }
     enum umb_status status = umbw_encode_health_reply(state, &head, &error);
-    if (status != UMB_OK) {
+    if (status == UMB_OK) {
+        watch->last = state;
+        umbd_call_reply(call, &head);
+    } else {
         umbw_buffer_finish(&head);
         umbd_call_fail_status(call, status, &error);
-        return;
     }
-    call->watch_last = state;
-    umbd_call_reply(call, &head);
 }
 
-void umbd_service_health_end(struct umbd_call *call)
+void umbd_health_watch_close(struct umbd_call *call)
 {
     struct umbd_conn *conn = call->conn;
-    if (call->watch_service != NULL) {
+    if (call->state != NULL) {
         conn->watches--;
         if (!conn->proven) {
-            atomic_fetch_sub(&conn->loop->daemon->stranger_watches, 1);
+            atomic_fetch_sub(&call->server->stranger_watches, 1);
         }
     }
-    free(call->watch_service);
-    call->watch_service = NULL;
+    free(call->state);
 }
 
-/* Counts a Watch. Returns 0 and fails the call if its connection has one, or strangers too many. */
-static int take_watch(struct umbd_call *call)
+/* Counts a Watch. Fails: E_BUSY (its connection has one, or strangers too many). */
+static enum umb_status take_watch(struct umbd_call *call, struct umb_error *error)
 {
     struct umbd_conn *conn = call->conn;
-    struct umbd_daemon *daemon = conn->loop->daemon;
-    struct umb_error error;
-    const unsigned most = daemon->options.max_watches;
-    enum umb_status status = UMB_OK;
+    const unsigned most = call->server->options.max_watches;
     if (conn->watches > 0) {
-        status = umb_fail(&error, UMB_E_BUSY,
-                          "watch: this connection has one already; the limit "
-                          "is 1");
-    } else if (!conn->proven && atomic_fetch_add(&daemon->stranger_watches, 1) >= most) {
-        atomic_fetch_sub(&daemon->stranger_watches, 1);
-        status =
-            umb_fail(&error, UMB_E_BUSY,
-                     "watch: connections without rights have %u together (--max-watches)", most);
+        return umb_fail(error, UMB_E_BUSY,
+                        "watch: this connection has one already; the limit is 1");
     }
-    if (status != UMB_OK) {
-        umbd_count(&daemon->metrics.shed, 1);
-        umbd_call_fail_status(call, status, &error);
-        return 0;
+    if (!conn->proven && atomic_fetch_add(&call->server->stranger_watches, 1) >= most) {
+        atomic_fetch_sub(&call->server->stranger_watches, 1);
+        return umb_fail(error, UMB_E_BUSY,
+                        "watch: connections without rights have %u together (--max-watches)", most);
     }
     conn->watches++;
-    return 1;
+    return UMB_OK;
 }
 
-void umbd_service_health_watch(struct umbd_call *call)
+void umbd_health_watch_serve(struct umbd_call *call)
 {
     char service[256];
     struct umb_error error = {0};
@@ -140,16 +134,21 @@ void umbd_service_health_watch(struct umbd_call *call)
         umbd_call_fail_status(call, status, &error);
         return;
     }
-    char *copy = malloc(strlen(service) + 1);
-    if (copy == NULL) {
+    struct watch *watch = malloc(sizeof *watch + strlen(service) + 1);
+    if (watch == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
         return;
     }
-    memcpy(copy, service, strlen(service) + 1);
-    if (!take_watch(call)) {
-        free(copy);
+    watch->last = -1;
+    watch->at_ms = 0;
+    memcpy(watch->service, service, strlen(service) + 1);
+    status = take_watch(call, &error);
+    if (status != UMB_OK) {
+        free(watch);
+        umbd_count(&call->server->metrics.shed, 1);
+        umbd_call_fail_status(call, status, &error);
         return;
     }
-    call->watch_service = copy;
-    umbd_service_health_update(call);
+    call->state = watch;
+    umbd_health_watch_tick(call);
 }

@@ -1,26 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Shadows.Query and QueryStream. A small batch is answered at once on the loop, within a time
- * budget a wake-up; a larger one goes to the pool, and comes back through umbd_service_query_done.
+ * budget a wake-up; a larger one goes to the workers, and comes back through `answer`.
  *
  * Each batch holds one version of its asset from here to the end of its work, and the reply names
  * that version.
  */
 #include "daemon/service/query_budget.h"
-#include "base/compat.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "base/compat.h"
+#include "base/try.h"
+#include "daemon/service/services.h"
 
 /* Bytes of a reply's prefix, stats and ids. */
 #define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES))
 
-/* Work that is answered on the loop: about 0.2 ms at 0.1 us a look-up. Below that, two thread
- * switches cost more than they save. */
+/* Most look-ups of a batch that the loop answers: about 0.2 ms at 0.1 us each. For fewer, two
+ * thread switches cost more than they save. */
 #define INLINE_WORK 2048
 
-/* Look-ups of one tap that equal a penumbra, about: under a narrow light, and in addition for each
- * radian of the light's extent. */
+/* Cost of a penumbra in look-ups of one tap: under a narrow light, and in addition for each radian
+ * of the light's extent. */
 #define PENUMBRA_WORK        32
 #define PENUMBRA_WORK_RADIAN 900.0
 
@@ -95,8 +99,8 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
 {
     struct umbw_query_reply reply = {
         .visibility_bytes = batch->value_bytes,
-        .stats = batch->stats,
-        .nanoseconds = batch->cpu_ns,
+        .stats = batch->task.stats,
+        .nanoseconds = batch->task.cpu_ns,
         .has_stats = batch->want_stats,
     };
     for (size_t i = 0; i < batch->part_count; i++) {
@@ -128,17 +132,17 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
     uint64_t from = umbd_conn_began(call->conn);
     batch->values = at + room;
     batch->is_optimistic = request->target_count == 0;
-    umbd_batch_run(batch, &call->conn->loop->daemon->metrics);
+    umbd_batch_run(batch, &call->server->metrics);
     umbd_conn_spent(call->conn, from);
-    if (batch->status != UMB_OK) {
-        umbd_call_fail_status(call, batch->status, &batch->error);
+    if (batch->task.status != UMB_OK) {
+        umbd_call_fail_status(call, batch->task.status, &batch->task.error);
         return;
     }
     if (batch->is_optimistic) {
         umbd_optimistic_reads_add(call, batch, request->asset);
     }
-    reply.stats = batch->stats;
-    reply.nanoseconds = batch->cpu_ns;
+    reply.stats = batch->task.stats;
+    reply.nanoseconds = batch->task.cpu_ns;
     size_t head = umbw_write_query_reply_head(&reply, at);
     if (head < room) {
         memmove(at + head, at + room, batch->value_bytes); /* with stats only */
@@ -152,6 +156,58 @@ static size_t answer_bytes(const struct umbd_batch *batch)
     return (batch->picture_work.pack ? 5 : 1) * batch->value_bytes;
 }
 
+/* Keeps the answers that the client of a stream has: the next packed reply may build on them. */
+static void keep_picture(struct umbd_call *call, struct umbd_kept_picture *kept)
+{
+    if (call->state == NULL) {
+        call->state = calloc(1, sizeof *kept);
+    }
+    struct umbd_kept_picture *of_stream = call->state;
+    if (of_stream != NULL) { /* else the next reply is whole */
+        umbd_kept_picture_drop(of_stream);
+        *of_stream = *kept;
+        call->kept_bytes = kept->bytes;
+        *kept = (struct umbd_kept_picture){0};
+    }
+}
+
+void umbd_query_close(struct umbd_call *call)
+{
+    if (call->state != NULL) {
+        umbd_kept_picture_drop(call->state);
+        free(call->state);
+    }
+}
+
+/* Sends what the workers answered. */
+static void answer(struct umbd_call *call, struct umbd_task *task)
+{
+    struct umbd_batch *batch = umbd_batch_of(task);
+    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
+    uint8_t head[HEAD_MAX];
+    if (task->status != UMB_OK) {
+        umbd_call_fail_work(call, task->status, &task->error);
+        return;
+    }
+    struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
+    uint8_t **answers = batch->picture_work.pack ? &batch->picture_work.block : &batch->reply;
+    if (batch->picture_work.pack) {
+        reply.visibility_bytes = batch->picture_work.packed_bytes;
+        reply.packing = batch->picture_work.changes ? UMBW_PACKING_CHANGES : UMBW_PACKING_ZSTD;
+    }
+    size_t size = umbw_write_query_reply_head(&reply, head);
+    size_t first = batch->head_room - size;
+    uint8_t *block = *answers;
+    memcpy(block + first, head, size);
+    *answers = NULL;
+    if (!umbd_takes_many(call->method)) {
+        umbd_call_uncharge(call, batch->value_bytes);
+    } else if (batch->picture_work.pack) {
+        keep_picture(call, &batch->picture_work.kept);
+    }
+    umbd_call_reply_block(call, block, first, batch->head_room + reply.visibility_bytes);
+}
+
 /* Hands the batch to the workers; it is the caller's again if that fails. */
 static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch *batch,
                                       int with_targets, struct umb_error *error)
@@ -163,31 +219,18 @@ static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch 
         .has_stats = batch->want_stats,
         .packing = batch->picture_work.pack ? UMBW_PACKING_CHANGES : UMBW_PACKING_PLAIN,
     };
-    enum umb_status status = umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error);
-    if (status == UMB_OK) {
-        batch->message = umbd_call_take_message_of(call, &batch->points);
-        status = batch->message != NULL ? UMB_OK : UMB_E_NO_MEMORY;
-    }
-    if (status != UMB_OK) {
-        return status;
+    UMB__TRY(umbd_batch_reserve(batch, umbw_query_reply_room(&reply), error));
+    batch->message = umbd_call_take_message_of(call, &batch->points);
+    if (batch->message == NULL) {
+        return UMB_E_NO_MEMORY;
     }
     if (batch->is_borrowed) {
         umbs_entry_retain(batch->parts[0].entry);
         batch->is_borrowed = 0;
     }
     batch->with_targets = with_targets;
-    batch->deadline_ns = call->deadline_ns;
-    batch->lane = call->conn->serial;
-    batch->stream_id = call->stream_id;
-    batch->done = umbd_loop_batch_done;
-    batch->home = call->conn->loop;
-    call->batch_bytes = call->message_size + answer_bytes(batch);
-    call->batch = batch; /* before the submit: it may come home at once */
-    status = umbd_pool_submit(call->conn->loop->daemon->pool, batch, error);
-    if (status != UMB_OK) {
-        call->batch = NULL;
-    }
-    return status;
+    batch->task.answer = answer;
+    return umbd_call_send_task(call, &batch->task, call->message_size + answer_bytes(batch), error);
 }
 
 static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch, const char *asset,
@@ -204,12 +247,12 @@ static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *
                                      const struct umbw_query_request *request,
                                      struct umb_error *error)
 {
-    struct umbd_loop *loop = call->conn->loop;
-    struct umbs_entry *entry = umbd_optimistic_reads_find(loop, request->asset);
+    struct umbd_call_home *home = call->home;
+    struct umbs_entry *entry = umbd_optimistic_reads_find(home, request->asset);
     enum umb_status status;
     if (entry != NULL && umbd_call_sees(call, umbs_entry_item(entry)->id)) {
         batch->is_borrowed = 1;
-        if (umbd_batch_repeat(batch, entry, loop->optimistic.turn)) {
+        if (umbd_batch_repeat(batch, entry, home->optimistic.turn)) {
             return UMB_OK;
         }
         status = umbd_batch_add(batch, entry, request->settings.light, error);
@@ -217,163 +260,133 @@ static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *
         status = add_part(call, batch, request->asset, request->settings.light, error);
     }
     if (status == UMB_OK) {
-        batch->parts[0].turn = loop->optimistic.turn;
+        batch->parts[0].turn = home->optimistic.turn;
     }
     return status;
 }
 
-/* A batch with a part for each target. Out: NULL if the call is away to be calibrated, or failed by
- * its rate. */
+/* Makes a batch with a part for each target. */
 static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_request *request,
+                                  const struct umb_calibration *calibration,
                                   struct umbd_batch **out, struct umb_error *error)
 {
-    struct umbd_loop *loop = call->conn->loop;
-    size_t count = request->target_count;
+    const size_t count = request->target_count;
     struct umbw_query_target target;
-    struct umb_calibration calibration;
-    int away = 0;
-    enum umb_status status = UMB_OK;
-    if (request->dial.budget_ns > 0) {
-        status = umbd_budget_calibrate(call, request, &calibration, &away, error);
-    }
-    if (status == UMB_OK && !away) {
-        status =
-            count == 0
-                ? umbd_batch_reuse(&loop->spare, &request->settings, &request->points, out, error)
-                : umbd_batch_create(count, &request->settings, &request->points, out, error);
-    }
-    if (status != UMB_OK || away) {
-        return status;
-    }
+    UMB__TRY(
+        count == 0
+            ? umbd_batch_reuse(&call->home->spare, &request->settings, &request->points, out, error)
+            : umbd_batch_create(count, &request->settings, &request->points, out, error));
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
     batch->picture_work.has_picture = request->has_picture;
     batch->picture_work.picture = request->picture;
     batch->picture_work.pack = request->pack;
     batch->dial = request->dial;
-    batch->calibration = request->dial.budget_ns > 0 ? &calibration : NULL;
+    batch->calibration = calibration;
     if (count == 0) {
-        status = add_only_part(call, batch, request, error);
+        UMB__TRY(add_only_part(call, batch, request, error));
     }
-    for (size_t i = 0; status == UMB_OK && i < count; i++) {
-        status = umbw_query_target_next(request, &target, error);
-        if (status == UMB_OK) {
-            status = add_part(call, batch, target.asset, target.light, error);
-        }
+    for (size_t i = 0; i < count; i++) {
+        UMB__TRY(umbw_query_target_next(request, &target, error));
+        UMB__TRY(add_part(call, batch, target.asset, target.light, error));
     }
     batch->calibration = NULL;
-    return status;
+    return UMB_OK;
 }
 
 /* Reuses the stream's last answers as the base if the client still has them; otherwise frees
  * them. */
 static void take_base(struct umbd_call *call, struct umbd_batch *batch, uint64_t mark)
 {
-    if (mark != 0 && mark == call->kept_picture.mark &&
-        call->kept_picture.bytes == batch->value_bytes) {
-        batch->picture_work.kept = call->kept_picture;
-        call->kept_picture = (struct umbd_kept_picture){0};
+    struct umbd_kept_picture *kept = call->state;
+    if (kept == NULL) {
+        return;
     }
-    umbd_kept_picture_drop(&call->kept_picture);
+    if (mark != 0 && mark == kept->mark && kept->bytes == batch->value_bytes) {
+        batch->picture_work.kept = *kept;
+        *kept = (struct umbd_kept_picture){0};
+    }
+    umbd_kept_picture_drop(kept);
+    call->kept_bytes = 0;
 }
 
-void umbd_service_query(struct umbd_call *call)
+/* 1 if the batch is answered on the loop. */
+static int is_inline(struct umbd_call *call, const struct umbd_batch *batch)
 {
-    struct umbd_loop *loop = call->conn->loop;
-    struct umbd_daemon *daemon = loop->daemon;
+    const size_t count = batch->points.count;
+    return count == 0 ||
+           (!batch->picture_work.pack && is_small(&batch->settings, count, batch->part_count) &&
+            umbd_conn_has_turn(call->conn));
+}
+
+/* Answers a batch, or sends it away. Returns UMB_OK with *away = 1 if the workers own it. A call
+ * over its rate or budget has failed. */
+static enum umb_status answer_batch(struct umbd_call *call, struct umbd_batch *batch,
+                                    const struct umbw_query_request *request, int is_paid,
+                                    int *away, struct umb_error *error)
+{
+    if ((!is_paid && !umbd_call_take_points(call, UMBD_CALL_POINTS +
+                                                      request->points.count * batch->part_count)) ||
+        !umbd_call_charge(call, call->charged + answer_bytes(batch))) {
+        return UMB_OK;
+    }
+    if (request->pack) {
+        take_base(call, batch, request->base_mark);
+    }
+    if (is_inline(call, batch)) {
+        answer_inline(call, batch, request);
+        return UMB_OK;
+    }
+    enum umb_status status = answer_by_pool(call, batch, request->target_count > 0, error);
+    *away = status == UMB_OK;
+    return status;
+}
+
+static void serve_paid(struct umbd_call *call);
+
+/* is_paid: 1 if the request was paid before its detour to a calibration. */
+static void serve(struct umbd_call *call, int is_paid)
+{
+    struct umbd_call_home *home = call->home;
     struct umbw_query_request request UMB__UNSET;
+    struct umb_calibration calibration;
     struct umbd_batch *batch = NULL;
     struct umb_error error UMB__UNSET;
+    int away = 0;
     error.message[0] = '\0';
-    if (!umbd_optimistic_reads_has_room(loop)) {
-        umbd_optimistic_reads_revalidate(loop);
+    if (!umbd_optimistic_reads_has_room(home)) {
+        umbd_optimistic_reads_revalidate(home);
         if (call->reply_ended) {
             return; /* an earlier answer had to be discarded */
         }
     }
-    enum umb_status status = umbw_decode_query_request(
-        call->message, call->message_size, (size_t)daemon->options.max_points, &request, &error);
-    if (status == UMB_OK) {
-        status = make_batch(call, &request, &batch, &error);
+    enum umb_status status =
+        umbw_decode_query_request(call->message, call->message_size,
+                                  (size_t)call->server->options.max_points, &request, &error);
+    const int has_budget = status == UMB_OK && request.dial.budget_ns > 0;
+    if (has_budget) {
+        status = umbd_budget_calibrate(call, &request, serve_paid, &calibration, &away, &error);
     }
-    if (status == UMB_OK && batch == NULL) {
-        return; /* comes again when it is calibrated */
+    if (status == UMB_OK && !away) {
+        status = make_batch(call, &request, has_budget ? &calibration : NULL, &batch, &error);
     }
-    int targets = request.target_count > 0;
-    if (status == UMB_OK && !call->is_paid &&
-        !umbd_call_take_points(call, UMBD_CALL_POINTS + request.points.count * batch->part_count)) {
-        umbd_batch_recycle(batch, &loop->spare);
-        return;
+    if (status == UMB_OK && !away) {
+        status = answer_batch(call, batch, &request, is_paid, &away, &error);
     }
-    if (status == UMB_OK && !umbd_call_charge(call, call->charged + answer_bytes(batch))) {
-        umbd_batch_recycle(batch, &loop->spare);
-        return;
+    if (!away) {
+        umbd_batch_recycle(batch, &home->spare);
     }
-    if (status == UMB_OK && request.pack) {
-        take_base(call, batch, request.base_mark);
-    }
-    if (status == UMB_OK && request.points.count > 0 &&
-        !(!request.pack && is_small(&batch->settings, request.points.count, batch->part_count) &&
-          umbd_conn_has_turn(call->conn))) {
-        status = answer_by_pool(call, batch, targets, &error);
-        if (status == UMB_OK) {
-            return;
-        }
-    } else if (status == UMB_OK) {
-        answer_inline(call, batch, &request);
-    }
-    umbd_batch_recycle(batch, &loop->spare);
-    if (status == UMB_E_BUSY) {
-        umbd_call_shed(call, &error);
-    } else if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_work(call, status, &error);
     }
 }
 
-void umbd_service_query_calibrated(struct umbd_call *call, struct umbd_batch *batch)
+static void serve_paid(struct umbd_call *call)
 {
-    const enum umb_status status = umbd_budget_take(call, batch);
-    if (status == UMB_OK) {
-        call->is_paid = 1;
-        umbd_call_serve(call);
-        call->is_paid = 0;
-    } else if (status == UMB_E_BUSY) {
-        umbd_call_shed(call, &batch->error);
-    } else {
-        umbd_call_fail_status(call, status, &batch->error);
-    }
+    serve(call, 1);
 }
 
-void umbd_service_query_done(struct umbd_call *call, struct umbd_batch *batch)
+void umbd_query_serve(struct umbd_call *call)
 {
-    uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES];
-    uint8_t head[HEAD_MAX];
-    if (batch->status == UMB_E_BUSY) {
-        umbd_call_shed(call, &batch->error);
-        return;
-    }
-    if (batch->status != UMB_OK) {
-        umbd_call_fail_status(call, batch->status, &batch->error);
-        return;
-    }
-    struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
-    uint8_t **answers = batch->picture_work.pack ? &batch->picture_work.block : &batch->reply;
-    if (batch->picture_work.pack) {
-        reply.visibility_bytes = batch->picture_work.packed_bytes;
-        reply.packing = batch->picture_work.changes ? UMBW_PACKING_CHANGES : UMBW_PACKING_ZSTD;
-    }
-    size_t size = umbw_write_query_reply_head(&reply, head);
-    size_t first = batch->head_room - size;
-    uint8_t *block = *answers;
-    memcpy(block + first, head, size);
-    *answers = NULL;
-    if (!umbd_method_takes_many(call->method)) {
-        (void)umbd_call_charge(call, batch->value_bytes); /* fewer bytes than before: cannot fail */
-    }
-    if (batch->picture_work.pack && umbd_method_takes_many(call->method)) {
-        umbd_kept_picture_drop(&call->kept_picture);
-        call->kept_picture = batch->picture_work.kept;
-        batch->picture_work.kept = (struct umbd_kept_picture){0};
-    }
-    umbd_call_reply_block(call, block, first, batch->head_room + reply.visibility_bytes);
+    serve(call, 0);
 }

@@ -7,9 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
+#include "daemon/call/call.h"
 #include "daemon/service/box_price.h"
-#include "daemon/call/call_rights.h"
-#include "daemon/transport/loop.h"
+#include "daemon/service/services.h"
 #include "daemon/work/volume_query_work.h"
 
 /* Points that a slice is priced as, about a millisecond. */
@@ -22,9 +23,9 @@
 
 #define BOXES_CHUNK 64
 
-static void free_volume_query(void *user)
+static void free_volume_query(struct umbd_task *task)
 {
-    struct umbd_volume_query *volume_query = user;
+    struct umbd_volume_query *volume_query = (struct umbd_volume_query *)task;
     umbs_entry_release(volume_query->entry);
     umbw_buffer_finish(&volume_query->reply);
     free(volume_query->answers);
@@ -96,64 +97,61 @@ static enum umb_status open_volume_query(struct umbd_call *call, enum umbw_volum
                                          struct umb_error *error)
 {
     struct umbw_volume_query_request *request = &volume_query->request;
-    enum umb_status status = umbw_decode_volume_query_request(
-        kind, call->message, call->message_size, call->conn->loop->daemon->options.max_points,
-        request, error);
-    if (status == UMB_OK) {
-        status = umbd_call_acquire(call, request->asset, &volume_query->entry, error);
-    }
-    if (status == UMB_OK) {
-        status = umb_volume_prepare(umbs_entry_asset(volume_query->entry), request->light,
-                                    &volume_query->volume, error);
-    }
-    if (status == UMB_OK && kind == UMBW_BOXES) {
-        status = umb_volume_check_parallel(&volume_query->volume, error);
-    }
-    return status == UMB_OK && kind == UMBW_COLUMNS
-               ? umb_volume_check_columns(&volume_query->volume, error)
-               : status;
+    UMB__TRY(umbw_decode_volume_query_request(kind, call->message, call->message_size,
+                                              call->server->options.max_points, request, error));
+    UMB__TRY(umbd_call_acquire(call, request->asset, &volume_query->entry, error));
+    UMB__TRY(umb_volume_prepare(umbs_entry_asset(volume_query->entry), request->light,
+                                &volume_query->volume, error));
+    return kind == UMBW_BOXES     ? umb_volume_check_parallel(&volume_query->volume, error)
+           : kind == UMBW_COLUMNS ? umb_volume_check_columns(&volume_query->volume, error)
+                                  : UMB_OK;
 }
 
-/* Hands the work to the workers, which then own the query. */
+static void answer(struct umbd_call *call, struct umbd_task *task)
+{
+    struct umbd_volume_query *volume_query = (struct umbd_volume_query *)task;
+    if (task->status != UMB_OK) {
+        umbd_call_fail_work(call, task->status, &task->error);
+    } else if (umbd_call_charge(call, volume_query->reply.size)) {
+        umbd_count(&call->server->metrics.volume_queries[volume_query->request.volume_query],
+                   volume_query->request.count);
+        umbd_call_reply(call, &volume_query->reply);
+    }
+}
+
+/* Hands the work to the workers, which own the query on success. */
 static enum umb_status hand_over(struct umbd_call *call, struct umbd_volume_query *volume_query,
                                  uint64_t points, size_t bytes, struct umb_error *error)
 {
     static const char *const items[UMBW_VOLUME_QUERY_COUNT] = {
         [UMBW_SEGMENTS] = "segments", [UMBW_COLUMNS] = "columns", [UMBW_BOXES] = "boxes"};
-    const size_t count = volume_query->request.count;
-    const uint64_t each = points / count + 1, slice = SLICE_POINTS / each;
+    struct umbd_task *task = &volume_query->task;
+    const size_t message_bytes = call->message_size;
+    task->count = volume_query->request.count;
+    const uint64_t each = points / task->count + 1, slice = SLICE_POINTS / each;
     const uint64_t turns = each / SLICE_POINTS;
-    const struct umbd_work work = {
-        .run = umbd_volume_query_run,
-        .end = umbd_volume_query_end,
-        .free = free_volume_query,
-        .user = volume_query,
-        .count = count,
-        .slice = slice > 0 ? (size_t)slice : 1,
-        .items = items[volume_query->request.volume_query],
-        .turns = turns < TURNS_MAX ? turns : TURNS_MAX,
-        .bytes = call->message_size + bytes,
-    };
-    enum umb_status status = take_message(call, volume_query, error);
-    if (status != UMB_OK) {
-        free_volume_query(volume_query);
-        return status;
-    }
-    return umbd_call_send_work(call, &work, error);
+    task->run = umbd_volume_query_run;
+    task->end = umbd_volume_query_end;
+    task->answer = answer;
+    task->free = free_volume_query;
+    task->slice = slice > 0 ? (size_t)slice : 1;
+    task->items = items[volume_query->request.volume_query];
+    task->turns = turns < TURNS_MAX ? turns : TURNS_MAX;
+    UMB__TRY(take_message(call, volume_query, error));
+    return umbd_call_send_task(call, task, message_bytes + bytes, error);
 }
 
 /* Answers an empty request: names the version that would have answered. */
 static void answer_nothing(struct umbd_call *call, struct umbd_volume_query *volume_query)
 {
     struct umb_error error = {0};
-    struct umbd_batch nothing = {.work_user = volume_query};
-    const enum umb_status status = umbd_volume_query_end(&nothing, &error);
+    const enum umb_status status = umbd_volume_query_end(&volume_query->task, &error);
     if (status == UMB_OK) {
         umbd_call_reply(call, &volume_query->reply);
     } else {
         umbd_call_fail_status(call, status, &error);
     }
-    free_volume_query(volume_query);
+    free_volume_query(&volume_query->task);
 }
 
 static void serve(struct umbd_call *call, enum umbw_volume_query kind)
@@ -170,7 +168,7 @@ static void serve(struct umbd_call *call, enum umbw_volume_query kind)
         status = make_room(volume_query, &bytes, &error);
     }
     if (status != UMB_OK) {
-        free_volume_query(volume_query);
+        free_volume_query(&volume_query->task);
         umbd_call_fail_status(call, status, &error);
         return;
     }
@@ -183,7 +181,7 @@ static void serve(struct umbd_call *call, enum umbw_volume_query kind)
     }
     if (!umbd_call_take_points(call, UMBD_CALL_POINTS + points) ||
         !umbd_call_charge(call, call->charged + bytes)) {
-        free_volume_query(volume_query);
+        free_volume_query(&volume_query->task);
         return;
     }
     if (request->count == 0) {
@@ -191,39 +189,23 @@ static void serve(struct umbd_call *call, enum umbw_volume_query kind)
         return;
     }
     status = hand_over(call, volume_query, points, bytes, &error);
-    if (status == UMB_E_BUSY) {
-        umbd_call_shed(call, &error);
-    } else if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (status != UMB_OK) {
+        free_volume_query(&volume_query->task);
+        umbd_call_fail_work(call, status, &error);
     }
 }
 
-void umbd_service_segments(struct umbd_call *call)
+void umbd_segments_serve(struct umbd_call *call)
 {
     serve(call, UMBW_SEGMENTS);
 }
 
-void umbd_service_columns(struct umbd_call *call)
+void umbd_columns_serve(struct umbd_call *call)
 {
     serve(call, UMBW_COLUMNS);
 }
 
-void umbd_service_boxes(struct umbd_call *call)
+void umbd_boxes_serve(struct umbd_call *call)
 {
     serve(call, UMBW_BOXES);
-}
-
-void umbd_service_volume_queries_done(struct umbd_call *call, struct umbd_batch *batch)
-{
-    struct umbd_volume_query *volume_query = batch->work_user;
-    struct umbd_metrics *metrics = &call->conn->loop->daemon->metrics;
-    if (batch->status == UMB_E_BUSY) {
-        umbd_call_shed(call, &batch->error);
-    } else if (batch->status != UMB_OK) {
-        umbd_call_fail_status(call, batch->status, &batch->error);
-    } else if (umbd_call_charge(call, volume_query->reply.size)) {
-        umbd_count(&metrics->volume_queries[volume_query->request.volume_query],
-                   volume_query->request.count);
-        umbd_call_reply(call, &volume_query->reply);
-    }
 }

@@ -4,14 +4,19 @@
 #include "daemon/transport/acceptor.h"
 
 #include <errno.h>
+#include <netinet/in.h>
 #include <poll.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #define TAKEN_MAX 64 /* connections taken in one event; then the loop's others have their turn */
 
-int umbd_socket_bind(const struct sockaddr *address, socklen_t size, int *fd)
+int umbd_socket_bind(const struct sockaddr *address, int *fd)
 {
     const int on = 1;
+    const socklen_t size = address->sa_family == AF_UNIX    ? sizeof(struct sockaddr_un)
+                           : address->sa_family == AF_INET6 ? sizeof(struct sockaddr_in6)
+                                                            : sizeof(struct sockaddr_in);
     *fd = socket(address->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (*fd < 0) {
         return -errno;
@@ -36,7 +41,7 @@ static int is_of_one(int code)
 }
 
 /* accept reports a lack of descriptors even if no connection waits. This asks whether one waits. */
-static int somebody_waits(int fd)
+static int is_waiting(int fd)
 {
     struct pollfd listening = {.fd = fd, .events = POLLIN};
     return poll(&listening, 1, 0) != 0;
@@ -51,7 +56,7 @@ static void take(struct umbd_acceptor *acceptor)
         int code = fd < 0 ? errno : 0;
         if (fd >= 0) {
             acceptor->taken(acceptor, fd);
-        } else if (code == EAGAIN || code == EWOULDBLOCK || !somebody_waits(acceptor->fd)) {
+        } else if (code == EAGAIN || code == EWOULDBLOCK || !is_waiting(acceptor->fd)) {
             return;
         } else if (!is_of_one(code)) {
             (void)uv_poll_stop(&acceptor->poll);

@@ -4,7 +4,7 @@
 /*
  * Accepting connections, also when descriptors or memory are short.
  *
- *     int code = umbd_socket_bind(address, size, &fd);
+ *     int code = umbd_socket_bind(address, &fd);
  *     code = umbd_acceptor_start(&acceptor, loop, fd, backlog);
  *     umbd_acceptor_tick(&acceptor);                    ten times a second or so
  *     umbd_acceptor_close(&acceptor, closed);
@@ -21,8 +21,8 @@
 #include <uv.h>
 
 struct umbd_acceptor {
-    uv_poll_t poll; /* its data is the acceptor */
-    int fd;         /* listening socket; -1: not started */
+    uv_poll_t poll; /* Poll handle; its data is the acceptor */
+    int fd;         /* Listening socket; -1: not started */
     int resting;    /* 1: a connection could not be taken, the tick tries again */
     void *user;
     /* Callback for a connection, non-blocking, which the callee owns. */
@@ -31,10 +31,12 @@ struct umbd_acceptor {
     void (*refused)(struct umbd_acceptor *acceptor, int code);
 };
 
-/* Makes a stream socket and binds it. Out: fd: the caller's; -1 on failure. */
-int umbd_socket_bind(const struct sockaddr *address, socklen_t size, int *fd);
+/* Makes a stream socket and binds it to an address of IPv4, IPv6 or a Unix socket. Out: fd: the
+ * caller's; -1 on failure. */
+int umbd_socket_bind(const struct sockaddr *address, int *fd);
 
-/* Listens and begins to take. Set user, taken and refused first. Takes fd over, also on failure. */
+/* Listens on fd and accepts connections. Set user, taken and refused before. Takes fd over, also on
+ * failure. */
 int umbd_acceptor_start(struct umbd_acceptor *acceptor, uv_loop_t *loop, int fd, int backlog);
 
 /* Tries again to take what could not be taken. */

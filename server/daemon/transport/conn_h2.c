@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The HTTP/2 session of a connection: settings, limits, and nghttp2's callbacks, which turn frames
- * into calls (call.h).
+ * into events for the calls (server.h).
  *
  * Limits set here, with reasons (measured on nghttp2 1.52). Header blocks: 32 KiB, because one
  * block of 1 MiB of references costs 1.5 s of CPU. Header table: 4096 bytes; HAProxy 2.6 does not
@@ -12,7 +12,7 @@
  *
  * Callbacks only queue frames; sending, receiving and closing happen outside of them.
  */
-#include "daemon/call/call.h"
+#include "daemon/transport/conn.h"
 
 #include <string.h>
 
@@ -66,7 +66,7 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
     }
     if (frame->length > HEADER_FRAME_BYTES &&
         (frame->type == NGHTTP2_HEADERS || frame->type == NGHTTP2_CONTINUATION)) {
-        umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
+        umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
         return NGHTTP2_ERR_CALLBACK_FAILURE; /* before a byte of it is decoded */
     }
     /* Without this limit, answers that a peer causes and does not read would pile up in the
@@ -84,7 +84,8 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
     if (frame->hd.type != NGHTTP2_HEADERS || frame->headers.cat != NGHTTP2_HCAT_REQUEST) {
         return 0;
     }
-    struct umbd_call *call = umbd_call_create(conn, frame->hd.stream_id);
+    const int was_reset = umbd_h2_filter_was_reset(&conn->filter, (uint32_t)frame->hd.stream_id);
+    struct umbd_call *call = conn->server->calls->open(conn, frame->hd.stream_id, was_reset);
     if (call == NULL) {
         /* No work was begun, so the client may try again. The library's own reset would not tell it
          * so. */
@@ -93,12 +94,8 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
     }
     if (nghttp2_session_set_stream_user_data(session, frame->hd.stream_id, call) != 0) {
-        umbd_call_destroy(call);
+        conn->server->calls->close(call);
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
-    }
-    if (umbd_h2_filter_was_reset(&conn->filter, (uint32_t)frame->hd.stream_id)) {
-        /* Reset once its headers are complete: the decoder must see all of them. */
-        call->reset_early = 1;
     }
     return 0;
 }
@@ -110,18 +107,12 @@ static int on_header(nghttp2_session *session, const nghttp2_frame *frame, const
     struct umbd_conn *conn = user;
     struct umbd_call *call = find_call(session, frame->hd.stream_id);
     (void)flags;
-    if (call == NULL) {
-        return 0;
-    }
-    if (umbd_header_take(&call->headers, name_size, value_size)) {
-        if (!call->headers_whole) {
-            umbd_call_header(call, name, name_size, value, value_size);
-        }
+    if (call == NULL || conn->server->calls->header(call, name, name_size, value, value_size)) {
         return 0;
     }
     nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id,
                               NGHTTP2_ENHANCE_YOUR_CALM);
-    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
+    umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
     if (++conn->header_strikes >= UMBD_HEADER_STRIKES && !conn->terminated) {
         umbd_conn_abuse(conn, UMBD_ABUSE_HEADERS, "header lists over the limit");
     }
@@ -138,9 +129,8 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
         nghttp2_session_consume_connection(session, size);
         return 0;
     }
-    umbd_call_data(call, data, size);
     /* The budget was checked and counts the kept bytes, so the windows may open. */
-    size_t taken = umbd_stream_window(call, size);
+    size_t taken = conn->server->calls->data(call, data, size);
     return nghttp2_session_consume_connection(session, size) == NGHTTP2_ERR_NOMEM ||
                    (taken > 0 &&
                     nghttp2_session_consume_stream(session, stream_id, taken) == NGHTTP2_ERR_NOMEM)
@@ -161,15 +151,10 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     if (call == NULL) {
         return 0;
     }
-    if (call->reset_early) {
-        nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, call->stream_id, NGHTTP2_CANCEL);
-        return 0;
-    }
-    if (frame->hd.type == NGHTTP2_HEADERS && !call->headers_whole) {
-        umbd_call_headers_end(call);
-    }
-    if ((frame->hd.flags & NGHTTP2_FLAG_END_STREAM) != 0) {
-        umbd_call_request_end(call);
+    if (!conn->server->calls->headers_end(call)) {
+        nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id, NGHTTP2_CANCEL);
+    } else if ((frame->hd.flags & NGHTTP2_FLAG_END_STREAM) != 0) {
+        conn->server->calls->request_end(call);
     }
     return 0;
 }
@@ -189,9 +174,9 @@ static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
         memcpy(reason, frame->opaque_data, size);
     }
     reason[size] = '\0';
-    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
+    umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "h2_goaway",
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "h2_goaway",
                        "peer=\"%s\" conn=%llu code=%s reason=%s", conn->peer,
                        (unsigned long long)conn->serial, nghttp2_http2_strerror(frame->error_code),
                        umbs_log_quote(reason, quoted));
@@ -218,12 +203,12 @@ static int on_frame_sent(nghttp2_session *session, const nghttp2_frame *frame, v
 
 static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t code, void *user)
 {
+    const struct umbd_conn *conn = user;
     struct umbd_call *call = find_call(session, stream_id);
     (void)code;
-    (void)user;
     if (call != NULL) {
         nghttp2_session_set_stream_user_data(session, stream_id, NULL);
-        umbd_call_destroy(call);
+        conn->server->calls->close(call);
     }
     return 0;
 }
@@ -256,7 +241,7 @@ static int send_data(nghttp2_session *session, nghttp2_frame *frame, const uint8
         return NGHTTP2_ERR_WOULDBLOCK;
     }
     memcpy(loop->out + loop->out_size, head, 9);
-    umbd_call_take_body(call, loop->out + loop->out_size + 9, length);
+    conn->server->calls->take_body(call, loop->out + loop->out_size + 9, length);
     loop->out_size += 9 + length;
     return 0;
 }

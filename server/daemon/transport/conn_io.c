@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/call/call.h"
+#include "daemon/transport/conn.h"
 #include "daemon/transport/conn_tls.h"
 
 #define IN_PLACE_BYTES (64 << 10) /* pieces of at least this size are read in place */
@@ -108,7 +108,7 @@ static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *siz
 void umbd_conn_flush(struct umbd_conn *conn)
 {
     uint64_t until = conn->sent_bytes + FLUSH_BYTES;
-    umbd_optimistic_reads_revalidate(conn->loop); /* before frames are made of the answers */
+    conn->server->calls->loop_settle(conn->loop); /* before frames are made of the replies */
     while (!conn->closing && !conn->write_pending) {
         const uint8_t *bytes = NULL;
         size_t size = 0;
@@ -154,7 +154,7 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
         struct umbd_call *call =
             nghttp2_session_get_stream_user_data(conn->session, (int32_t)stream_id);
         uint8_t *place = NULL;
-        size_t room = call != NULL ? umbd_call_room(call, left, &place) : 0;
+        size_t room = call != NULL ? conn->server->calls->room(call, left, &place) : 0;
         if (room >= IN_PLACE_BYTES) {
             *buffer = uv_buf_init((char *)place, (unsigned)room);
             return;
@@ -167,9 +167,9 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 /* The library ended the session: sends its last frames, then closes. */
 static void session_broke(struct umbd_conn *conn, int code)
 {
-    umbd_count(&conn->loop->daemon->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
+    umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "h2_error",
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "h2_error",
                        "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
                        (unsigned long long)conn->serial, nghttp2_strerror(code));
     }
@@ -180,14 +180,14 @@ static void session_broke(struct umbd_conn *conn, int code)
 /* TLS failed, or the peer was not accepted: sends the alert, then closes. */
 static void tls_broke(struct umbd_conn *conn)
 {
-    umbd_count(&conn->loop->daemon->metrics.tls_failures, 1);
+    umbd_count(&conn->server->metrics.tls_failures, 1);
     if (umbd_loop_may_log(conn->loop)) {
         char reason[160] = "no protocol in common, or cut";
         unsigned long code = ERR_peek_last_error();
         if (code != 0) {
             ERR_error_string_n(code, reason, sizeof reason);
         }
-        umbs_log_event(&conn->loop->daemon->log, UMB_LOG_INFO, "tls_failed",
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "tls_failed",
                        "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
                        (unsigned long long)conn->serial, reason);
     }
@@ -265,12 +265,35 @@ static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buf
     }
 }
 
+int umbd_conn_dismiss(struct umbd_conn *conn)
+{
+    if (conn == NULL) {
+        return 0;
+    }
+    umbd_count(&conn->server->metrics.connections_evicted, 1);
+    umbd_conn_terminate(conn, NGHTTP2_NO_ERROR);
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, "closed to make room for other connections");
+    return 1;
+}
+
+/* Closes strangers while they hold more than their share of --max-buffer. */
+static void relieve(struct umbd_loop *loop)
+{
+    struct umbd_server *server = loop->server;
+    loop->crowded = 0;
+    while (loop->oldest_stranger != NULL &&
+           atomic_load(&server->stranger_buffered) > server->options.max_buffer / UMBD_KEPT_SHARE) {
+        (void)umbd_conn_dismiss(loop->oldest_stranger);
+    }
+}
+
 static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
 {
     struct umbd_conn *conn = stream->data;
     take_read(conn, count, buffer);
     if (conn->loop->crowded) {
-        umbd_conn_relieve(conn->loop);
+        relieve(conn->loop);
     }
 }
 

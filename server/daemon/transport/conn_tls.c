@@ -38,7 +38,7 @@ enum umb_status umbd_conn_tls_start(struct umbd_conn *conn)
         free(tls);
         return UMB_E_NO_MEMORY;
     }
-    SSL *session = umbd_tls_session(loop->daemon->tls, &tls->generation);
+    SSL *session = umbd_tls_session(loop->server->tls, &tls->generation);
     enum umb_status status = umbn_tls_create(session, put_records, conn, &tls->session);
     if (status != UMB_OK) {
         free(tls);
@@ -65,7 +65,7 @@ int umbd_conn_tls_ready(const struct umbd_conn *conn)
 
 int umbd_conn_tls_is_admitted(struct umbd_conn *conn)
 {
-    struct umbd_tls *context = conn->loop->daemon->tls;
+    struct umbd_tls *context = conn->server->tls;
     if (!umbd_conn_tls_ready(conn) || conn->tls->generation == umbd_tls_generation(context) ||
         conn->loop->tls_looks >= LOOKS_MAX) {
         return 1;

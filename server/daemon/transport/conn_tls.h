@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_TLS_H
 /*
  * TLS of one connection of the daemon (net/tls_session.h): records go into the loop's buffer. A
- * connection keeps no buffer of its own but records that could not be sent at once (handshakes and
- * alerts only, since data is sealed when it can be sent).
+ * connection keeps only records that could not be sent at once: those of handshakes and alerts,
+ * since data is sealed when it can be sent.
  */
 #include "daemon/transport/conn.h"
 #include "net/tls_session.h"
@@ -33,8 +33,8 @@ int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
 /* 1 once the handshake is over: then frames may be sent. */
 int umbd_conn_tls_ready(const struct umbd_conn *conn);
 
-/* Seals count bytes of the loop's output; *bytes and *size then are the records to send. Returns 0
- * on failure. */
+/* Seals count bytes of the loop's output. Out: bytes, size: the records to send. Returns 0 on
+ * failure. */
 int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size);
 
 /* Keeps records that cannot be sent now. Returns 0 if there are too many, or no memory. */

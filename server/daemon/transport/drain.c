@@ -8,78 +8,22 @@
  *
  * Source: RFC 9113 section 6.8 (two GOAWAYs lose no request that was already sent).
  */
-#include "daemon/admin.h"
-#include "daemon/call/call.h"
-#include "daemon/transport/conn_tls.h"
-#include "daemon/transport/listener.h"
-#include "daemon/transport/loop_group.h"
 #include "daemon/base/service_manager.h"
+#include "daemon/transport/conn.h"
+#include "daemon/transport/listener.h"
 
 static void enter(struct umbd_loop *loop, enum umbd_drain stage, const char *name)
 {
     loop->drain = stage;
     loop->drain_since_ms = uv_now(&loop->uv);
-    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "drain", "stage=%s connections=%zu", name,
+    umbs_log_event(&loop->server->log, UMB_LOG_INFO, "drain", "stage=%s connections=%zu", name,
                    loop->conn_count);
 }
 
-static void tell_watchers(struct umbd_conn *conn)
+/* Health watchers learn the state that begins now. */
+static void tick_calls(struct umbd_conn *conn)
 {
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (call->watch_last >= 0) {
-            umbd_service_health_update(call);
-        }
-    }
-}
-
-void umbd_conn_notice(struct umbd_conn *conn)
-{
-    nghttp2_submit_shutdown_notice(conn->session);
-}
-
-/* A drain does not wait for calls without rights: it answers them, then resets those still open. */
-static void end_open_calls(struct umbd_conn *conn)
-{
-    int found = 0;
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        const int is_open = !call->headers_whole || umbd_call_is_open(call);
-        if (is_open && call->headers_whole) {
-            umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
-        }
-        found |= is_open;
-    }
-    if (!found) {
-        return;
-    }
-    umbd_conn_flush(conn); /* ends calls; may close the connection, which then has none */
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (!call->headers_whole || umbd_call_is_open(call)) {
-            umbd_call_cut_open(call);
-        }
-    }
-}
-
-/* Watch calls and streams would never end by themselves. */
-void umbd_conn_last_call(struct umbd_conn *conn)
-{
-    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
-        umbd_conn_close(conn, "the server stopped during the handshake");
-        return;
-    }
-    end_open_calls(conn);
-    if (conn->closing) {
-        return;
-    }
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (call->method == UMBD_METHOD_BAKES_WATCH) {
-            umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
-        } else if (umbd_method_takes_many(call->method)) {
-            umbd_stream_last_call(call);
-        }
-    }
-    nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
-                          nghttp2_session_get_last_proc_stream_id(conn->session), NGHTTP2_NO_ERROR,
-                          NULL, 0);
+    (void)conn->server->calls->conn_tick(conn, uv_now(&conn->loop->uv));
 }
 
 static void each_conn(struct umbd_loop *loop, void (*act)(struct umbd_conn *conn))
@@ -101,7 +45,9 @@ static void finish(struct umbd_loop *loop)
         umbd_conn_close(loop->first_conn, "server stopped");
     }
     umbd_listeners_close(loop);
-    umbd_admin_close(loop);
+    if (loop->index == 0) {
+        loop->server->daemon->drained(loop->server);
+    }
     uv_stop(&loop->uv);
 }
 
@@ -116,16 +62,16 @@ void umbd_loop_drain(struct umbd_loop *loop)
         }
         return;
     }
-    atomic_store(&loop->daemon->draining, 1);
+    atomic_store(&loop->server->draining, 1);
     umbd_notify("STOPPING=1\nSTATUS=draining");
     enter(loop, UMBD_DRAIN_DELAY, "delay");
-    each_conn(loop, tell_watchers);
+    each_conn(loop, tick_calls);
     umbd_loop_drain_step(loop);
 }
 
 void umbd_loop_drain_step(struct umbd_loop *loop)
 {
-    const struct umbd_options *options = &loop->daemon->options;
+    const struct umbd_options *options = &loop->server->options;
     uint64_t passed_ms = uv_now(&loop->uv) - loop->drain_since_ms;
     if (loop->drain == UMBD_DRAIN_DELAY && passed_ms >= options->drain_delay_ms) {
         umbd_listeners_close(loop);
@@ -140,7 +86,8 @@ void umbd_loop_drain_step(struct umbd_loop *loop)
         passed_ms = 0;
     }
     if (loop->drain == UMBD_DRAIN_LAST &&
-        ((loop->conn_count == 0 && (loop->index != 0 || umbd_loops_running(loop->daemon) == 1)) ||
+        ((loop->conn_count == 0 &&
+          (loop->index != 0 || atomic_load(&loop->server->loops_running) == 1)) ||
          passed_ms >= options->drain_timeout_ms)) {
         finish(loop);
     }

@@ -16,17 +16,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define UMBD_EARLY_RESETS 256 /* remembered; as many as streams may be open */
+#define UMBD_EARLY_RESETS 256 /* number of resets remembered: as many as streams may be open */
 
 struct umbd_h2_filter {
-    unsigned preface_left; /* bytes of the client preface still to come */
-    uint8_t head[9];       /* head of the next frame */
+    unsigned preface_left; /* Bytes of the client preface still to come */
+    uint8_t head[9];       /* Head of the next frame */
     unsigned head_bytes;
-    uint32_t payload_left; /* bytes left of the current frame */
+    uint32_t payload_left; /* Bytes left of the current frame */
     int dropping;          /* 1 if the current frame is dropped */
-    uint32_t data_stream;  /* stream of the current frame if it is DATA without padding, or 0 */
-    uint32_t highest;      /* highest stream opened by HEADERS */
-    uint32_t early[UMBD_EARLY_RESETS]; /* 0 = none */
+    uint32_t data_stream;  /* Stream of the current frame if it is DATA without padding, or 0 */
+    uint32_t highest;      /* Highest stream opened by HEADERS */
+    uint32_t early[UMBD_EARLY_RESETS]; /* Streams reset early, 0 = none */
     unsigned next_early;
     /* Early resets and frames of unknown types so far; wraps. nghttp2 skips the latter without
      * reporting them, so the count of cheap frames takes them from here. */

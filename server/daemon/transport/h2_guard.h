@@ -11,13 +11,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define UMBD_HEADER_FIELDS_MAX 64   /* fields of one request, trailers included */
+#define UMBD_HEADER_FIELDS_MAX 64   /* number of fields of one request, trailers included */
 #define UMBD_HEADER_BYTES_MAX  8192 /* RFC 9113 size: name + value + 32 a field */
-#define UMBD_HEADER_STRIKES    3    /* over-long blocks before the connection ends */
-#define UMBD_CONTROL_BURST     1000 /* control frames at once */
+#define UMBD_HEADER_STRIKES    3    /* number of over-long blocks before the connection ends */
+#define UMBD_CONTROL_BURST     1000 /* number of control frames at once */
 #define UMBD_CONTROL_RATE      200  /* control frames a second after the burst */
-#define UMBD_CONTROL_CREDIT    8    /* a DATA frame sent pays for the WINDOW_UPDATEs it causes */
-/* Bytes; a shorter DATA frame that ends nothing counts as control. */
+#define UMBD_CONTROL_CREDIT    8    /* number of control frames that a sent DATA frame pays for */
+/* bytes: a shorter DATA frame that ends no stream counts as a control frame */
 #define UMBD_TINY_DATA 256
 /* A received DATA frame of at least this many bytes pays for the scraps and WINDOW_UPDATEs that
  * come with it: HAProxy 2.6 sends 0.9 and 0.4 of them for every frame of some 16 KiB. */
@@ -26,9 +26,9 @@
 
 /* A token bucket: tokens flow in at a rate up to a burst; each event takes some. */
 struct umbd_bucket {
-    uint64_t tokens_ns; /* level, in nanoseconds of inflow */
+    uint64_t tokens_ns; /* Level, in nanoseconds of inflow */
     uint64_t burst_ns;
-    uint64_t token_ns; /* price of one token */
+    uint64_t token_ns; /* Inflow time of one token */
     uint64_t last_ns;
 };
 

@@ -17,8 +17,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "daemon/transport/conn.h"
-#include "daemon/transport/loop_group.h"
 #include "daemon/base/service_manager.h"
 
 #define BACKLOG 1024
@@ -26,7 +26,7 @@
 static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
     struct umbd_listener *listener = acceptor->user;
-    struct umbd_loop *to = umbd_loops_idlest(listener->loop->daemon);
+    struct umbd_loop *to = umbd_loops_idlest(listener->loop->server);
     listener->logged = 0;
     if (to != listener->loop) {
         umbd_loop_hand(to, fd, listener->transport, 0);
@@ -39,10 +39,10 @@ static void on_refused(struct umbd_acceptor *acceptor, int code)
 {
     struct umbd_listener *listener = acceptor->user;
     struct umbd_loop *loop = listener->loop;
-    umbd_count(&loop->daemon->metrics.connections_refused, 1);
+    umbd_count(&loop->server->metrics.connections_refused, 1);
     if (!listener->logged && umbd_loop_may_log(loop)) {
         listener->logged = 1;
-        umbs_log_event(&loop->daemon->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
+        umbs_log_event(&loop->server->log, UMB_LOG_ERROR, "accept_failed", "reason=\"%s\"",
                        uv_strerror(code));
     }
     umbd_conn_evict(loop);
@@ -79,8 +79,8 @@ static void remove_stale(const char *path)
 
 /*
  * Sets the permissions of a bound socket's name, which the umask may have reduced. The name is
- * opened without following a link and must be a socket of ours, so a name that others put there
- * meanwhile is left alone. Returns 0 or -errno.
+ * opened without following a link and must be a socket of this user, so a name that others put
+ * there meanwhile is left alone. Returns 0 or -errno.
  */
 static int permit(const char *path, mode_t mode)
 {
@@ -109,23 +109,17 @@ static int bind_unix(struct umbd_listener *listener, const struct umbn_address *
     struct sockaddr_un name = {.sun_family = AF_UNIX};
     memcpy(name.sun_path, address->path, sizeof name.sun_path);
     remove_stale(address->path);
-    int code = umbd_socket_bind((struct sockaddr *)&name, sizeof name, fd);
+    int code = umbd_socket_bind((struct sockaddr *)&name, fd);
     if (code != 0) {
         return code;
     }
     memcpy(listener->path, address->path, sizeof listener->path);
-    code = permit(address->path, listener->loop->daemon->options.socket_mode);
+    code = permit(address->path, listener->loop->server->options.socket_mode);
     if (code != 0) {
         (void)close(*fd);
         *fd = -1;
     }
     return code;
-}
-
-static socklen_t size_of(const struct sockaddr_storage *address)
-{
-    return address->ss_family == AF_INET6 ? sizeof(struct sockaddr_in6)
-                                          : sizeof(struct sockaddr_in);
 }
 
 /* Writes the listener's address. Only now port 0 has become a real one, and an inherited socket
@@ -150,12 +144,13 @@ static void name_listener(struct umbd_listener *listener)
     }
 }
 
-/* Makes a listener of the loop, not bound yet; NULL: out of memory. */
-static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbn_transport transport)
+/* Makes a listener of the loop, not bound yet. Fails: E_NO_MEMORY. */
+static enum umb_status make_listener(struct umbd_loop *loop, enum umbn_transport transport,
+                                     struct umbd_listener **out, struct umb_error *error)
 {
-    struct umbd_listener *listener = calloc(1, sizeof *listener);
+    struct umbd_listener *listener = *out = calloc(1, sizeof *listener);
     if (listener == NULL) {
-        return NULL;
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
     }
     listener->loop = loop;
     listener->transport = transport;
@@ -166,13 +161,20 @@ static struct umbd_listener *make_listener(struct umbd_loop *loop, enum umbn_tra
         last = &(*last)->next;
     }
     *last = listener;
-    return listener;
+    return UMB_OK;
 }
 
-static void log_listening(const struct umbd_listener *listener, const char *from)
+/* Starts to accept on a bound socket. Returns 0 or -errno. */
+static int start(struct umbd_listener *listener, int fd, const char *from)
 {
-    umbs_log_event(&listener->loop->daemon->log, UMB_LOG_INFO, "listening",
-                   "address=\"%s\" from=%s", listener->text, from);
+    struct umbd_loop *loop = listener->loop;
+    int code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
+    if (code == 0) {
+        name_listener(listener);
+        umbs_log_event(&loop->server->log, UMB_LOG_INFO, "listening", "address=\"%s\" from=%s",
+                       listener->text, from);
+    }
+    return code;
 }
 
 /* Refuses an address that opens the daemon to other machines without a token or a certificate.
@@ -181,7 +183,7 @@ static enum umb_status check_reach(const struct umbd_loop *loop, enum umbn_trans
                                    const struct sockaddr_storage *address, struct umb_error *error)
 {
     char text[UMBD_ADDRESS_TEXT_SIZE];
-    if (!umbd_options_serve_anyone(&loop->daemon->options, transport, address)) {
+    if (!umbd_options_serve_anyone(&loop->server->options, transport, address)) {
         return UMB_OK;
     }
     umbd_address_text(address, text, sizeof text);
@@ -195,34 +197,23 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
 {
     struct umbn_address address;
     struct sockaddr_storage resolved;
-    enum umb_status status = umbn_address_parse("--listen", text, &address, error);
-    if (status == UMB_OK && address.transport != UMBN_UNIX) {
-        status = umbd_address_resolve(&address, &resolved, error);
-        if (status == UMB_OK) {
-            status = check_reach(loop, address.transport, &resolved, error);
-        }
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    struct umbd_listener *listener = make_listener(loop, address.transport);
-    if (listener == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
-    }
+    struct umbd_listener *listener;
     int fd = -1;
-    int code = address.transport == UMBN_UNIX
-                   ? bind_unix(listener, &address, &fd)
-                   : umbd_socket_bind((struct sockaddr *)&resolved, size_of(&resolved), &fd);
+    UMB__TRY(umbn_address_parse("--listen", text, &address, error));
+    const int is_unix = address.transport == UMBN_UNIX;
+    if (!is_unix) {
+        UMB__TRY(umbd_address_resolve(&address, &resolved, error));
+        UMB__TRY(check_reach(loop, address.transport, &resolved, error));
+    }
+    UMB__TRY(make_listener(loop, address.transport, &listener, error));
+    int code = is_unix ? bind_unix(listener, &address, &fd)
+                       : umbd_socket_bind((struct sockaddr *)&resolved, &fd);
     if (code == 0) {
-        code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
+        code = start(listener, fd, "listen");
     }
-    if (code != 0) {
-        return umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s", text,
-                        uv_strerror(code));
-    }
-    name_listener(listener);
-    log_listening(listener, "listen");
-    return UMB_OK;
+    return code == 0 ? UMB_OK
+                     : umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s",
+                                text, uv_strerror(code));
 }
 
 /* Protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening stream socket;
@@ -253,45 +244,36 @@ static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
                                    struct umb_error *error)
 {
     enum umbn_transport transport = UMBN_TCP;
-    enum umb_status status = handed_transport(loop, fd, is_tls, &transport, error);
-    if (status == UMB_OK && transport == UMBN_TLS && loop->daemon->tls == NULL) {
-        status = umb_fail(error, UMB_E_ARGUMENT,
-                          "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
+    struct umbd_listener *listener;
+    UMB__TRY(handed_transport(loop, fd, is_tls, &transport, error));
+    if (transport == UMBN_TLS && loop->server->tls == NULL) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
     }
-    if (status != UMB_OK) {
-        return status;
-    }
-    struct umbd_listener *listener = make_listener(loop, transport);
-    if (listener == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a listener");
-    }
+    UMB__TRY(make_listener(loop, transport, &listener, error));
     /* The path is the manager's, which keeps the socket: it is not removed at the end. */
-    int code = umbd_acceptor_start(&listener->acceptor, &loop->uv, fd, BACKLOG);
-    if (code != 0) {
-        return umb_fail(error, UMB_E_UNAVAILABLE, "LISTEN_FDS: cannot listen on descriptor %d: %s",
-                        fd, uv_strerror(code));
-    }
-    name_listener(listener);
-    log_listening(listener, "service_manager");
-    return UMB_OK;
+    int code = start(listener, fd, "service_manager");
+    return code == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNAVAILABLE,
+                          "LISTEN_FDS: cannot listen on descriptor %d: %s", fd, uv_strerror(code));
 }
 
 enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error)
 {
-    const struct umbd_options *options = &loop->daemon->options;
+    const struct umbd_options *options = &loop->server->options;
     unsigned tls = 0; /* bit set of the handed sockets */
     for (unsigned i = 0; i < UMBD_LISTEN_MAX; i++) {
         tls |= (unsigned)umbd_handed_is_named(i, "tls") << i;
     }
-    unsigned handed = umbd_handed_sockets();
-    enum umb_status status = UMB_OK;
-    for (unsigned i = 0; status == UMB_OK && i < handed; i++) {
-        status = open_handed(loop, UMBD_HANDED_FIRST + (int)i, (int)(tls >> i & 1U), error);
+    const unsigned handed = umbd_handed_sockets();
+    for (unsigned i = 0; i < handed; i++) {
+        UMB__TRY(open_handed(loop, UMBD_HANDED_FIRST + (int)i, (int)(tls >> i & 1U), error));
     }
-    for (size_t i = 0; status == UMB_OK && handed == 0 && i < options->listen_count; i++) {
-        status = open_one(loop, options->listen[i], error);
+    for (size_t i = 0; handed == 0 && i < options->listen_count; i++) {
+        UMB__TRY(open_one(loop, options->listen[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static void on_closed(uv_handle_t *handle)

@@ -11,9 +11,9 @@ struct umbd_listener {
     struct umbd_loop *loop;
     struct umbd_acceptor acceptor;
     enum umbn_transport transport;
-    int logged; /* 1 if the log has its failure to accept, and none was accepted since */
-    char path[UMBN_UNIX_PATH_SIZE];    /* unlinked at close */
-    char text[UMBD_ADDRESS_TEXT_SIZE]; /* address in use: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */
+    int logged; /* 1: its failure to accept is logged, and nothing was accepted since */
+    char path[UMBN_UNIX_PATH_SIZE];    /* Path of a Unix socket, unlinked at close; "" */
+    char text[UMBD_ADDRESS_TEXT_SIZE]; /* Address: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */
 };
 
 /*

@@ -41,13 +41,8 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
                                           {"--tls-key", files->key},
                                           {"--tls-client-ca", files->client_ca},
                                           {"--tls-crl", files->crl}};
-    enum umb_status status = umbn_tls_files_check(named, sizeof named / sizeof named[0], error);
-    if (status == UMB_OK) {
-        status = umbn_tls_load_pair(context, &named[0], &named[1], error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbn_tls_files_check(named, sizeof named / sizeof named[0], error));
+    UMB__TRY(umbn_tls_load_pair(context, &named[0], &named[1], error));
     if (files->client_ca == NULL) {
         return UMB_OK;
     }
@@ -79,11 +74,8 @@ static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX 
 {
     static const unsigned char session_id[] = "umbraged";
     SSL_CTX *context;
-    enum umb_status status = umbn_tls_context_create(TLS_server_method(), &context, error);
     *out = NULL;
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbn_tls_context_create(TLS_server_method(), &context, error));
     if (SSL_CTX_set_session_id_context(context, session_id, sizeof session_id - 1) != 1) {
         SSL_CTX_free(context);
         ERR_clear_error();
@@ -93,7 +85,7 @@ static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX 
     /* Idle connections keep no record buffers. */
     SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
     SSL_CTX_set_alpn_select_cb(context, select_h2, NULL);
-    status = load_files(context, files, error);
+    enum umb_status status = load_files(context, files, error);
     if (status != UMB_OK) {
         SSL_CTX_free(context);
         return status;

@@ -4,20 +4,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/work/batch_slice.h"
 #include "base/compat.h"
-
+#include "daemon/work/batch.h"
 #include "tool/clock.h"
 
-/* Smallest slice, for any number of parts: a turn has a cost too; answers fill cache lines. */
+/* Points of the smallest slice: a turn has a cost of its own, and answers fill cache lines. */
 #define SLICE_POINTS_MIN 256
 #define CPU_CLOCK_POINTS 256 /* slices with fewer points are timed by the wall clock */
 
-/* Clears only the batch: neither the parts after it nor the error at its end. */
+/* Clears the batch, but neither its parts nor the error at its end. */
 static void init_batch(struct umbd_batch *batch, size_t part_limit,
                        const struct umb_query_settings *settings, const struct umb_points *points)
 {
-    memset(batch, 0, offsetof(struct umbd_batch, error));
+    memset(batch, 0, offsetof(struct umbd_batch, task.error));
     batch->parts = (struct umbd_part *)(batch + 1);
     batch->part_limit = part_limit;
     batch->settings = *settings;
@@ -56,14 +55,12 @@ enum umb_status umbd_batch_reuse(struct umbd_batch **spare,
     return UMB_OK;
 }
 
-void umbd__batch_set_slice(struct umbd_batch *batch)
+/* Number of points of a slice, such that slices take about equally long, whatever a point costs. */
+static size_t slice_points(const struct umbd_batch *batch)
 {
-    if (batch->part_count == 0) {
-        return;
-    }
-    size_t points = umb_query_slice(&batch->parts[0].query) / batch->part_count;
-    points = points > SLICE_POINTS_MIN ? points : SLICE_POINTS_MIN;
-    batch->slice_points = points - points % SLICE_POINTS_MIN;
+    const size_t parts = batch->part_count;
+    const size_t points = parts > 0 ? umb_query_slice(&batch->parts[0].query) / parts : 0;
+    return points > SLICE_POINTS_MIN ? points - points % SLICE_POINTS_MIN : SLICE_POINTS_MIN;
 }
 
 /* Nanoseconds a point for a part's setting, by a calibration. */
@@ -135,27 +132,11 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
     return UMB_OK;
 }
 
-enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
-                                   struct umb_error *error)
-{
-    batch->reply = malloc(head_room + batch->value_bytes + 1);
-    if (batch->reply == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes of answers",
-                        batch->value_bytes);
-    }
-    batch->head_room = head_room;
-    batch->values = batch->reply + head_room;
-    return UMB_OK;
-}
-
 /* Frees everything the batch owns, but not the batch itself. */
 static void finish_batch(struct umbd_batch *batch)
 {
     for (size_t i = 0; !batch->is_borrowed && i < batch->part_count; i++) {
         umbs_entry_release(batch->parts[i].entry);
-    }
-    if (batch->work_free != NULL) {
-        batch->work_free(batch->work_user);
     }
     umbd_picture_work_finish(&batch->picture_work);
     free(batch->message);
@@ -259,14 +240,12 @@ static void run_slice(void *user)
                   slice->answers);
 }
 
-enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, size_t count,
-                                struct umbd__slice_result *result)
+/* Checks and answers points first .. first + count - 1. Fails: E_ARGUMENT, naming the index within
+ * the whole batch. result: zeroed, but for the error. */
+static enum umb_status run(struct umbd_task *task, size_t first, size_t count,
+                           struct umbd_slice_result *result)
 {
-    memset(&result->stats, 0, sizeof result->stats);
-    result->cpu_ns = 0;
-    if (batch->work != NULL) {
-        return batch->work(batch, first, count, &result->error);
-    }
+    const struct umbd_batch *batch = umbd_batch_of(task);
     uint64_t from = batch->want_stats ? cost_clock_ns(count) : 0;
     enum umb_status status = check_points(batch, first, count, &result->error);
     for (size_t i = 0; status == UMB_OK && i < batch->part_count; i++) {
@@ -282,16 +261,50 @@ enum umb_status umbd__slice_run(const struct umbd_batch *batch, size_t first, si
     return status;
 }
 
+static enum umb_status end(struct umbd_task *task, struct umb_error *error)
+{
+    struct umbd_batch *batch = umbd_batch_of(task);
+    return batch->picture_work.pack ? umbd_picture_work_pack(batch, error) : UMB_OK;
+}
+
+static void free_task(struct umbd_task *task)
+{
+    umbd_batch_destroy(umbd_batch_of(task));
+}
+
+enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
+                                   struct umb_error *error)
+{
+    batch->reply = malloc(head_room + batch->value_bytes + 1);
+    if (batch->reply == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu bytes of answers",
+                        batch->value_bytes);
+    }
+    batch->head_room = head_room;
+    batch->values = batch->reply + head_room;
+    batch->task.run = run;
+    batch->task.end = end;
+    batch->task.free = free_task;
+    batch->task.items = "points";
+    batch->task.count = batch->points.count;
+    batch->task.slice = slice_points(batch);
+    batch->task.answered = batch->points.count * batch->part_count;
+    return UMB_OK;
+}
+
 void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics)
 {
-    struct umbd__slice_result result UMB__UNSET;
+    struct umbd_slice_result result UMB__UNSET;
+    struct umbd_task *task = &batch->task;
+    memset(&result.stats, 0, sizeof result.stats);
+    result.cpu_ns = 0;
     umbd_count(&metrics->batches_started, 1);
-    batch->status = umbd__slice_run(batch, 0, batch->points.count, &result);
-    if (batch->status != UMB_OK) {
-        batch->error = result.error;
+    task->status = run(task, 0, batch->points.count, &result);
+    if (task->status != UMB_OK) {
+        task->error = result.error;
         return;
     }
-    batch->stats = result.stats;
-    batch->cpu_ns = result.cpu_ns;
+    task->stats = result.stats;
+    task->cpu_ns = result.cpu_ns;
     umbd_count(&metrics->points, batch->points.count * batch->part_count);
 }

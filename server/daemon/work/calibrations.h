@@ -13,9 +13,9 @@
 
 /* Kinds of points; points of one kind cost alike. */
 enum umbd_point_kind {
-    UMBD_POINTS_FEW = 0,   /* too few to tell: treated as scattered over the scene */
-    UMBD_POINTS_SCATTERED, /* scattered over the scene */
-    UMBD_POINTS_COHERENT,  /* mostly next to each other */
+    UMBD_POINTS_FEW = 0,   /* Too few to tell: treated as scattered */
+    UMBD_POINTS_SCATTERED, /* Scattered over the scene */
+    UMBD_POINTS_COHERENT,  /* Mostly next to each other */
     UMBD_POINT_KINDS,
 };
 

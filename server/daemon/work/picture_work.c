@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See picture_work.h. */
-#include "daemon/work/picture_work.h"
+/* Pictures, see batch.h. */
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/work/pool.h"
+#include "base/try.h"
+#include "daemon/work/batch.h"
 
 enum {
     CHUNK_PIXELS = 512 /* their points stay in the nearest cache */
@@ -46,26 +46,28 @@ void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_quer
 
 /* Packs the whole answers, and the changes if there is a base, and keeps the shorter form. If the
  * whole picture moves, its borders change twice, and the whole form is shorter. */
-static enum umb_status pack_shorter(struct umbd_batch *batch, uint8_t *scratch, uint8_t *other)
+static enum umb_status pack_shorter(struct umbd_batch *batch, uint8_t *scratch, uint8_t *other,
+                                    struct umb_error *error)
 {
     struct umbd_picture_work *picture_work = &batch->picture_work;
     uint8_t *packed = picture_work->block + batch->head_room;
     size_t changes = 0;
-    enum umb_status status = umb_picture_pack(batch->values, NULL, batch->value_bytes, NULL, packed,
-                                              &picture_work->packed_bytes, &batch->error);
-    if (status == UMB_OK && other != NULL) {
-        status = umb_picture_pack(batch->values, picture_work->kept.values, batch->value_bytes,
-                                  scratch, other, &changes, &batch->error);
+    UMB__TRY(umb_picture_pack(batch->values, NULL, batch->value_bytes, NULL, packed,
+                              &picture_work->packed_bytes, error));
+    if (other == NULL) {
+        return UMB_OK;
     }
-    if (status == UMB_OK && other != NULL && changes < picture_work->packed_bytes) {
+    UMB__TRY(umb_picture_pack(batch->values, picture_work->kept.values, batch->value_bytes, scratch,
+                              other, &changes, error));
+    if (changes < picture_work->packed_bytes) {
         memcpy(packed, other, changes);
         picture_work->packed_bytes = changes;
         picture_work->changes = 1;
     }
-    return status;
+    return UMB_OK;
 }
 
-void umbd_picture_work_pack(struct umbd_batch *batch)
+enum umb_status umbd_picture_work_pack(struct umbd_batch *batch, struct umb_error *error)
 {
     struct umbd_picture_work *picture_work = &batch->picture_work;
     const size_t size = batch->value_bytes, room = umb_picture_room(size);
@@ -76,14 +78,14 @@ void umbd_picture_work_pack(struct umbd_batch *batch)
     if (scratch == NULL || picture_work->block == NULL || (has_base && other == NULL)) {
         free(scratch);
         free(other);
-        batch->status = umb_fail(&batch->error, UMB_E_NO_MEMORY, "out of memory to pack a frame");
-        return;
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory to pack a frame");
     }
-    batch->status = pack_shorter(batch, scratch, other);
+    enum umb_status status = pack_shorter(batch, scratch, other, error);
     free(other);
     memcpy(scratch, batch->values, size);
     umbd_kept_picture_drop(&picture_work->kept);
     picture_work->kept = (struct umbd_kept_picture){scratch, size, umb_picture_mark(scratch, size)};
+    return status;
 }
 
 void umbd_picture_work_finish(struct umbd_picture_work *picture_work)

@@ -2,171 +2,170 @@
 /*
  * The worker pool.
  *
- * Waiting batches form a ring of lanes: the first batch of each connection is in the ring and its
+ * Waiting tasks form a ring of lanes: the first task of each connection is in the ring and its
  * later ones follow it in a list. A worker takes a slice of the ring's first lane and moves the
  * lane to the back, so turns go round between connections. A slice may take many turns, as one
  * large box does. Its lane pays in advance: it gives up that many turns while other lanes want
  * them. So lanes of small slices do not wait for it again and again.
  *
- * Invariants, under the mutex: a batch is linked exactly while it has points not handed out. The
+ * Invariants, under the mutex: a task is linked exactly while it has records not handed out. The
  * thread that finds it neither linked nor in flight gives it back (done). That happens once,
  * because both states end only under the same mutex. `done` is called without the mutex.
  *
- * The first error in point order wins: slices are handed out in order, so every slice before a
- * failed one has been handed out and will report before the batch is given back.
+ * The first error in record order wins: slices are handed out in order, so every slice before a
+ * failed one has been handed out and will report before the task is given back.
  */
 #include <stdlib.h>
+#include <string.h>
 
-#include "daemon/work/batch_slice.h"
-
+#include "daemon/work/pool.h"
 #include "tool/clock.h"
 
 struct umbd_pool {
     pthread_mutex_t mutex;
     pthread_cond_t wake;
-    struct umbd_batch *first, *last; /* the ring of lanes */
-    size_t depth, limit;             /* batches linked */
+    struct umbd_task *first, *last; /* the ring of lanes */
+    size_t depth, limit;            /* tasks linked */
     int stopping;
     struct umbd_metrics *metrics;
     uint32_t thread_count;
     pthread_t threads[];
 };
 
-static void ring_append(struct umbd_pool *pool, struct umbd_batch *batch)
+static void ring_append(struct umbd_pool *pool, struct umbd_task *task)
 {
-    batch->ring_next = NULL;
-    batch->ring_previous = pool->last;
+    task->ring_next = NULL;
+    task->ring_previous = pool->last;
     if (pool->last != NULL) {
-        pool->last->ring_next = batch;
+        pool->last->ring_next = task;
     } else {
-        pool->first = batch;
+        pool->first = task;
     }
-    pool->last = batch;
+    pool->last = task;
 }
 
-static void ring_remove(struct umbd_pool *pool, struct umbd_batch *batch)
+static void ring_remove(struct umbd_pool *pool, struct umbd_task *task)
 {
-    if (batch->ring_previous != NULL) {
-        batch->ring_previous->ring_next = batch->ring_next;
+    if (task->ring_previous != NULL) {
+        task->ring_previous->ring_next = task->ring_next;
     } else {
-        pool->first = batch->ring_next;
+        pool->first = task->ring_next;
     }
-    if (batch->ring_next != NULL) {
-        batch->ring_next->ring_previous = batch->ring_previous;
+    if (task->ring_next != NULL) {
+        task->ring_next->ring_previous = task->ring_previous;
     } else {
-        pool->last = batch->ring_previous;
+        pool->last = task->ring_previous;
     }
-    batch->ring_next = batch->ring_previous = NULL;
+    task->ring_next = task->ring_previous = NULL;
 }
 
-static struct umbd_batch *find_lane(const struct umbd_pool *pool, uint64_t lane)
+static struct umbd_task *find_lane(const struct umbd_pool *pool, uint64_t lane)
 {
-    struct umbd_batch *head = pool->first;
+    struct umbd_task *head = pool->first;
     while (head != NULL && head->lane != lane) {
         head = head->ring_next;
     }
     return head;
 }
 
-static void link_batch(struct umbd_pool *pool, struct umbd_batch *batch)
+static void link_task(struct umbd_pool *pool, struct umbd_task *task)
 {
-    struct umbd_batch *head = find_lane(pool, batch->lane);
-    batch->follower = batch->last_follower = NULL;
-    batch->lane_count = 1;
+    struct umbd_task *head = find_lane(pool, task->lane);
+    task->follower = task->last_follower = NULL;
+    task->lane_count = 1;
     if (head != NULL) {
         head->lane_count++;
     }
     if (head == NULL) {
-        ring_append(pool, batch);
+        ring_append(pool, task);
     } else if (head->last_follower != NULL) {
-        head->last_follower->follower = batch;
-        head->last_follower = batch;
+        head->last_follower->follower = task;
+        head->last_follower = task;
     } else {
-        head->follower = head->last_follower = batch;
+        head->follower = head->last_follower = task;
     }
-    batch->linked = 1;
+    task->linked = 1;
     pool->depth++;
 }
 
-/* Takes a batch out of its lane, from any place in it. */
-static void unlink_batch(struct umbd_pool *pool, struct umbd_batch *batch)
+/* Takes a task out of its lane, from any place in it. */
+static void unlink_task(struct umbd_pool *pool, struct umbd_task *task)
 {
-    struct umbd_batch *head = find_lane(pool, batch->lane);
-    if (head == batch) {
-        struct umbd_batch *next = batch->follower;
-        ring_remove(pool, batch);
+    struct umbd_task *head = find_lane(pool, task->lane);
+    if (head == task) {
+        struct umbd_task *next = task->follower;
+        ring_remove(pool, task);
         if (next != NULL) {
-            next->lane_count = batch->lane_count - 1;
-            next->last_follower = batch->last_follower != next ? batch->last_follower : NULL;
+            next->lane_count = task->lane_count - 1;
+            next->last_follower = task->last_follower != next ? task->last_follower : NULL;
             ring_append(pool, next);
         }
     } else {
-        struct umbd_batch *before = head;
-        while (before->follower != batch) {
+        struct umbd_task *before = head;
+        while (before->follower != task) {
             before = before->follower;
         }
-        before->follower = batch->follower;
+        before->follower = task->follower;
         head->lane_count--;
-        if (head->last_follower == batch) {
+        if (head->last_follower == task) {
             head->last_follower = before != head ? before : NULL;
         }
     }
-    batch->follower = batch->last_follower = NULL;
-    batch->linked = 0;
+    task->follower = task->last_follower = NULL;
+    task->linked = 0;
     pool->depth--;
 }
 
-/* Ends a linked batch early. */
-static void stop_batch(struct umbd_pool *pool, struct umbd_batch *batch, enum umb_status status)
+/* Ends a linked task early. */
+static void stop_task(struct umbd_pool *pool, struct umbd_task *task, enum umb_status status)
 {
     const char *what = status == UMB_E_DEADLINE ? "the deadline passed" : "cancelled";
-    const char *items = batch->work != NULL ? batch->work_items : "points";
-    unlink_batch(pool, batch);
-    if (batch->status == UMB_OK) {
-        batch->status = items == NULL
-                            ? umb_fail(&batch->error, status, "%s", what)
-                            : umb_fail(&batch->error, status, "%s after %zu of %zu %s", what,
-                                       batch->next_point, batch->points.count, items);
-        batch->error_point = batch->next_point;
+    unlink_task(pool, task);
+    if (task->status == UMB_OK) {
+        task->status = task->items == NULL
+                           ? umb_fail(&task->error, status, "%s", what)
+                           : umb_fail(&task->error, status, "%s after %zu of %zu %s", what,
+                                      task->next_record, task->count, task->items);
+        task->error_record = task->next_record;
     }
 }
 
 /* Records the end of a slice. */
-static void slice_ended(struct umbd_pool *pool, struct umbd_batch *batch, size_t first,
-                        enum umb_status status, const struct umbd__slice_result *result)
+static void slice_ended(struct umbd_pool *pool, struct umbd_task *task, size_t first,
+                        enum umb_status status, const struct umbd_slice_result *result)
 {
-    batch->in_flight--;
-    umb_query_stats_add(&batch->stats, &result->stats);
-    batch->cpu_ns += result->cpu_ns;
+    task->in_flight--;
+    umb_query_stats_add(&task->stats, &result->stats);
+    task->cpu_ns += result->cpu_ns;
     if (status == UMB_OK) {
         return;
     }
-    if (batch->status == UMB_OK || first < batch->error_point) {
-        batch->status = status;
-        batch->error = result->error;
-        batch->error_point = first;
+    if (task->status == UMB_OK || first < task->error_record) {
+        task->status = status;
+        task->error = result->error;
+        task->error_record = first;
     }
-    if (batch->linked) {
-        unlink_batch(pool, batch);
+    if (task->linked) {
+        unlink_task(pool, task);
     }
 }
 
 /* Whether a lane's head has given up enough turns. An expired head is due, so that it is failed. */
-static int is_due(const struct umbd_batch *head)
+static int is_due(const struct umbd_task *head)
 {
-    return head->waited + 1 >= head->slice_turns ||
+    return head->waited + 1 >= head->turns ||
            (head->deadline_ns != 0 && umbu_clock_ns() >= head->deadline_ns);
 }
 
 /* Moves the lane whose turn it is to the front of the ring, which is not empty. */
 static void turn_ring(struct umbd_pool *pool)
 {
-    const struct umbd_batch *const last = pool->last;
+    const struct umbd_task *const last = pool->last;
     uint64_t least = UINT64_MAX;
     for (int rounded = 0; !rounded && !is_due(pool->first);) {
-        struct umbd_batch *head = pool->first;
+        struct umbd_task *head = pool->first;
         head->waited++;
-        const uint64_t left = head->slice_turns - 1 - head->waited;
+        const uint64_t left = head->turns - 1 - head->waited;
         least = left < least ? left : least;
         rounded = head == last;
         ring_remove(pool, head);
@@ -178,58 +177,55 @@ static void turn_ring(struct umbd_pool *pool)
         }
     }
     while (!is_due(pool->first)) { /* one lane is due */
-        struct umbd_batch *head = pool->first;
+        struct umbd_task *head = pool->first;
         ring_remove(pool, head);
         ring_append(pool, head);
     }
 }
 
 /*
- * Hands out the next slice of the ring's first lane. Returns the batch with *count points from
- * *first on. *count is 0 if the batch expired and must be given back. Returns NULL if there was
- * none to run (an expired batch whose other slices still run).
+ * Hands out the next slice of the ring's first lane. Returns the task with *count records from
+ * *first on. *count is 0 if the task expired and must be given back. Returns NULL if there was
+ * none to run (an expired task whose other slices still run).
  */
-static struct umbd_batch *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
+static struct umbd_task *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
 {
     turn_ring(pool);
-    struct umbd_batch *batch = pool->first;
-    batch->waited = 0;
-    *first = batch->next_point;
+    struct umbd_task *task = pool->first;
+    task->waited = 0;
+    *first = task->next_record;
     *count = 0;
-    if (batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns) {
-        stop_batch(pool, batch, UMB_E_DEADLINE);
-        return batch->in_flight == 0 ? batch : NULL;
+    if (task->deadline_ns != 0 && umbu_clock_ns() >= task->deadline_ns) {
+        stop_task(pool, task, UMB_E_DEADLINE);
+        return task->in_flight == 0 ? task : NULL;
     }
-    size_t left = batch->points.count - batch->next_point;
-    *count = left < batch->slice_points ? left : batch->slice_points;
-    batch->next_point += *count;
-    batch->in_flight++;
-    if (!batch->begun) {
-        batch->begun = 1;
+    size_t left = task->count - task->next_record;
+    *count = left < task->slice ? left : task->slice;
+    task->next_record += *count;
+    task->in_flight++;
+    if (!task->begun) {
+        task->begun = 1;
         umbd_count(&pool->metrics->batches_started, 1);
-        umbd_observe(&pool->metrics->queued, umbu_clock_ns() - batch->queued_ns);
+        umbd_observe(&pool->metrics->queued, umbu_clock_ns() - task->queued_ns);
     }
-    if (batch->next_point == batch->points.count) {
-        unlink_batch(pool, batch);
+    if (task->next_record == task->count) {
+        unlink_task(pool, task);
     } else {
-        ring_remove(pool, batch);
-        ring_append(pool, batch);
+        ring_remove(pool, task);
+        ring_append(pool, task);
     }
-    return batch;
+    return task;
 }
 
-static void give_back(struct umbd_pool *pool, struct umbd_batch *batch)
+static void give_back(struct umbd_pool *pool, struct umbd_task *task)
 {
-    if (batch->status == UMB_OK) {
-        umbd_count(&pool->metrics->points, batch->points.count * batch->part_count);
+    if (task->status == UMB_OK) {
+        umbd_count(&pool->metrics->points, task->answered);
     }
-    if (batch->status == UMB_OK && batch->picture_work.pack) {
-        umbd_picture_work_pack(batch);
+    if (task->status == UMB_OK && task->end != NULL) {
+        task->status = task->end(task, &task->error);
     }
-    if (batch->status == UMB_OK && batch->work_end != NULL) {
-        batch->status = batch->work_end(batch, &batch->error);
-    }
-    batch->done(batch);
+    task->done(task);
 }
 
 static void *worker(void *argument)
@@ -245,23 +241,25 @@ static void *worker(void *argument)
         }
         size_t first = 0;
         size_t count = 0;
-        struct umbd_batch *batch = take_slice(pool, &first, &count);
-        if (batch == NULL) {
+        struct umbd_task *task = take_slice(pool, &first, &count);
+        if (task == NULL) {
             continue;
         }
         pthread_mutex_unlock(&pool->mutex);
         if (count > 0) {
-            struct umbd__slice_result result;
-            enum umb_status status = umbd__slice_run(batch, first, count, &result);
+            struct umbd_slice_result result;
+            memset(&result.stats, 0, sizeof result.stats);
+            result.cpu_ns = 0;
+            enum umb_status status = task->run(task, first, count, &result);
             pthread_mutex_lock(&pool->mutex);
-            slice_ended(pool, batch, first, status, &result);
-            int last = !batch->linked && batch->in_flight == 0;
+            slice_ended(pool, task, first, status, &result);
+            int last = !task->linked && task->in_flight == 0;
             pthread_mutex_unlock(&pool->mutex);
             if (last) {
-                give_back(pool, batch);
+                give_back(pool, task);
             }
         } else {
-            give_back(pool, batch);
+            give_back(pool, task);
         }
         pthread_mutex_lock(&pool->mutex);
     }
@@ -316,11 +314,11 @@ void umbd_pool_destroy(struct umbd_pool *pool)
     }
     pthread_mutex_lock(&pool->mutex);
     while (pool->first != NULL) {
-        struct umbd_batch *batch = pool->first;
-        stop_batch(pool, batch, UMB_E_CANCELLED);
-        if (batch->in_flight == 0) {
+        struct umbd_task *task = pool->first;
+        stop_task(pool, task, UMB_E_CANCELLED);
+        if (task->in_flight == 0) {
             pthread_mutex_unlock(&pool->mutex);
-            give_back(pool, batch);
+            give_back(pool, task);
             pthread_mutex_lock(&pool->mutex);
         }
     }
@@ -336,47 +334,47 @@ static enum umb_status queue_full(const struct umbd_pool *pool, struct umb_error
 }
 
 /*
- * Takes the last batch of the longest lane out of a full queue, if that lane stays the longer one
- * with a further batch of this lane. Otherwise a few greedy connections would fill the queue. Only
+ * Takes the last task of the longest lane out of a full queue, if that lane stays the longer one
+ * with a further task of this lane. Otherwise a few greedy connections would fill the queue. Only
  * heads are ever begun, and the victim is not a head. Returns it, to be given back, or NULL.
  */
-static struct umbd_batch *make_room(struct umbd_pool *pool, uint64_t lane)
+static struct umbd_task *make_room(struct umbd_pool *pool, uint64_t lane)
 {
-    const struct umbd_batch *own = find_lane(pool, lane);
-    struct umbd_batch *longest = pool->first;
-    for (struct umbd_batch *head = pool->first; head != NULL; head = head->ring_next) {
+    const struct umbd_task *own = find_lane(pool, lane);
+    struct umbd_task *longest = pool->first;
+    for (struct umbd_task *head = pool->first; head != NULL; head = head->ring_next) {
         longest = head->lane_count > longest->lane_count ? head : longest;
     }
     if (longest == NULL || longest->lane_count <= 1 + (own != NULL ? own->lane_count : 0)) {
         return NULL;
     }
-    struct umbd_batch *victim = longest->last_follower;
+    struct umbd_task *victim = longest->last_follower;
     victim->status = queue_full(pool, &victim->error);
-    unlink_batch(pool, victim);
+    unlink_task(pool, victim);
     return victim;
 }
 
-enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batch,
+enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_task *task,
                                  struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
-    struct umbd_batch *victim = NULL;
+    struct umbd_task *victim = NULL;
     pthread_mutex_lock(&pool->mutex);
     if (pool->depth >= pool->limit && !pool->stopping) {
-        victim = make_room(pool, batch->lane);
+        victim = make_room(pool, task->lane);
     }
     if (pool->depth >= pool->limit || pool->stopping) {
         status = queue_full(pool, error);
-    } else if (batch->points.count == 0) {
+    } else if (task->count == 0) {
         status = umb_fail(error, UMB_E_ARGUMENT, "points: an empty batch needs no worker");
     } else {
-        umbd__batch_set_slice(batch);
-        batch->queued_ns = umbu_clock_ns();
-        batch->next_point = 0;
-        batch->in_flight = 0;
-        batch->status = UMB_OK;
-        link_batch(pool, batch);
-        if (batch->points.count > batch->slice_points) {
+        task->queued_ns = umbu_clock_ns();
+        task->next_record = 0;
+        task->in_flight = 0;
+        task->status = UMB_OK;
+        task->pool = pool;
+        link_task(pool, task);
+        if (task->count > task->slice) {
             pthread_cond_broadcast(&pool->wake);
         } else {
             pthread_cond_signal(&pool->wake);
@@ -389,19 +387,28 @@ enum umb_status umbd_pool_submit(struct umbd_pool *pool, struct umbd_batch *batc
     return status;
 }
 
-void umbd_pool_cancel(struct umbd_pool *pool, struct umbd_batch *batch)
+void umbd_task_cancel(struct umbd_task *task)
 {
+    struct umbd_pool *pool = task->pool;
     int last = 0;
-    atomic_store_explicit(&batch->given_up, 1, memory_order_relaxed);
+    atomic_store_explicit(&task->given_up, 1, memory_order_relaxed);
     pthread_mutex_lock(&pool->mutex);
-    if (batch->linked) {
-        stop_batch(pool, batch, UMB_E_CANCELLED);
-        last = batch->in_flight == 0;
+    if (task->linked) {
+        stop_task(pool, task, UMB_E_CANCELLED);
+        last = task->in_flight == 0;
     }
     pthread_mutex_unlock(&pool->mutex);
     if (last) {
-        give_back(pool, batch);
+        give_back(pool, task);
     }
+}
+
+enum umb_status umbd_task_stopped(const struct umbd_task *task)
+{
+    if (atomic_load_explicit(&task->given_up, memory_order_relaxed)) {
+        return UMB_E_CANCELLED;
+    }
+    return task->deadline_ns != 0 && umbu_clock_ns() >= task->deadline_ns ? UMB_E_DEADLINE : UMB_OK;
 }
 
 size_t umbd_pool_depth(struct umbd_pool *pool)

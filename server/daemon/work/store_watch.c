@@ -154,7 +154,7 @@ static void *watch_thread(void *argument)
         if (rescan) {
             struct timespec pause = {.tv_nsec = UMBD_RESCAN_PAUSE_MS * 1000000L};
             nanosleep(&pause, NULL);
-            /* Kicks from here on may concern folders that the scan has passed. */
+            /* A kick from here on asks for another scan: this one may have passed its folder. */
             atomic_store(&watch->kicked, 0);
             watch_folders(watch); /* before the scan, which then sees files in new folders */
             scan(watch);

@@ -10,18 +10,18 @@
 #include "store/store.h"
 #include "daemon/base/daemon_metrics.h"
 
-#define UMBD_RESCAN_S        30 /* scan interval, since events can be lost */
+#define UMBD_RESCAN_S        30 /* longest time between scans: events can be lost */
 #define UMBD_WATCH_END_MS    1000
-#define UMBD_RESCAN_PAUSE_MS 50 /* a burst of events becomes one scan */
+#define UMBD_RESCAN_PAUSE_MS 50 /* pause before a scan: a burst of events becomes one scan */
 /* Packed size from which a file does not delay a scan. */
 #define UMBD_LANE_BYTES     (UINT64_C(64) << 20)
-#define UMBD_SCRUB_PAUSE_MS 1000 /* between searches for an asset to check */
+#define UMBD_SCRUB_PAUSE_MS 1000 /* time between searches for an asset to check */
 /* Rate of checking: leaves most of the disk's bandwidth to the calls. */
 #define UMBD_SCRUB_BYTES_PER_MS 262144
 
 struct umbd_store_watch; /* opaque */
 
-/* Makes the object. The store may be opened with its umbd_store_watch_retired before the start. */
+/* Makes the object. The store may be opened with the callbacks below before the start. */
 UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics,
                                                     const struct umbs_log *log,
                                                     struct umbd_store_watch **out,

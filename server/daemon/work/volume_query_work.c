@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "store/store.h"
 #include "query/volume_parts.h"
 #include "tool/clock.h"
 
@@ -16,23 +15,12 @@
 
 /* A slice in progress. It owns nothing, since it may be left midway if the asset's file is cut. */
 struct slice {
-    const struct umbd_batch *batch;
     struct umbd_volume_query *volume_query;
     size_t first, count;
     struct umb_error *error;
     enum umb_status status;
     struct umb_volume_stats stats;
 };
-
-/* UMB_OK while the call waits for the answers; else the status that ended the wait. */
-static enum umb_status stopped(const struct umbd_batch *batch)
-{
-    if (atomic_load_explicit(&batch->given_up, memory_order_relaxed)) {
-        return UMB_E_CANCELLED;
-    }
-    return batch->deadline_ns != 0 && umbu_clock_ns() >= batch->deadline_ns ? UMB_E_DEADLINE
-                                                                            : UMB_OK;
-}
 
 struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request)
 {
@@ -142,7 +130,7 @@ static void run_columns(struct slice *slice, size_t first, size_t count)
 static int box_goes_on(void *user, uint64_t steps)
 {
     struct slice *slice = user;
-    slice->status = stopped(slice->batch);
+    slice->status = umbd_task_stopped(&slice->volume_query->task);
     if (slice->status == UMB_OK && steps >= UMBD_BOX_STEPS_MAX) {
         slice->status = UMB_E_TOO_LARGE;
     }
@@ -184,36 +172,33 @@ static void run_slice(void *user)
         const size_t left = slice->count - at;
         runs[slice->volume_query->request.volume_query](slice, slice->first + at,
                                                         left < CHUNK ? left : CHUNK);
-        slice->status = slice->status == UMB_OK ? stopped(slice->batch) : slice->status;
+        slice->status =
+            slice->status == UMB_OK ? umbd_task_stopped(&slice->volume_query->task) : slice->status;
     }
 }
 
-enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t first, size_t count,
-                                      struct umb_error *error)
+enum umb_status umbd_volume_query_run(struct umbd_task *task, size_t first, size_t count,
+                                      struct umbd_slice_result *result)
 {
-    struct umbd_volume_query *volume_query = batch->work_user;
-    struct slice slice = {.batch = batch,
-                          .volume_query = volume_query,
-                          .first = first,
-                          .count = count,
-                          .error = error};
+    struct umbd_volume_query *volume_query = (struct umbd_volume_query *)task;
+    struct slice slice = {
+        .volume_query = volume_query, .first = first, .count = count, .error = &result->error};
     const uint64_t from = umbu_thread_cpu_ns();
-    enum umb_status status = check(&volume_query->request, first, count, error);
+    enum umb_status status = check(&volume_query->request, first, count, &result->error);
     if (status == UMB_OK) {
-        status = umbs_entry_read(volume_query->entry, run_slice, &slice, error);
+        status = umbs_entry_read(volume_query->entry, run_slice, &slice, &result->error);
     }
     if (status == UMB_OK && slice.status != UMB_OK) {
         status = slice.status;
         if (status != UMB_E_TOO_LARGE) {
-            (void)umb_fail(error, status, "%s within records %zu to %zu of %zu",
+            (void)umb_fail(&result->error, status, "%s within records %zu to %zu of %zu",
                            status == UMB_E_DEADLINE ? "the deadline passed" : "cancelled", first,
-                           first + count - 1, batch->points.count);
+                           first + count - 1, task->count);
         }
     }
-    atomic_fetch_add_explicit(&volume_query->nodes, slice.stats.nodes, memory_order_relaxed);
-    atomic_fetch_add_explicit(&volume_query->bricks, slice.stats.bricks, memory_order_relaxed);
-    atomic_fetch_add_explicit(&volume_query->nanoseconds, umbu_thread_cpu_ns() - from,
-                              memory_order_relaxed);
+    result->stats.nodes = slice.stats.nodes;
+    result->stats.bricks = slice.stats.bricks;
+    result->cpu_ns = umbu_thread_cpu_ns() - from;
     return status;
 }
 
@@ -234,16 +219,16 @@ static size_t gather_intervals(struct umbd_volume_query *volume_query)
     return count;
 }
 
-enum umb_status umbd_volume_query_end(struct umbd_batch *batch, struct umb_error *error)
+enum umb_status umbd_volume_query_end(struct umbd_task *task, struct umb_error *error)
 {
-    struct umbd_volume_query *volume_query = batch->work_user;
+    struct umbd_volume_query *volume_query = (struct umbd_volume_query *)task;
     struct umbw_volume_query_reply reply = {
         .volume_query = volume_query->request.volume_query,
         .ignores_translucent = umb_volume_ignores_translucent(&volume_query->volume),
         .has_stats = volume_query->request.want_stats,
-        .nodes = atomic_load(&volume_query->nodes),
-        .bricks = atomic_load(&volume_query->bricks),
-        .nanoseconds = atomic_load(&volume_query->nanoseconds),
+        .nodes = task->stats.nodes,
+        .bricks = task->stats.bricks,
+        .nanoseconds = task->cpu_ns,
         .count = volume_query->request.count,
     };
     memcpy(reply.asset_id, umbs_entry_item(volume_query->entry)->id, UMB_ID_BYTES);

@@ -3,10 +3,10 @@
 #define UMBRAGE_SERVER_DAEMON_WORK_VOLUME_QUERY_WORK_H
 /*
  * Segments, columns and boxes of one request, answered by workers in slices. This is the work of a
- * slice (volume_query_work.c); service_volume_queries.c makes and ends it.
+ * slice (volume_query_work.c); service/service_volume_queries.c makes and ends it.
  */
-#include <stdatomic.h>
-#include "daemon/work/pool.h"
+#include "daemon/work/task.h"
+#include "store/store.h"
 #include "umbrage/volume.h"
 #include "wire/volume_queries.h"
 
@@ -15,27 +15,26 @@
 #define UMBD_BOX_STEPS_MAX (1U << 24)
 
 struct umbd_volume_query {
-    struct umbw_volume_query_request request; /* records of the request; they lie in: */
-    uint8_t *message;                         /* owned */
-    struct umbs_entry *entry;                 /* owned: the version that answers */
+    struct umbd_task task;                    /* The first field */
+    struct umbw_volume_query_request request; /* Request; its records lie in `message` */
+    uint8_t *message;                         /* Message, owned */
+    struct umbs_entry *entry;                 /* Version that answers, owned */
     struct umb_volume volume;
-    uint8_t *answers; /* all answers, owned */
+    uint8_t *answers; /* All answers, owned */
     /* Arrays of a reply; but each segment has room for as many intervals as were requested. */
     uint8_t *fields[UMBW_ANSWER_FIELDS];
-    atomic_uint_fast64_t nodes, bricks, nanoseconds;
-    struct umbw_buffer reply; /* reply with its prefix, owned */
+    struct umbw_buffer reply; /* Reply with its prefix, owned */
 };
 
 /* The records in the library's form. */
 struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request);
 
-/* Answers a slice; umbd_work_fn. Fails: E_ARGUMENT (a number that is not finite), E_TOO_LARGE (a
- * box with too many steps), E_DEADLINE, E_CANCELLED; as umbs_entry_read. */
-UMB_CHECKED enum umb_status umbd_volume_query_run(const struct umbd_batch *batch, size_t first,
-                                                  size_t count, struct umb_error *error);
+/* Answers a slice; `run` of the task. Fails: E_ARGUMENT (a number that is not finite), E_TOO_LARGE
+ * (a box with too many steps), E_DEADLINE, E_CANCELLED; as umbs_entry_read. */
+UMB_CHECKED enum umb_status umbd_volume_query_run(struct umbd_task *task, size_t first,
+                                                  size_t count, struct umbd_slice_result *result);
 
-/* Makes the reply of all answers, once. Fails: E_NO_MEMORY, E_TOO_LARGE. */
-UMB_CHECKED enum umb_status umbd_volume_query_end(struct umbd_batch *batch,
-                                                  struct umb_error *error);
+/* Makes the reply of all answers, once; `end` of the task. Fails: E_NO_MEMORY, E_TOO_LARGE. */
+UMB_CHECKED enum umb_status umbd_volume_query_end(struct umbd_task *task, struct umb_error *error);
 
 #endif
