@@ -127,15 +127,15 @@ void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *w
     umbd_conn_terminate(conn, NGHTTP2_ENHANCE_YOUR_CALM);
 }
 
-void umbd_conn_cut(struct umbd_conn *conn, const char *which)
+void umbd_conn_cut(struct umbd_conn *conn, const char *timer)
 {
     umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
     if (umbd_loop_may_log(conn->loop)) {
         umbs_log_event(&conn->server->log, UMB_LOG_INFO, "conn_timeout",
                        "peer=\"%s\" conn=%llu timer=%s", conn->peer,
-                       (unsigned long long)conn->serial, which);
+                       (unsigned long long)conn->serial, timer);
     }
-    umbd_conn_close(conn, which);
+    umbd_conn_close(conn, timer);
 }
 
 void umbd_conn_notice(struct umbd_conn *conn)
