@@ -8,7 +8,7 @@ SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/scene/*.c))
 STORE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/store/*.c))
 RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
 JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
-DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c))
+DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c server/daemon/*/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
 STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/study_page.o
 # A sparse volume beside the study's look-ups, where its headers are (libnanovdb-dev).

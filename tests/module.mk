@@ -219,6 +219,9 @@ test: deps ## everything: units, sanitizers, system, interop (see docs/explained
 layers: ## prove the include rules
 	@/usr/bin/python3 tests/lint/layers.py
 
+circles: $(PROGRAMS) ## prove from the object files that no files of the daemon call each other in a circle
+	@/usr/bin/python3 tests/lint/circles.py --build $(BUILD) server/daemon
+
 prose-sample: ## 60 comments and 24 paragraphs drawn at random (SEED=1)
 	@/usr/bin/python3 tests/lint/prose_sample.py $(or $(SEED),1)
 
@@ -232,7 +235,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers circles lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -8,7 +8,12 @@
 #include <strings.h>
 #include <unistd.h>
 
-#include "daemon/acceptor.h"
+#include "base/try.h"
+#include "daemon/base/net_address.h"
+#include "daemon/transport/acceptor.h"
+#include "daemon/transport/loop.h"
+#include "daemon/work/pool.h"
+#include "jobs/service.h"
 
 #define REQUEST_BYTES 4096
 #define CLIENTS_MAX   32
@@ -17,7 +22,7 @@
 struct admin_client {
     uv_tcp_t tcp;
     uv_write_t write;
-    struct umbd_loop *loop;
+    struct umbd_admin *admin;
     struct admin_client *next;
     uint64_t opened_ms;
     size_t size;
@@ -28,7 +33,8 @@ struct admin_client {
 
 struct umbd_admin {
     struct umbd_acceptor acceptor;
-    struct umbd_loop *loop;
+    struct umbd_daemon *daemon;
+    uv_loop_t *loop;
     struct admin_client *clients;
     size_t client_count;
     char text[UMBD_ADDRESS_TEXT_SIZE];
@@ -43,7 +49,7 @@ static void on_client_closed(uv_handle_t *handle)
 
 static void client_close(struct admin_client *client)
 {
-    struct umbd_admin *admin = client->loop->admin;
+    struct umbd_admin *admin = client->admin;
     if (client->closing) {
         return;
     }
@@ -95,14 +101,30 @@ static void answer_text(struct admin_client *client, const char *status, const c
     answer(client, status, "text/plain; charset=utf-8", body, strlen(body), head_only);
 }
 
+/* Reads the values of a scrape that are not counters. */
+static struct umbd_gauges read_gauges(struct umbd_daemon *daemon)
+{
+    struct umbj_service *jobs = daemon->backend.jobs;
+    struct umbd_gauges gauges = {
+        .queue_depth = umbd_pool_depth(daemon->backend.pool),
+        .buffered_bytes = atomic_load(&daemon->server.buffered),
+        .ready = !atomic_load(&daemon->server.draining),
+    };
+    umbs_store_count(daemon->backend.store, &gauges.assets);
+    if (jobs != NULL) {
+        gauges.jobs = umbj_service_counters(jobs);
+        gauges.tiles = umbj_snapshot_tiles(umbj_service_snapshot(jobs));
+    }
+    return gauges;
+}
+
 static void answer_metrics(struct admin_client *client, int head_only)
 {
-    struct umbd_daemon *daemon = client->loop->daemon;
-    struct umbd_gauges gauges;
+    struct umbd_daemon *daemon = client->admin->daemon;
+    const struct umbd_gauges gauges = read_gauges(daemon);
     char *text = NULL;
     size_t size = 0;
-    umbd_daemon_gauges(daemon, &gauges);
-    if (umbd_metrics_text(&daemon->metrics, &gauges, &text, &size) != UMB_OK) {
+    if (umbd_metrics_text(&daemon->server.metrics, &gauges, &text, &size) != UMB_OK) {
         answer_text(client, "503 Service Unavailable", "out of memory\n", head_only);
         return;
     }
@@ -157,7 +179,7 @@ static void route(struct admin_client *client)
     } else if (strcmp(path, "/livez") == 0) {
         answer_text(client, "200 OK", "ok\n", head_only);
     } else if (strcmp(path, "/readyz") == 0) {
-        int draining = atomic_load(&client->loop->daemon->draining);
+        int draining = atomic_load(&client->admin->daemon->server.draining);
         answer_text(client, draining ? "503 Service Unavailable" : "200 OK",
                     draining ? "draining\n" : "ok\n", head_only);
     } else {
@@ -209,9 +231,9 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
         (void)close(fd);
         return;
     }
-    client->loop = admin->loop;
-    client->opened_ms = uv_now(&admin->loop->uv);
-    uv_tcp_init(&admin->loop->uv, &client->tcp);
+    client->admin = admin;
+    client->opened_ms = uv_now(admin->loop);
+    uv_tcp_init(admin->loop, &client->tcp);
     client->tcp.data = client;
     client->next = admin->clients;
     admin->clients = client;
@@ -228,7 +250,7 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     }
 }
 
-/* The acceptor rests until the next tick. The connections' listener logs what is short. */
+/* The acceptor tries again with the next tick. The listeners log what is short. */
 static void on_refused(struct umbd_acceptor *acceptor, int code)
 {
     (void)acceptor;
@@ -241,67 +263,57 @@ static void on_admin_closed(uv_handle_t *handle)
     free(acceptor->user);
 }
 
-static int listen_at(struct umbd_admin *admin, const struct sockaddr_storage *address)
+enum umb_status umbd_admin_open(struct umbd_daemon *daemon, struct umb_error *error)
 {
-    int fd = -1;
-    int code = umbd_socket_bind((const struct sockaddr *)address,
-                                address->ss_family == AF_INET6 ? sizeof(struct sockaddr_in6)
-                                                               : sizeof(struct sockaddr_in),
-                                &fd);
-    return code == 0 ? umbd_acceptor_start(&admin->acceptor, &admin->loop->uv, fd, CLIENTS_MAX)
-                     : code;
-}
-
-enum umb_status umbd_admin_open(struct umbd_loop *loop, struct umb_error *error)
-{
+    const char *option = daemon->server.options.admin;
     struct umbn_address address;
     struct sockaddr_storage resolved;
     socklen_t size = sizeof resolved;
-    if (loop->daemon->options.admin == NULL) {
+    if (option == NULL) {
         return UMB_OK;
     }
-    enum umb_status status = umbd_address_parse_admin(loop->daemon->options.admin, &address, error);
-    if (status == UMB_OK) {
-        status = umbd_address_resolve(&address, &resolved, error);
-    }
-    if (status == UMB_OK && !umbd_address_is_loopback(&resolved)) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "--admin: '%.100s' is not a loopback host",
-                          loop->daemon->options.admin);
-    }
-    if (status != UMB_OK) {
-        return status;
+    UMB__TRY(umbd_address_parse_admin(option, &address, error));
+    UMB__TRY(umbd_address_resolve(&address, &resolved, error));
+    if (!umbd_address_is_loopback(&resolved)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--admin: '%.100s' is not a loopback host", option);
     }
     struct umbd_admin *admin = calloc(1, sizeof *admin);
     if (admin == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the admin port");
     }
-    admin->loop = loop;
+    admin->daemon = daemon;
+    admin->loop = &daemon->server.loops[0].uv;
     admin->acceptor =
         (struct umbd_acceptor){.fd = -1, .user = admin, .taken = on_taken, .refused = on_refused};
-    loop->admin = admin;
-    int code = listen_at(admin, &resolved);
+    daemon->admin = admin;
+    int fd;
+    int code = umbd_socket_bind((const struct sockaddr *)&resolved, &fd);
+    if (code == 0) {
+        code = umbd_acceptor_start(&admin->acceptor, admin->loop, fd, CLIENTS_MAX);
+    }
     if (code != 0) {
-        return umb_fail(error, UMB_E_UNAVAILABLE, "--admin: cannot listen on '%.100s': %s",
-                        loop->daemon->options.admin, uv_strerror(code));
+        return umb_fail(error, UMB_E_UNAVAILABLE, "--admin: cannot listen on '%.100s': %s", option,
+                        uv_strerror(code));
     }
     memcpy(admin->text, "http:", 6);
     (void)getsockname(admin->acceptor.fd, (struct sockaddr *)&resolved, &size);
     umbd_address_text(&resolved, admin->text + 5, sizeof admin->text - 5);
-    umbs_log_event(&loop->daemon->log, UMB_LOG_INFO, "admin", "address=\"%s\"", admin->text);
+    umbs_log_event(&daemon->server.log, UMB_LOG_INFO, "admin", "address=\"%s\"", admin->text);
     return UMB_OK;
 }
 
-const char *umbd_admin_text(const struct umbd_loop *loop)
+const char *umbd_admin_text(const struct umbd_daemon *daemon)
 {
-    return loop->admin != NULL ? loop->admin->text : NULL;
+    return daemon->admin != NULL ? daemon->admin->text : NULL;
 }
 
-void umbd_admin_tick(struct umbd_loop *loop, uint64_t now_ms)
+void umbd_admin_tick(struct umbd_daemon *daemon, uint64_t now_ms)
 {
-    if (loop->admin != NULL) {
-        umbd_acceptor_tick(&loop->admin->acceptor);
+    if (daemon->admin == NULL) {
+        return;
     }
-    struct admin_client *client = loop->admin != NULL ? loop->admin->clients : NULL;
+    umbd_acceptor_tick(&daemon->admin->acceptor);
+    struct admin_client *client = daemon->admin->clients;
     while (client != NULL) {
         struct admin_client *next = client->next;
         if (now_ms - client->opened_ms > CLIENT_MS) {
@@ -311,15 +323,15 @@ void umbd_admin_tick(struct umbd_loop *loop, uint64_t now_ms)
     }
 }
 
-void umbd_admin_close(struct umbd_loop *loop)
+void umbd_admin_close(struct umbd_daemon *daemon)
 {
-    struct umbd_admin *admin = loop->admin;
+    struct umbd_admin *admin = daemon->admin;
     if (admin == NULL) {
         return;
     }
     while (admin->clients != NULL) {
         client_close(admin->clients);
     }
-    loop->admin = NULL;
+    daemon->admin = NULL;
     umbd_acceptor_close(&admin->acceptor, on_admin_closed);
 }

@@ -5,6 +5,7 @@
  * serving the others.
  */
 #include <errno.h>
+#include <libgen.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "common/private_folder.h"
 #include "daemon/daemon.h"
 #include "jobs/job_place.h"
@@ -57,17 +59,9 @@ static enum umb_status check_folder(const char *option, const char *path, struct
     } else if (errno != ENOENT) {
         code = errno;
     } else {
-        size_t length = strlen(path);
-        while (length > 0 && path[length - 1] == '/') {
-            length--;
-        }
-        while (length > 0 && path[length - 1] != '/') {
-            length--;
-        }
-        const int wrote = length == 0 ? snprintf(above, sizeof above, ".")
-                                      : snprintf(above, sizeof above, "%.*s", (int)length, path);
+        const int wrote = snprintf(above, sizeof above, "%s", path);
         code = wrote < 0 || (size_t)wrote >= sizeof above ? ENAMETOOLONG
-               : access(above, W_OK | X_OK) != 0          ? errno
+               : access(dirname(above), W_OK | X_OK) != 0 ? errno
                                                           : 0;
     }
     return code == 0 ? UMB_OK
@@ -89,7 +83,7 @@ static enum umb_status check_cache(const char *path, struct umb_error *error)
     return status;
 }
 
-/* Checks the table's place. The start checks a jobs folder that does not exist yet. */
+/* Checks the place of the job table. The start checks a jobs folder that does not exist yet. */
 static enum umb_status check_table(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbj_place place;
@@ -127,36 +121,27 @@ static enum umb_status check_slurm(struct umb_error *error)
 
 static enum umb_status check_jobs(const struct umbd_options *options, struct umb_error *error)
 {
-    enum umb_status status = check_folder("--jobs", options->jobs, error);
-    if (status == UMB_OK) {
-        status = umbd_daemon_check_apart(options, options->jobs, error);
+    UMB__TRY(check_folder("--jobs", options->jobs, error));
+    UMB__TRY(umbd_daemon_check_apart(options, options->jobs, error));
+    UMB__TRY(check_table(options, error));
+    if (options->bake_program != NULL && access(options->bake_program, X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
+                              options->bake_program);
     }
-    if (status == UMB_OK) {
-        status = check_table(options, error);
-    }
-    if (status == UMB_OK && options->bake_program != NULL &&
-        access(options->bake_program, X_OK) != 0) {
-        status = umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
-                                options->bake_program);
-    }
-    return status == UMB_OK && strcmp(options->executor, "slurm") == 0 ? check_slurm(error)
-                                                                       : status;
+    return strcmp(options->executor, "slurm") == 0 ? check_slurm(error) : UMB_OK;
 }
 
 enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb_error *error)
 {
-    enum umb_status status = check_stores(options, error);
-    if (status == UMB_OK && options->cache != NULL) {
-        status = check_cache(options->cache, error);
+    UMB__TRY(check_stores(options, error));
+    if (options->cache != NULL) {
+        UMB__TRY(check_cache(options->cache, error));
     }
-    if (status == UMB_OK && options->token_file != NULL) {
-        status = check_tokens(options, error);
+    if (options->token_file != NULL) {
+        UMB__TRY(check_tokens(options, error));
     }
-    if (status == UMB_OK && options->tls_cert != NULL && options->tls_key != NULL) {
-        status = check_tls(options, error);
+    if (options->tls_cert != NULL && options->tls_key != NULL) {
+        UMB__TRY(check_tls(options, error));
     }
-    if (status == UMB_OK && options->jobs != NULL) {
-        status = check_jobs(options, error);
-    }
-    return status;
+    return options->jobs != NULL ? check_jobs(options, error) : UMB_OK;
 }

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "daemon/daemon.h"
-#include "daemon/service_manager.h"
+#include "daemon/base/service_manager.h"
 
 /* The settings as a config file, in memory; free() it. NULL: out of memory. */
 static char *settings_text(const struct umbd_options *options)
@@ -61,36 +61,61 @@ static void log_waiting(const struct umbs_log *log, const char *before, char *af
 
 static void take_over(struct umbd_daemon *daemon, const struct umbd_options *now)
 {
-    struct umbd_options *old = &daemon->options;
+    struct umbd_options *old = &daemon->server.options;
     old->log_level = now->log_level;
     old->scrub_interval_ms = now->scrub_interval_ms;
-    umbs_log_set_level(&daemon->log, now->log_level);
+    umbs_log_set_level(&daemon->server.log, now->log_level);
     umbd_store_watch_set_scrub(daemon->watch, now->scrub_interval_ms);
     char *before = settings_text(old);
     char *after = settings_text(now);
     if (before != NULL && after != NULL) {
-        log_waiting(&daemon->log, before, after);
+        log_waiting(&daemon->server.log, before, after);
     }
     free(before);
     free(after);
-    umbs_log_event(&daemon->log, UMB_LOG_INFO, "reloaded", "what=config");
+    umbs_log_event(&daemon->server.log, UMB_LOG_INFO, "reloaded", "what=config");
 }
 
-void umbd_daemon_reload(struct umbd_daemon *daemon)
+static void reload_config(struct umbd_daemon *daemon)
 {
     struct umbd_options now;
     struct umb_error error;
-    if (daemon->options.argv == NULL) {
+    if (daemon->server.options.argv == NULL) {
         return;
     }
     umbd_notify_reloading();
-    if (umbd_options_parse(daemon->options.argc, daemon->options.argv, &now, &error) == UMB_OK) {
+    if (umbd_options_parse(daemon->server.options.argc, daemon->server.options.argv, &now,
+                           &error) == UMB_OK) {
         take_over(daemon, &now);
     } else {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(&daemon->log, UMB_LOG_ERROR, "not_reloaded", "what=config reason=%s",
+        umbs_log_event(&daemon->server.log, UMB_LOG_ERROR, "not_reloaded", "what=config reason=%s",
                        umbs_log_quote(error.message, quoted));
     }
     umbd_options_finish(&now);
     umbd_notify("READY=1");
+}
+
+static void log_reload(const struct umbd_daemon *daemon, const char *what, enum umb_status status,
+                       const struct umb_error *error)
+{
+    if (status == UMB_OK) {
+        umbs_log_event(&daemon->server.log, UMB_LOG_INFO, "reloaded", "what=%s", what);
+    } else {
+        umbs_log_event(&daemon->server.log, UMB_LOG_ERROR, "not_reloaded", "what=%s reason=\"%s\"",
+                       what, error->message);
+    }
+}
+
+void umbd_daemon_reload(struct umbd_daemon *daemon)
+{
+    struct umb_error error;
+    reload_config(daemon);
+    if (daemon->server.tls != NULL) {
+        log_reload(daemon, "tls", umbd_tls_reload(daemon->server.tls, &error), &error);
+    }
+    if (daemon->backend.tokens != NULL) {
+        log_reload(daemon, "tokens", umbd_tokens_reload(daemon->backend.tokens, &error), &error);
+    }
+    umbd_store_watch_kick(daemon->watch);
 }

@@ -7,8 +7,8 @@
 #include <unistd.h>
 
 #include "common/sha256.h"
-#include "daemon/daemon_options.h"
-#include "daemon/tokens.h"
+#include "daemon/base/daemon_options.h"
+#include "daemon/base/tokens.h"
 #include "fuzz.h"
 #include "fuzz_folder.h"
 

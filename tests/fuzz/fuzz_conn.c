@@ -18,9 +18,12 @@
 #include <unistd.h>
 
 #include "common/sha256.h"
-#include "daemon/conn.h"
-#include "daemon/h2_filter.h"
-#include "daemon/loop_group.h"
+#include "daemon/daemon.h"
+#include "daemon/service/services.h"
+#include "daemon/transport/conn.h"
+#include "daemon/transport/h2_filter.h"
+#include "daemon/transport/loop_group.h"
+#include "daemon/work/pool.h"
 #include "format/content.h"
 #include "fuzz.h"
 #include "fuzz_folder.h"
@@ -71,7 +74,7 @@ static void start(void)
     static struct umbd_options options;
     struct umb_error error = {0};
     char path[400];
-    if (daemon_of_all.loops != NULL) {
+    if (daemon_of_all.server.loops != NULL) {
         return;
     }
     (void)signal(SIGPIPE, SIG_IGN); /* as daemon_main.c does */
@@ -88,11 +91,12 @@ static void start(void)
         words[count++] = (char *)(uintptr_t)fixed[i];
     }
     if (umbd_options_parse(count, words, &options, &error) != UMB_OK ||
-        umbd_daemon_init(&daemon_of_all, &options, &error) != UMB_OK ||
-        umbd_loops_init(&daemon_of_all, &error) != UMB_OK) {
+        umbd_daemon_init(&daemon_of_all, &options, umbd_methods, &error) != UMB_OK ||
+        umbd_loops_init(&daemon_of_all.server, &error) != UMB_OK) {
         (void)fprintf(stderr, "%s\n", error.message);
         abort();
     }
+    daemon_of_all.server.daemon = &umbd_daemon_events;
 }
 
 /* ---- what the peer sends ---- */
@@ -121,7 +125,7 @@ static const uint8_t *take(struct script *script, size_t want, size_t *got)
 
 static void turn(void)
 {
-    (void)uv_run(&daemon_of_all.loops[0].uv, UV_RUN_NOWAIT);
+    (void)uv_run(&daemon_of_all.server.loops[0].uv, UV_RUN_NOWAIT);
 }
 
 /* Where in a frame the daemon's answer is. */
@@ -362,7 +366,7 @@ static void connection(const uint8_t *data, size_t size)
     start();
     FUZZ_DEMAND(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, sockets) == 0);
     memset(&heard, 0, sizeof heard);
-    struct umbd_loop *loop = &daemon_of_all.loops[0];
+    struct umbd_loop *loop = &daemon_of_all.server.loops[0];
     struct script script = {data, data + size, sockets[0], NULL, 1, 0};
     FUZZ_DEMAND(nghttp2_hd_deflate_new(&script.packer, 4096) == 0);
     umbd_conn_adopt(loop, sockets[1], UMBN_UNIX, 0);
@@ -373,14 +377,15 @@ static void connection(const uint8_t *data, size_t size)
     }
     nghttp2_hd_deflate_del(script.packer);
     (void)close(sockets[0]);
-    for (unsigned i = 0; loop->conn_count > 0 || atomic_load(&daemon_of_all.buffered) > 0; i++) {
+    for (unsigned i = 0; loop->conn_count > 0 || atomic_load(&daemon_of_all.server.buffered) > 0;
+         i++) {
         FUZZ_DEMAND(i < WAIT_ROUNDS);
         turn();
         if (i > 16) {
             (void)poll(NULL, 0, 1); /* a worker has it */
         }
     }
-    FUZZ_DEMAND(umbd_pool_depth(daemon_of_all.pool) == 0 && loop->first_conn == NULL);
+    FUZZ_DEMAND(umbd_pool_depth(daemon_of_all.backend.pool) == 0 && loop->first_conn == NULL);
 }
 
 /* ---- the filter ---- */

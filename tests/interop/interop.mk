@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # umbraged with the service that the gRPC project's interop clients ask, for tests alone.
 INTEROP := tests/interop/service
-INTEROP_OBJ := $(patsubst %.c,$(BUILD)/interop/%.o,$(wildcard server/daemon/*.c) $(INTEROP)/interop_service.c)
+INTEROP_OBJ := $(BUILD)/interop/interop_service.o $(BUILD)/interop/interop_test.pb-c.o
 
 $(BUILD)/gen/interop_test.pb-c.c $(BUILD)/gen/interop_test.pb-c.h &: $(INTEROP)/interop_test.proto
 	@mkdir -p $(@D)
@@ -14,18 +14,21 @@ $(BUILD)/interop/interop_test.pb-c.o: $(BUILD)/gen/interop_test.pb-c.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(filter-out -W%,$(CFLAGS_ALL)) -I$(BUILD)/gen -c $< -o $@
 
-$(BUILD)/interop/%.o: %.c | $(BUILD)/gen/interop_test.pb-c.h $(PROTO_GEN_C)
+$(BUILD)/interop/interop_service.o: $(INTEROP)/interop_service.c | $(BUILD)/gen/interop_test.pb-c.h $(PROTO_GEN_C)
 	@mkdir -p $(@D)
-	$(call say,CC,$@)
-	$(Q)$(CC) $(CFLAGS_ALL) $(INC_server) -I$(INTEROP) -DUMBRAGE_TEST_SERVICE -c $< -o $@
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) $(INC_server) -c $< -o $@
 
-$(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(BUILD)/interop/interop_test.pb-c.o $(NET_OBJ) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
+$(BUILD)/interop/umbraged: $(INTEROP_OBJ) $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
--include $(INTEROP_OBJ:.o=.d)
-
 # Decodes and encodes messages, for test_wire.py.
-$(BUILD)/interop/wire_echo: $(BUILD)/interop/$(INTEROP)/wire_echo.o $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
+$(BUILD)/interop/wire_echo.o: $(INTEROP)/wire_echo.c
+	@mkdir -p $(@D)
+	$(call say,CC,$<)
+	$(Q)$(CC) $(CFLAGS_ALL) $(INC_server) -c $< -o $@
+
+$(BUILD)/interop/wire_echo: $(BUILD)/interop/wire_echo.o $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(WIRE_LIBS) $(CORE_LIBS) -o $@

@@ -63,10 +63,10 @@ LIBRARIES = {
 FLOORS = {
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/*"],
     "server/bake": [
-        "bake_progress interrupt print_text",
+        "base/*",
         "sandbox/*",
         "import/*",
-        "bake_options effect_options light_options",
+        "options/*",
         "depth/*",
         "analysis/*",
         "build/*",
@@ -74,31 +74,19 @@ FLOORS = {
         "write/*",
         "*",
     ],
-    "server/daemon": [
-        "net_address config_file daemon_options daemon_metrics rate_limit tokens box_price h2_filter h2_guard",
-        "tls_context calibrations store_watch service_manager",
-        "pool batch batch_slice picture_work volume_query_work",
-        "acceptor listener conn conn_* loop loop_*",
-        "call call_* job_request optimistic_reads query_budget",
-        "service_*",
-        "*",
+    "server/store": ["fault_guard", "asset_map", "store_record", "store_cache", "*"],
+    "server/jobs": [
+        "job job_place file_threads folder farm",
+        "bundle staging",
+        "upload job_*",
+        "executor worker_process bake_try farm_bake slurm_farm status_snapshot",
+        "service*",
     ],
+    "server/daemon": ["base/*", "work/*", "transport/*", "call/*", "service/*", "*"],
 }
 
 # "file -> file": why it is there still.
-DAEMON = "the circle of connection, call and loop; issue 20 makes three floors of it"
-KNOWN = {
-    "server/daemon/conn.c -> server/daemon/call_rights.h": DAEMON,
-    "server/daemon/conn_h2.c -> server/daemon/call.h": DAEMON,
-    "server/daemon/conn_io.c -> server/daemon/call.h": DAEMON,
-    "server/daemon/conn_room.c -> server/daemon/call_rights.h": DAEMON,
-    "server/daemon/loop.c -> server/daemon/admin.h": "the loop calls the admin port's tick",
-    "server/daemon/loop.c -> server/daemon/call.h": DAEMON,
-    "server/daemon/loop.c -> server/daemon/job_request.h": DAEMON,
-    "server/daemon/loop.h -> server/daemon/daemon.h": "each loop reaches the daemon through itself",
-    "server/daemon/loop.h -> server/daemon/optimistic_reads.h": DAEMON,
-    "server/daemon/daemon_options.c -> server/daemon/loop_group.h": "the highest number of loops",
-}
+KNOWN = {}
 
 
 def sources():

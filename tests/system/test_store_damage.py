@@ -163,7 +163,7 @@ def visibilities(reply):
     return found
 
 
-# Answers of one event share the look at the file that proves them (server/daemon/optimistic_reads.h).
+# Answers of one event share the look at the file that proves them (server/daemon/call/optimistic_reads.h).
 with test.check("of requests in one packet those on the damaged asset fail, and no answer of it leaves"):
     asked = [(STREAM, "victim", 5), (QUERY, "other", 1), (QUERY, "victim", 1), (STREAM, "other", 5)]
     for _ in range(3):

@@ -1,29 +1,66 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* grpc.testing.TestService of the test build. */
-#include "interop_service.h"
-
+/*
+ * umbraged with grpc.testing.TestService, which the gRPC project's interop clients ask: only in
+ * BUILD/interop/umbraged, to show that the framing is any gRPC server's. Never shipped.
+ */
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/call.h"
+#include "daemon/daemon.h"
+#include "daemon/service/services.h"
 #include "interop_test.pb-c.h"
 
 #define SIZE_MAX_BYTES (16 << 20) /* of one payload that a client may order */
 
-static int is_name(const uint8_t *bytes, size_t size, const char *name)
+#define ECHO_INITIAL  "x-grpc-test-echo-initial"
+#define ECHO_TRAILING "x-grpc-test-echo-trailing-bin"
+
+/* State of a call. */
+struct echo {
+    char initial[256],
+        trailing[256]; /* Metadata that the client wants back, as it came; "" = none */
+    int32_t total;     /* Bytes that came in a StreamingInputCall */
+};
+
+/* The call's state, made on first use; NULL: out of memory. */
+static struct echo *echo_of(struct umbd_call *call)
+{
+    if (call->state == NULL) {
+        call->state = calloc(1, sizeof(struct echo));
+    }
+    return call->state;
+}
+
+static void close_call(struct umbd_call *call)
+{
+    free(call->state);
+}
+
+static int is_name(const char *bytes, size_t size, const char *name)
 {
     return size == strlen(name) && memcmp(bytes, name, size) == 0;
 }
 
-void umbd_interop_header(struct umbd_echo *echo, const uint8_t *name, size_t name_size,
-                         const uint8_t *value, size_t value_size)
+static void take_header(struct umbd_call *call, const char *name, size_t name_size,
+                        const char *value, size_t value_size)
 {
-    char *to = is_name(name, name_size, UMBD_ECHO_INITIAL)    ? echo->initial
-               : is_name(name, name_size, UMBD_ECHO_TRAILING) ? echo->trailing
-                                                              : NULL;
-    if (to != NULL && value_size < sizeof echo->initial) {
+    const int is_initial = is_name(name, name_size, ECHO_INITIAL);
+    if ((is_initial || is_name(name, name_size, ECHO_TRAILING)) && echo_of(call) != NULL &&
+        value_size < sizeof echo_of(call)->initial) {
+        char *to = is_initial ? echo_of(call)->initial : echo_of(call)->trailing;
         memcpy(to, value, value_size);
         to[value_size] = '\0';
+    }
+}
+
+static void give_field(const struct umbd_call *call, int is_trailer, const char **name,
+                       const char **value)
+{
+    const struct echo *echo = call->state;
+    const char *text = echo == NULL ? "" : is_trailer ? echo->trailing : echo->initial;
+    if (text[0] != '\0') {
+        *name = is_trailer ? ECHO_TRAILING : ECHO_INITIAL;
+        *value = text;
     }
 }
 
@@ -67,13 +104,13 @@ static uint8_t *zeros(struct umbd_call *call, int32_t size)
     return bytes;
 }
 
-void umbd_interop_empty(struct umbd_call *call)
+static void serve_empty(struct umbd_call *call)
 {
     Grpc__Testing__Empty empty = GRPC__TESTING__EMPTY__INIT;
     reply(call, &empty.base);
 }
 
-void umbd_interop_unary(struct umbd_call *call)
+static void serve_unary(struct umbd_call *call)
 {
     Grpc__Testing__SimpleRequest *request =
         grpc__testing__simple_request__unpack(NULL, call->message_size, call->message);
@@ -95,7 +132,7 @@ void umbd_interop_unary(struct umbd_call *call)
     grpc__testing__simple_request__free_unpacked(request, NULL);
 }
 
-void umbd_interop_input(struct umbd_call *call)
+static void serve_input(struct umbd_call *call)
 {
     Grpc__Testing__StreamingInputCallRequest *request =
         grpc__testing__streaming_input_call_request__unpack(NULL, call->message_size,
@@ -104,19 +141,21 @@ void umbd_interop_input(struct umbd_call *call)
         bad_request(call);
         return;
     }
-    call->echo.total += request->payload != NULL ? (int32_t)request->payload->body.len : 0;
+    if (echo_of(call) != NULL && request->payload != NULL) {
+        echo_of(call)->total += (int32_t)request->payload->body.len;
+    }
     grpc__testing__streaming_input_call_request__free_unpacked(request, NULL);
 }
 
-void umbd_interop_input_end(struct umbd_call *call)
+static void end_input(struct umbd_call *call)
 {
     Grpc__Testing__StreamingInputCallResponse answer =
         GRPC__TESTING__STREAMING_INPUT_CALL_RESPONSE__INIT;
-    answer.aggregated_payload_size = call->echo.total;
+    answer.aggregated_payload_size = echo_of(call) != NULL ? echo_of(call)->total : -1;
     reply(call, &answer.base);
 }
 
-void umbd_interop_duplex(struct umbd_call *call)
+static void serve_duplex(struct umbd_call *call)
 {
     Grpc__Testing__StreamingOutputCallRequest *request =
         grpc__testing__streaming_output_call_request__unpack(NULL, call->message_size,
@@ -143,8 +182,43 @@ void umbd_interop_duplex(struct umbd_call *call)
     grpc__testing__streaming_output_call_request__free_unpacked(request, NULL);
 }
 
-void umbd_interop_output(struct umbd_call *call)
+static void serve_output(struct umbd_call *call)
 {
-    umbd_interop_duplex(call);
+    serve_duplex(call);
     umbd_call_finish(call);
+}
+
+#define OF_SERVICE                                                                                 \
+    .scope = UMBD_SCOPE_QUERY, .header = take_header, .field = give_field, .close = close_call
+
+static const struct umbd_method own[] = {
+    {.path = "/grpc.testing.TestService/EmptyCall", .serve = serve_empty, OF_SERVICE},
+    {.path = "/grpc.testing.TestService/UnaryCall", .serve = serve_unary, OF_SERVICE},
+    {.path = "/grpc.testing.TestService/StreamingInputCall",
+     .kind = UMBD_CLIENT_STREAM,
+     .price = UMBD_PRICE_REQUEST,
+     .serve = serve_input,
+     .end = end_input,
+     OF_SERVICE},
+    {.path = "/grpc.testing.TestService/StreamingOutputCall",
+     .kind = UMBD_SERVER_STREAM,
+     .serve = serve_output,
+     OF_SERVICE},
+    {.path = "/grpc.testing.TestService/FullDuplexCall",
+     .kind = UMBD_BIDI_STREAM,
+     .price = UMBD_PRICE_REQUEST,
+     .serve = serve_duplex,
+     OF_SERVICE},
+};
+
+/* Serves the daemon's methods, and these before them. */
+int main(int argc, char **argv)
+{
+    static struct umbd_method all[UMBD_METHODS_MAX];
+    const size_t count = sizeof own / sizeof own[0];
+    memcpy(all, own, sizeof own);
+    for (size_t i = 0; umbd_methods[i].path != NULL && count + i < UMBD_METHODS_MAX - 1; i++) {
+        all[count + i] = umbd_methods[i];
+    }
+    return umbd_run(argc, argv, all);
 }

@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
-#include "daemon/acceptor.h"
+#include "daemon/transport/acceptor.h"
 
 enum {
     COMERS = 3
@@ -74,7 +74,7 @@ static void the_last_descriptor_is_used_and_nobody_is_refused_who_is_not_there(v
     assert_non_null(mkdtemp(folder));
     snprintf(name.sun_path, sizeof name.sun_path, "%s/socket", folder);
     assert_int_equal(uv_loop_init(&loop), 0);
-    assert_int_equal(umbd_socket_bind((struct sockaddr *)&name, sizeof name, &fd), 0);
+    assert_int_equal(umbd_socket_bind((struct sockaddr *)&name, &fd), 0);
     assert_int_equal(umbd_acceptor_start(&acceptor, &loop, fd, COMERS), 0);
     for (int i = 0; i < COMERS; i++) {
         comers[i] = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);

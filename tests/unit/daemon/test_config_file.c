@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "daemon/daemon_options.h"
+#include "daemon/base/daemon_options.h"
 
 static char path[64];
 

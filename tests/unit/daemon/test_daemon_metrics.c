@@ -9,7 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/daemon_metrics.h"
+#include "daemon/base/daemon_metrics.h"
+#include "daemon/service/services.h"
+
+/* Rows of the table. */
+#define QUERY (&umbd_methods[0])
+#define LIST  (&umbd_methods[3])
 
 static char *render(struct umbd_metrics *metrics, const struct umbd_gauges *gauges)
 {
@@ -25,16 +30,21 @@ static void metrics_text_counts_calls_by_code_and_time(void **state)
     static struct umbd_metrics metrics;
     struct umbd_gauges gauges = {.queue_depth = 3, .assets = {.healthy = 2}, .ready = 1};
     (void)state;
-    umbd_count(&metrics.started[UMBD_METHOD_QUERY], 3);
-    umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 0, 40000);
-    umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 0, 50000);
-    umbd_metrics_handled(&metrics, UMBD_METHOD_QUERY, 3, 7000000000);
-    umbd_metrics_handled(&metrics, UMBD_METHOD_LIST, 99, 1);
+    metrics.methods = umbd_methods;
+    for (int i = 0; i < 3; i++) {
+        umbd_metrics_started(&metrics, QUERY);
+    }
+    umbd_metrics_handled(&metrics, QUERY, 0, 40000);
+    umbd_metrics_handled(&metrics, QUERY, 0, 50000);
+    umbd_metrics_handled(&metrics, QUERY, 3, 7000000000);
+    umbd_metrics_handled(&metrics, LIST, 99, 1);
     umbd_observe(&metrics.queued, 100000);
     struct umbs_store_report report = {
         .loaded = 3, .failed = 2, .failed_machine = 1, .load_ms = 1250};
     umbd_metrics_scanned(&metrics, &report);
-    umbd_count(&metrics.started[UMBD_METHOD_LIST], 6);
+    for (int i = 0; i < 6; i++) {
+        umbd_metrics_started(&metrics, LIST);
+    }
     char *text = render(&metrics, &gauges);
     static const char *const lines[] = {
         "\numbrage_inflight 5\n",
@@ -74,7 +84,7 @@ static void metrics_text_counts_calls_by_code_and_time(void **state)
 
 static void metrics_text_declares_each_family_once(void **state)
 {
-    static struct umbd_metrics metrics;
+    static struct umbd_metrics metrics = {.methods = umbd_methods};
     struct umbd_gauges gauges = {0};
     (void)state;
     char *text = render(&metrics, &gauges);

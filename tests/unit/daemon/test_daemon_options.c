@@ -8,8 +8,8 @@
 
 #include <string.h>
 
-#include "daemon/daemon_options.h"
-#include "daemon/net_address.h"
+#include "daemon/base/daemon_options.h"
+#include "daemon/base/net_address.h"
 
 #define PARSE(options, error, ...) parse((char *[]){"umbraged", __VA_ARGS__, NULL}, options, error)
 

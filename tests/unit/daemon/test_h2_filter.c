@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#include "daemon/h2_filter.h"
+#include "daemon/transport/h2_filter.h"
 
 struct text {
     uint8_t bytes[4096];

@@ -6,7 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "daemon/h2_guard.h"
+#include "daemon/transport/h2_guard.h"
 
 #define SECOND ((uint64_t)1000000000)
 

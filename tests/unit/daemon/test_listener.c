@@ -17,8 +17,9 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "daemon/listener.h"
-#include "daemon/service_manager.h"
+#include "daemon/daemon.h"
+#include "daemon/transport/listener.h"
+#include "daemon/base/service_manager.h"
 
 struct fixture {
     char folder[64], path[128], address[160];
@@ -35,9 +36,9 @@ static int setup(void **state)
     assert_non_null(mkdtemp(f->folder));
     snprintf(f->path, sizeof f->path, "%s/s", f->folder);
     snprintf(f->address, sizeof f->address, "unix:%s", f->path);
-    umbs_log_init(&f->daemon.log, open("/dev/null", O_WRONLY | O_CLOEXEC), UMB_LOG_INFO);
-    f->daemon.options.socket_mode = 0600;
-    f->loop.daemon = &f->daemon;
+    umbs_log_init(&f->daemon.server.log, open("/dev/null", O_WRONLY | O_CLOEXEC), UMB_LOG_INFO);
+    f->daemon.server.options.socket_mode = 0600;
+    f->loop.server = &f->daemon.server;
     assert_int_equal(uv_loop_init(&f->loop.uv), 0);
     *state = f;
     return 0;
@@ -62,8 +63,8 @@ static int teardown(void **state)
 
 static enum umb_status open_at(struct fixture *f, const char *address)
 {
-    f->daemon.options.listen[0] = address;
-    f->daemon.options.listen_count = 1;
+    f->daemon.server.options.listen[0] = address;
+    f->daemon.server.options.listen_count = 1;
     return umbd_listeners_open(&f->loop, &f->error);
 }
 
@@ -92,7 +93,7 @@ static void unix_sockets_have_their_mode_whatever_the_umask(void **state)
     static const mode_t modes[] = {0600, 0660, 0777};
     for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
         const mode_t before = umask(0077);
-        f->daemon.options.socket_mode = modes[i];
+        f->daemon.server.options.socket_mode = modes[i];
         assert_int_equal(open_at(f, f->address), UMB_OK);
         umask(before);
         assert_int_equal(stat(f->path, &facts), 0);
@@ -159,7 +160,7 @@ static void tcp_addresses_in_use_unknown_or_open_to_all_are_refused(void **state
     assert_non_null(strstr(f->error.message, "--without-tokens"));
     assert_int_equal(open_at(f, "tcp:[::]:0"), UMB_E_ARGUMENT);
     assert_int_equal(open_at(f, "nothing:1"), UMB_E_ARGUMENT);
-    f->daemon.options.without_tokens = 1;
+    f->daemon.server.options.without_tokens = 1;
     assert_int_equal(open_at(f, "tcp:0.0.0.0:0"), UMB_OK);
 }
 
@@ -207,7 +208,7 @@ static enum umb_status open_handed(struct fixture *f, int fd, const char *names)
 static void handed_sockets_must_listen_and_be_what_their_names_say(void **state)
 {
     struct fixture *f = *state;
-    f->daemon.options.listen_count = 0;
+    f->daemon.server.options.listen_count = 0;
     assert_int_equal(open_handed(f, make_socket(SOCK_STREAM, NULL, 1), "plain"), UMB_OK);
     assert_int_equal(open_handed(f, make_socket(SOCK_STREAM, NULL, 0), ""), UMB_E_ARGUMENT);
     assert_non_null(strstr(f->error.message, "not a listening stream socket"));

@@ -16,8 +16,8 @@
 #include <unistd.h>
 
 #include "daemon/admin.h"
-#include "daemon/listener.h"
-#include "daemon/service_manager.h"
+#include "daemon/transport/listener.h"
+#include "daemon/base/service_manager.h"
 
 /* A daemon of which only the loop's listeners and the admin port work. */
 struct place {
@@ -37,10 +37,10 @@ static int set_up(void **state)
     assert_non_null(mkdtemp(place->folder));
     snprintf(place->path, sizeof place->path, "%s/socket", place->folder);
     snprintf(place->unix_text, sizeof place->unix_text, "unix:%s", place->path);
-    umbs_log_init(&place->daemon.log, STDERR_FILENO, UMB_LOG_ERROR);
-    place->daemon.loops = &place->loop;
-    place->daemon.loop_count = 1;
-    place->loop.daemon = &place->daemon;
+    umbs_log_init(&place->daemon.server.log, STDERR_FILENO, UMB_LOG_ERROR);
+    place->daemon.server.loops = &place->loop;
+    place->daemon.server.loop_count = 1;
+    place->loop.server = &place->daemon.server;
     umbd_bucket_init(&place->loop.log_budget, 1, 1, uv_hrtime());
     assert_int_equal(uv_loop_init(&place->loop.uv), 0);
     *state = place;
@@ -50,7 +50,7 @@ static int set_up(void **state)
 static void close_all(struct place *place)
 {
     umbd_listeners_close(&place->loop);
-    umbd_admin_close(&place->loop);
+    umbd_admin_close(&place->daemon);
     (void)uv_run(&place->loop.uv, UV_RUN_DEFAULT);
 }
 
@@ -67,8 +67,8 @@ static int tear_down(void **state)
 
 static enum umb_status open_at(struct place *place, const char *text, struct umb_error *error)
 {
-    place->daemon.options.listen[0] = text;
-    place->daemon.options.listen_count = 1;
+    place->daemon.server.options.listen[0] = text;
+    place->daemon.server.options.listen_count = 1;
     return umbd_listeners_open(&place->loop, error);
 }
 
@@ -166,7 +166,7 @@ static int connect_admin(struct place *place)
 {
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     to.sin_port =
-        htons((uint16_t)strtol(strrchr(umbd_admin_text(&place->loop), ':') + 1, NULL, 10));
+        htons((uint16_t)strtol(strrchr(umbd_admin_text(&place->daemon), ':') + 1, NULL, 10));
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_int_equal(connect(fd, (struct sockaddr *)&to, sizeof to), 0);
     return fd;
@@ -202,8 +202,8 @@ static void the_admin_port_answers_what_it_should_and_refuses_the_rest(void **st
 {
     struct place *place = *state;
     struct umb_error error;
-    place->daemon.options.admin = "127.0.0.1:0";
-    assert_int_equal(umbd_admin_open(&place->loop, &error), UMB_OK);
+    place->daemon.server.options.admin = "127.0.0.1:0";
+    assert_int_equal(umbd_admin_open(&place->daemon, &error), UMB_OK);
     static const struct {
         const char *request, *answer;
     } cases[] = {
@@ -228,7 +228,7 @@ static void the_admin_port_answers_what_it_should_and_refuses_the_rest(void **st
     const char *head = asked(place, "HEAD /livez HTTP/1.1\r\n\r\n");
     assert_non_null(strstr(head, "Content-Length: 3"));
     assert_null(strstr(head, "ok\n"));
-    atomic_store(&place->daemon.draining, 1);
+    atomic_store(&place->daemon.server.draining, 1);
     assert_non_null(strstr(asked(place, "GET /readyz HTTP/1.1\r\n\r\n"), "HTTP/1.1 503"));
     char line[8192];
     memset(line, 'x', sizeof line - 1);
@@ -240,8 +240,8 @@ static void a_silent_client_of_the_admin_port_makes_room_and_has_its_time(void *
 {
     struct place *place = *state;
     struct umb_error error;
-    place->daemon.options.admin = "127.0.0.1:0";
-    assert_int_equal(umbd_admin_open(&place->loop, &error), UMB_OK);
+    place->daemon.server.options.admin = "127.0.0.1:0";
+    assert_int_equal(umbd_admin_open(&place->daemon, &error), UMB_OK);
     int silent[40];
     for (size_t i = 0; i < sizeof silent / sizeof silent[0]; i++) {
         silent[i] = connect_admin(place);
@@ -249,7 +249,7 @@ static void a_silent_client_of_the_admin_port_makes_room_and_has_its_time(void *
     }
     assert_non_null(strstr(asked(place, "GET /livez HTTP/1.1\r\n\r\n"), "HTTP/1.1 200"));
     assert_string_equal(read_all(place, silent[0]), ""); /* made room */
-    umbd_admin_tick(&place->loop, uv_now(&place->loop.uv) + 6000);
+    umbd_admin_tick(&place->daemon, uv_now(&place->loop.uv) + 6000);
     for (size_t i = 1; i < sizeof silent / sizeof silent[0]; i++) {
         assert_string_equal(read_all(place, silent[i]), ""); /* their time is over */
     }
@@ -259,13 +259,13 @@ static void the_admin_port_listens_on_loopback_only_and_on_a_free_port(void **st
 {
     struct place *place = *state;
     struct umb_error error;
-    assert_int_equal(umbd_admin_open(&place->loop, &error), UMB_OK); /* none is asked for */
-    assert_null(umbd_admin_text(&place->loop));
-    place->daemon.options.admin = "0.0.0.0:0";
-    assert_int_equal(umbd_admin_open(&place->loop, &error), UMB_E_ARGUMENT);
+    assert_int_equal(umbd_admin_open(&place->daemon, &error), UMB_OK); /* none is asked for */
+    assert_null(umbd_admin_text(&place->daemon));
+    place->daemon.server.options.admin = "0.0.0.0:0";
+    assert_int_equal(umbd_admin_open(&place->daemon, &error), UMB_E_ARGUMENT);
     assert_int_equal(open_at(place, "tcp:127.0.0.1:0", &error), UMB_OK);
-    place->daemon.options.admin = place->loop.listeners->text + 4;
-    assert_int_equal(umbd_admin_open(&place->loop, &error), UMB_E_UNAVAILABLE);
+    place->daemon.server.options.admin = place->loop.listeners->text + 4;
+    assert_int_equal(umbd_admin_open(&place->daemon, &error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(error.message, "--admin"));
 }
 

@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/daemon_options.h"
-#include "daemon/net_address.h"
+#include "daemon/base/daemon_options.h"
+#include "daemon/base/net_address.h"
 
 static struct umbd_options options;
 static struct umb_error error;

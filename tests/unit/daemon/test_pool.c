@@ -11,7 +11,8 @@
 #include <stdatomic.h>
 
 #include "../store/store_fixture.h"
-#include "daemon/pool.h"
+#include "daemon/work/batch.h"
+#include "daemon/work/pool.h"
 #include "tool/clock.h"
 
 #define POINTS 50001 /* odd, several slices, the last one short */
@@ -54,12 +55,12 @@ static int teardown(void **state)
     return 0;
 }
 
-static void on_done(struct umbd_batch *batch)
+static void on_done(struct umbd_task *task)
 {
-    struct fixture *f = batch->home;
+    struct fixture *f = task->home;
     pthread_mutex_lock(&f->mutex);
     if (f->done < 64) {
-        f->order[f->done] = batch->lane;
+        f->order[f->done] = task->lane;
     }
     f->done++;
     pthread_cond_broadcast(&f->changed);
@@ -94,9 +95,9 @@ static struct umbd_batch *make_batch(struct fixture *f, size_t count, uint64_t l
     batch->message = (uint8_t *)positions;
     assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_OK);
     assert_int_equal(umbd_batch_reserve(batch, 0, NULL), UMB_OK);
-    batch->lane = lane;
-    batch->done = on_done;
-    batch->home = f;
+    batch->task.lane = lane;
+    batch->task.done = on_done;
+    batch->task.home = f;
     batch->want_stats = 1;
     return batch;
 }
@@ -116,15 +117,15 @@ static void pool_split_batch_equals_one_run(void **state)
         struct umbd_batch *split = make_batch(f, POINTS, 1, formats[i]);
         struct umbd_batch *whole = make_batch(f, POINTS, 1, formats[i]);
         umbd_batch_run(whole, &f->metrics);
-        assert_int_equal(whole->status, UMB_OK);
-        assert_int_equal(umbd_pool_submit(pool, split, NULL), UMB_OK);
+        assert_int_equal(whole->task.status, UMB_OK);
+        assert_int_equal(umbd_pool_submit(pool, &split->task, NULL), UMB_OK);
         wait_done(f, i + 1);
-        assert_int_equal(split->status, UMB_OK);
+        assert_int_equal(split->task.status, UMB_OK);
         assert_int_equal(split->value_bytes, whole->value_bytes);
         assert_memory_equal(split->values, whole->values, whole->value_bytes);
-        assert_memory_equal(&split->stats, &whole->stats, sizeof whole->stats);
-        assert_int_equal(split->stats.points, POINTS);
-        assert_true(split->cpu_ns > 0);
+        assert_memory_equal(&split->task.stats, &whole->task.stats, sizeof whole->task.stats);
+        assert_int_equal(split->task.stats.points, POINTS);
+        assert_true(split->task.cpu_ns > 0);
         umbd_batch_destroy(split);
         umbd_batch_destroy(whole);
     }
@@ -144,10 +145,10 @@ static void pool_reports_the_first_bad_point_of_the_whole_batch(void **state)
         positions[3 * 30001 + 1] = (float)NAN;
         positions[3 * 20002 + 2] = (float)INFINITY;
         positions[3 * 49999] = (float)NAN;
-        assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
+        assert_int_equal(umbd_pool_submit(pool, &batch->task, NULL), UMB_OK);
         wait_done(f, round + 1);
-        assert_int_equal(batch->status, UMB_E_ARGUMENT);
-        assert_non_null(strstr(batch->error.message, "[20002].z"));
+        assert_int_equal(batch->task.status, UMB_E_ARGUMENT);
+        assert_non_null(strstr(batch->task.error.message, "[20002].z"));
         umbd_batch_destroy(batch);
     }
     assert_int_equal(atomic_load(&f->metrics.points), 0);
@@ -160,49 +161,42 @@ static void pool_never_begins_an_expired_batch(void **state)
     struct umbd_pool *pool;
     struct umbd_batch *batch = make_batch(f, POINTS, 1, UMB_ANSWER_U8);
     assert_int_equal(umbd_pool_create(2, 16, &f->metrics, &pool, NULL), UMB_OK);
-    batch->deadline_ns = umbu_clock_ns() - 1;
-    assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
+    batch->task.deadline_ns = umbu_clock_ns() - 1;
+    assert_int_equal(umbd_pool_submit(pool, &batch->task, NULL), UMB_OK);
     wait_done(f, 1);
-    assert_int_equal(batch->status, UMB_E_DEADLINE);
-    assert_non_null(strstr(batch->error.message, "the deadline passed after 0 of "));
-    assert_non_null(strstr(batch->error.message, " points"));
+    assert_int_equal(batch->task.status, UMB_E_DEADLINE);
+    assert_non_null(strstr(batch->task.error.message, "the deadline passed after 0 of "));
+    assert_non_null(strstr(batch->task.error.message, " points"));
     assert_int_equal(started(f), 0);
     umbd_batch_destroy(batch);
     umbd_pool_destroy(pool);
 }
 
-static enum umb_status no_work(const struct umbd_batch *batch, size_t first, size_t count,
-                               struct umb_error *error)
+static enum umb_status no_work(struct umbd_task *task, size_t first, size_t count,
+                               struct umbd_slice_result *result)
 {
-    (void)batch;
+    (void)task;
     (void)first;
     (void)count;
-    (void)error;
+    (void)result;
     return UMB_OK;
 }
 
 static void work_that_ends_early_says_what_of_in_its_own_words(void **state)
 {
     struct fixture *f = *state;
-    static const struct umb_query_settings no_settings;
     static const char *const items[2] = {"segments", NULL};
     static const char *const words[2] = {"cancelled after 0 of 300 segments", "cancelled"};
     for (size_t i = 0; i < 2; i++) {
-        const struct umb_points count = {.count = 300};
+        struct umbd_task task = {.run = no_work, .count = 300, .slice = 100, .items = items[i]};
         struct umbd_pool *pool;
-        struct umbd_batch *batch;
         assert_int_equal(umbd_pool_create(0, 3, &f->metrics, &pool, NULL), UMB_OK);
-        assert_int_equal(umbd_batch_create(0, &no_settings, &count, &batch, NULL), UMB_OK);
-        batch->work = no_work;
-        batch->work_items = items[i];
-        batch->slice_points = 100;
-        batch->done = on_done;
-        batch->home = f;
-        assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
+        task.done = on_done;
+        task.home = f;
+        assert_int_equal(umbd_pool_submit(pool, &task, NULL), UMB_OK);
         umbd_pool_destroy(pool);
-        assert_int_equal(batch->status, UMB_E_CANCELLED);
-        assert_string_equal(batch->error.message, words[i]);
-        umbd_batch_destroy(batch);
+        assert_int_equal(task.status, UMB_E_CANCELLED);
+        assert_string_equal(task.error.message, words[i]);
     }
 }
 
@@ -219,7 +213,8 @@ static void pool_refuses_beyond_its_queue(void **state)
     assert_int_equal(umbd_pool_create(0, 3, &f->metrics, &pool, NULL), UMB_OK);
     for (size_t i = 0; i < 4; i++) {
         batches[i] = make_batch(f, 100, i % 2, UMB_ANSWER_U8);
-        assert_int_equal(umbd_pool_submit(pool, batches[i], &error), i < 3 ? UMB_OK : UMB_E_BUSY);
+        assert_int_equal(umbd_pool_submit(pool, &batches[i]->task, &error),
+                         i < 3 ? UMB_OK : UMB_E_BUSY);
     }
     assert_non_null(strstr(error.message, "3 (--queue)"));
     assert_int_equal(umbd_pool_depth(pool), 3);
@@ -227,7 +222,7 @@ static void pool_refuses_beyond_its_queue(void **state)
     assert_int_equal(f->done, 3);
     assert_int_equal(started(f), 0);
     for (size_t i = 0; i < 4; i++) {
-        assert_int_equal(batches[i]->status, i < 3 ? UMB_E_CANCELLED : UMB_OK);
+        assert_int_equal(batches[i]->task.status, i < 3 ? UMB_E_CANCELLED : UMB_OK);
         umbd_batch_destroy(batches[i]);
     }
 }
@@ -246,15 +241,15 @@ static void pool_full_of_one_lane_makes_room_for_others(void **state)
     assert_int_equal(umbd_pool_create(0, 6, &f->metrics, &pool, NULL), UMB_OK);
     for (size_t i = 0; i < 13; i++) {
         batches[i] = make_batch(f, 100, lanes[i], UMB_ANSWER_U8);
-        assert_int_equal(umbd_pool_submit(pool, batches[i], &error),
+        assert_int_equal(umbd_pool_submit(pool, &batches[i]->task, &error),
                          taken[i] ? UMB_OK : UMB_E_BUSY);
         assert_in_range(umbd_pool_depth(pool), 1, 6);
     }
     assert_int_equal(f->done, 4);
     for (size_t i = 0; i < 4; i++) {
         assert_int_equal(f->order[i], 1);
-        assert_int_equal(batches[victims[i]]->status, UMB_E_BUSY);
-        assert_non_null(strstr(batches[victims[i]]->error.message, "6 (--queue)"));
+        assert_int_equal(batches[victims[i]]->task.status, UMB_E_BUSY);
+        assert_non_null(strstr(batches[victims[i]]->task.error.message, "6 (--queue)"));
     }
     umbd_pool_destroy(pool);
     assert_int_equal(f->done, 10);
@@ -278,15 +273,15 @@ static void pool_cancel_takes_a_waiting_batch_out_anywhere(void **state)
         assert_int_equal(umbd_pool_create(0, 16, &f->metrics, &pool, NULL), UMB_OK);
         for (size_t i = 0; i < 9; i++) {
             batches[i] = make_batch(f, 10, next_random(&seed) % 3, UMB_ANSWER_U8);
-            assert_int_equal(umbd_pool_submit(pool, batches[i], NULL), UMB_OK);
+            assert_int_equal(umbd_pool_submit(pool, &batches[i]->task, NULL), UMB_OK);
         }
         size_t count = 0;
         for (size_t k = 0; k < 6; k++) {
             size_t i = (size_t)(next_random(&seed) % 9);
-            umbd_pool_cancel(pool, batches[i]); /* twice is allowed */
+            umbd_task_cancel(&batches[i]->task); /* twice is allowed */
             count += !cancelled[i];
             cancelled[i] = 1;
-            assert_int_equal(batches[i]->status, UMB_E_CANCELLED);
+            assert_int_equal(batches[i]->task.status, UMB_E_CANCELLED);
             assert_int_equal(f->done, count);
             assert_int_equal(umbd_pool_depth(pool), 9 - count);
         }
@@ -305,11 +300,11 @@ static void pool_cancel_of_a_running_batch_ends_it_once(void **state)
     assert_int_equal(umbd_pool_create(2, 16, &f->metrics, &pool, NULL), UMB_OK);
     for (size_t round = 0; round < 20; round++) {
         struct umbd_batch *batch = make_batch(f, POINTS, 1, UMB_ANSWER_U8);
-        assert_int_equal(umbd_pool_submit(pool, batch, NULL), UMB_OK);
-        umbd_pool_cancel(pool, batch);
+        assert_int_equal(umbd_pool_submit(pool, &batch->task, NULL), UMB_OK);
+        umbd_task_cancel(&batch->task);
         wait_done(f, round + 1);
-        assert_true(batch->status == UMB_E_CANCELLED || batch->status == UMB_OK);
-        umbd_pool_cancel(pool, batch); /* after its end: nothing */
+        assert_true(batch->task.status == UMB_E_CANCELLED || batch->task.status == UMB_OK);
+        umbd_task_cancel(&batch->task); /* after its end: nothing */
         umbd_batch_destroy(batch);
     }
     assert_int_equal(f->done, 20);
@@ -317,9 +312,9 @@ static void pool_cancel_of_a_running_batch_ends_it_once(void **state)
 }
 
 /* Holds its worker until the test opens the gate, so that the rest of the queue stands still. */
-static void hold_worker(struct umbd_batch *batch)
+static void hold_worker(struct umbd_task *task)
 {
-    struct fixture *f = batch->home;
+    struct fixture *f = task->home;
     pthread_mutex_lock(&f->mutex);
     f->held = 1;
     pthread_cond_broadcast(&f->changed);
@@ -336,8 +331,8 @@ static void pool_takes_turns_between_lanes(void **state)
     struct umbd_batch *batches[6];
     struct umbd_batch *gate = make_batch(f, 10, 9, UMB_ANSWER_U8);
     assert_int_equal(umbd_pool_create(1, 32, &f->metrics, &pool, NULL), UMB_OK);
-    gate->done = hold_worker;
-    assert_int_equal(umbd_pool_submit(pool, gate, NULL), UMB_OK);
+    gate->task.done = hold_worker;
+    assert_int_equal(umbd_pool_submit(pool, &gate->task, NULL), UMB_OK);
     pthread_mutex_lock(&f->mutex);
     while (!f->held) {
         pthread_cond_wait(&f->changed, &f->mutex);
@@ -345,7 +340,7 @@ static void pool_takes_turns_between_lanes(void **state)
     pthread_mutex_unlock(&f->mutex);
     for (size_t i = 0; i < 6; i++) {
         batches[i] = make_batch(f, i == 5 ? 100 : POINTS, i == 5 ? 2 : 1, UMB_ANSWER_U8);
-        assert_int_equal(umbd_pool_submit(pool, batches[i], NULL), UMB_OK);
+        assert_int_equal(umbd_pool_submit(pool, &batches[i]->task, NULL), UMB_OK);
     }
     pthread_mutex_lock(&f->mutex);
     f->gate_open = 1;
@@ -356,7 +351,7 @@ static void pool_takes_turns_between_lanes(void **state)
     assert_int_equal(f->order[0], 2);
     umbd_pool_destroy(pool);
     for (size_t i = 0; i < 6; i++) {
-        assert_int_equal(batches[i]->status, UMB_OK);
+        assert_int_equal(batches[i]->task.status, UMB_OK);
         umbd_batch_destroy(batches[i]);
     }
     umbd_batch_destroy(gate);
@@ -371,8 +366,8 @@ static void slices_of_many_turns_let_others_pass_first(void **state)
     static const size_t counts[4] = {100, 100, 100, POINTS};
     static const uint64_t lanes[4] = {1, 2, 3, 4}, turns[4] = {1000, 3, 2000, 0};
     assert_int_equal(umbd_pool_create(1, 32, &f->metrics, &pool, NULL), UMB_OK);
-    gate->done = hold_worker;
-    assert_int_equal(umbd_pool_submit(pool, gate, NULL), UMB_OK);
+    gate->task.done = hold_worker;
+    assert_int_equal(umbd_pool_submit(pool, &gate->task, NULL), UMB_OK);
     pthread_mutex_lock(&f->mutex);
     while (!f->held) {
         pthread_cond_wait(&f->changed, &f->mutex);
@@ -380,8 +375,8 @@ static void slices_of_many_turns_let_others_pass_first(void **state)
     pthread_mutex_unlock(&f->mutex);
     for (size_t i = 0; i < 4; i++) {
         batches[i] = make_batch(f, counts[i], lanes[i], UMB_ANSWER_U8);
-        batches[i]->slice_turns = turns[i];
-        assert_int_equal(umbd_pool_submit(pool, batches[i], NULL), UMB_OK);
+        batches[i]->task.turns = turns[i];
+        assert_int_equal(umbd_pool_submit(pool, &batches[i]->task, NULL), UMB_OK);
     }
     pthread_mutex_lock(&f->mutex);
     f->gate_open = 1;
@@ -393,7 +388,7 @@ static void slices_of_many_turns_let_others_pass_first(void **state)
     assert_memory_equal(f->order, order, sizeof order);
     umbd_pool_destroy(pool);
     for (size_t i = 0; i < 4; i++) {
-        assert_int_equal(batches[i]->status, UMB_OK);
+        assert_int_equal(batches[i]->task.status, UMB_OK);
         umbd_batch_destroy(batches[i]);
     }
     umbd_batch_destroy(gate);
@@ -413,12 +408,12 @@ static void batch_of_parts_answers_each_as_if_alone(void **state)
         assert_int_equal(umbd_batch_add(twice, entry, 0, NULL), UMB_OK);
     }
     assert_int_equal(umbd_batch_reserve(twice, 7, NULL), UMB_OK);
-    twice->done = on_done;
-    twice->home = f;
+    twice->task.done = on_done;
+    twice->task.home = f;
     umbd_batch_run(alone, &f->metrics);
-    assert_int_equal(umbd_pool_submit(pool, twice, NULL), UMB_OK);
+    assert_int_equal(umbd_pool_submit(pool, &twice->task, NULL), UMB_OK);
     wait_done(f, 1);
-    assert_int_equal(twice->status, UMB_OK);
+    assert_int_equal(twice->task.status, UMB_OK);
     assert_int_equal(twice->value_bytes, 2 * alone->value_bytes);
     assert_memory_equal(twice->values, alone->values, alone->value_bytes);
     assert_memory_equal(twice->values + twice->part_bytes, alone->values, alone->value_bytes);

@@ -15,8 +15,8 @@
 #include <unistd.h>
 
 #include "common/sha256.h"
-#include "daemon/rate_limit.h"
-#include "daemon/tokens.h"
+#include "daemon/base/rate_limit.h"
+#include "daemon/base/tokens.h"
 
 #define SECOND 1000000000ULL
 

@@ -13,8 +13,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "daemon/daemon_options.h"
-#include "daemon/service_manager.h"
+#include "daemon/base/daemon_options.h"
+#include "daemon/base/service_manager.h"
 
 static void set_number(const char *name, unsigned long long value)
 {

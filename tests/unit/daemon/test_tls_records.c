@@ -20,13 +20,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "daemon/conn_tls.h"
-#include "daemon/loop.h"
+#include "daemon/transport/conn_tls.h"
+#include "daemon/transport/loop.h"
 
 struct fixture {
     char folder[64], certificate[96], key[96], other_key[96];
     struct umbd_tls_files files;
-    struct umbd_daemon daemon;
+    struct umbd_server server;
     struct umbd_loop loop;
     struct umbd_conn conn;
     SSL_CTX *context;
@@ -95,8 +95,8 @@ static int setup(void **state)
     snprintf(f->other_key, sizeof f->other_key, "%s/other", f->folder);
     write_files(f);
     f->files = (struct umbd_tls_files){.certificate = f->certificate, .key = f->key};
-    assert_int_equal(umbd_tls_create(&f->files, &f->daemon.tls, &error), UMB_OK);
-    f->loop.daemon = &f->daemon;
+    assert_int_equal(umbd_tls_create(&f->files, &f->server.tls, &error), UMB_OK);
+    f->loop.server = f->conn.server = &f->server;
     f->loop.out = malloc(UMBD_OUT_CAPACITY);
     assert_non_null(f->loop.out);
     f->conn.loop = &f->loop;
@@ -113,7 +113,7 @@ static int teardown(void **state)
     struct fixture *f = *state;
     umbd_conn_tls_finish(&f->conn);
     umbd_conn_tls_finish(&f->conn); /* twice is once */
-    umbd_tls_destroy(f->daemon.tls);
+    umbd_tls_destroy(f->server.tls);
     SSL_free(f->client);
     SSL_CTX_free(f->context);
     unlink(f->certificate);
@@ -308,7 +308,7 @@ static void clients_without_certificates_stay_after_a_reload(void **state)
     assert_true(umbd_conn_tls_is_admitted(&f->conn)); /* its handshake will judge it */
     shake_hands(f);
     assert_true(umbd_conn_tls_is_admitted(&f->conn));
-    assert_int_equal(umbd_tls_reload(f->daemon.tls, &error), UMB_OK);
+    assert_int_equal(umbd_tls_reload(f->server.tls, &error), UMB_OK);
     f->loop.tls_looks = 1000; /* this tick has looked at its share: later */
     assert_true(umbd_conn_tls_is_admitted(&f->conn));
     f->loop.tls_looks = 0;
@@ -349,10 +349,10 @@ static void a_reload_that_fails_changes_nothing(void **state)
 {
     struct fixture *f = *state;
     struct umb_error error;
-    const unsigned before = umbd_tls_generation(f->daemon.tls);
+    const unsigned before = umbd_tls_generation(f->server.tls);
     assert_int_equal(unlink(f->key), 0);
-    assert_int_equal(umbd_tls_reload(f->daemon.tls, &error), UMB_E_NO_INPUT);
-    assert_int_equal(umbd_tls_generation(f->daemon.tls), before);
+    assert_int_equal(umbd_tls_reload(f->server.tls, &error), UMB_E_NO_INPUT);
+    assert_int_equal(umbd_tls_generation(f->server.tls), before);
     shake_hands(f); /* by the files of before */
 }
 

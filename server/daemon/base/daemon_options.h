@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_BASE_DAEMON_OPTIONS_H
+#define UMBRAGE_SERVER_DAEMON_BASE_DAEMON_OPTIONS_H
+/*
+ * The command line and the config file of umbraged, checked. Text fields point into argv, or into
+ * memory of the options. The command line overrides the file; a list (store, listen) of the command
+ * line replaces the file's.
+ * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is seconds).
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include "common/log.h"
+#include "store/store.h"
+#include "daemon/base/net_address.h"
+#include "tool/options.h"
+#include "umbrage/log.h"
+#include "umbrage/status.h"
+
+#define UMBD_LISTEN_MAX 16
+#define UMBD_LOOPS_MAX  64
+
+struct umbd_option_text; /* opaque */
+
+struct umbd_options {
+    const char *stores[UMBS_STORE_FOLDERS_MAX]; /* Folders, NULL after the last */
+    const char *listen[UMBD_LISTEN_MAX + 1];    /* Addresses, NULL after the last */
+    size_t listen_count;
+    const char *admin;                /* Admin port as HOST:PORT, or NULL */
+    const char *address_file;         /* File, or NULL */
+    int copy, warm_up;                /* 1: hold assets in memory; read files ahead (store.h) */
+    const char *cache;                /* Folder of mapped files; NULL: one in each store */
+    uint64_t load_memory;             /* Bytes of an asset while it is loaded, packed and mapped */
+    uint32_t socket_mode;             /* Permissions of Unix sockets */
+    const char *token_file;           /* File, or NULL */
+    int without_tokens;               /* 1: other machines may query without a token */
+    uint64_t address_rate;            /* Points a second for one address, 0 = no limit */
+    uint32_t max_address_connections; /* Connections of one address */
+    uint64_t address_handshakes;      /* TLS handshakes a second for one address, 0 = no limit */
+    uint32_t max_watches;             /* Number of health Watches of connections without rights */
+    const char *tls_cert, *tls_key, *tls_client_ca, *tls_crl; /* Files, or NULL */
+    uint32_t loops;   /* Number of threads that own connections */
+    uint32_t workers; /* Number of threads of the worker pool */
+    uint32_t queue;   /* Number of tasks that may wait for a worker */
+    uint32_t max_connections;
+    uint64_t max_points;        /* Points of a batch */
+    uint64_t max_message;       /* Bytes of a request message */
+    uint64_t max_buffer;        /* Bytes of requests and replies held in the process */
+    uint64_t connection_buffer; /* Bytes of requests and replies held for a connection */
+    uint64_t drain_delay_ms, drain_timeout_ms;
+    uint64_t scrub_interval_ms; /* Longest time between checks of an asset, 0 = no checks */
+    uint64_t max_age_ms;        /* Longest life of a connection, 0 = no limit */
+    uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
+    const char *jobs;                /* Folder of the job service, or NULL */
+    const char *jobs_db;             /* File of the job table; NULL: in that folder */
+    const char *bake_program;        /* Path of umbrage-bake; NULL: beside this program */
+    uint32_t bake_workers;           /* Number of bakes at once */
+    uint32_t bake_threads;           /* Number of threads of one bake */
+    const char *job_sandbox;         /* Sandbox of bakes: required, available, off */
+    const char *executor;            /* Place of bakes: local, slurm */
+    uint64_t executor_interval_ms;   /* Time between questions to Slurm */
+    const char *slurm_options;       /* Options of sbatch, or NULL */
+    uint32_t bake_tile;              /* Texels along a tile's side: the unit of work */
+    uint32_t owner_jobs;             /* Number of unfinished jobs of one owner */
+    uint32_t owner_history;          /* Number of finished jobs listed for one owner */
+    uint64_t tile_cache;             /* Bytes of one owner's kept tiles, 0 = none */
+    uint64_t bake_memory;            /* Bytes of memory of one bake */
+    uint64_t max_bundle, max_asset;  /* Bytes of a bundle, and of an asset */
+    uint64_t owner_bytes, job_bytes; /* Bytes of unfinished jobs' bundles: of one owner, of all */
+    uint64_t owner_assets;           /* Bytes of one owner's assets */
+    uint64_t job_time_ms, job_lease_ms; /* Time limit and lease of one try */
+    uint64_t job_keep_ms;               /* Time for which finished jobs are kept */
+    enum umb_log_level log_level;
+    enum umbs_log_format log_format;
+    const char *config; /* Config file, or NULL */
+    int config_bad;     /* 1: a line of the config file was refused */
+    int check, check_files, print_config, help, version; /* 1: requests that replace serving */
+    struct umbd_option_text *texts;                      /* Texts of the config file, owned */
+    int argc;                                            /* Command line, read again on SIGHUP */
+    char **argv;
+};
+
+/*
+ * Reads argv, and the file that it names. Fails: E_ARGUMENT with a message that names the option,
+ * the value, its limits, and the file's line; as umbd_config_read. With help or version set no
+ * option is required. Finish the options also after a failure.
+ */
+UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
+                                               struct umb_error *error);
+
+/* Frees what the options own. */
+void umbd_options_finish(struct umbd_options *options);
+
+/*
+ * 1 if a listener on that address would serve other machines without any check of callers: no token
+ * file, no client certificates, and no --without-tokens.
+ */
+int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
+                              const struct sockaddr_storage *address);
+
+/* Prints every setting as a config file has it, in the order of the usage. */
+void umbd_options_print(const struct umbd_options *options, FILE *out);
+
+/* The table of options. */
+extern const struct umbu_command umbd_command;
+
+#endif

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The standard health service: Check and Watch for the server, its service and each asset. An
+ * unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a message, for Watch (the gRPC
+ * health checking protocol).
+ */
+#include "daemon/call/call.h"
+#include "daemon/service/services.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum serving {
+    SERVING = 1,
+    NOT_SERVING = 2,
+    SERVICE_UNKNOWN = 3,
+};
+
+#define SERVICE       "umbrage.v1.Shadows"
+#define ASSET_LOOK_MS 1000 /* between two checks of a watched asset */
+
+/*
+ * State of a service. "" and the service are SERVING until the drain begins;
+ * "umbrage.v1.Shadows/ASSET" also depends on the asset: NOT_SERVING while its file is damaged. To
+ * callers without rights an asset is unknown.
+ */
+static int state_of(struct umbd_call *call, const char *service)
+{
+    int serving = atomic_load(&call->server->draining) ? NOT_SERVING : SERVING;
+    size_t length = strlen(SERVICE);
+    if (service[0] == '\0' || strcmp(service, SERVICE) == 0) {
+        return serving;
+    }
+    if (strncmp(service, SERVICE "/", length + 1) != 0) {
+        return SERVICE_UNKNOWN;
+    }
+    if (!umbd_call_may_name_assets(call)) {
+        return SERVICE_UNKNOWN; /* whether the asset exists or not */
+    }
+    struct umbs_entry *entry = NULL;
+    enum umb_status status = umbd_call_acquire(call, service + length + 1, &entry, NULL);
+    umbs_entry_release(entry);
+    return status == UMB_OK ? serving : status == UMB_E_NOT_FOUND ? SERVICE_UNKNOWN : NOT_SERVING;
+}
+
+void umbd_health_check_serve(struct umbd_call *call)
+{
+    char service[256];
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    enum umb_status status =
+        umbw_decode_health_request(call->message, call->message_size, service, &error);
+    int state = status == UMB_OK ? state_of(call, service) : SERVICE_UNKNOWN;
+    if (status == UMB_OK && state == SERVICE_UNKNOWN) {
+        status = umb_fail(&error, UMB_E_NOT_FOUND, "service: '%.100s' is not served here", service);
+    }
+    if (status == UMB_OK) {
+        status = umbw_encode_health_reply(&state, &head, &error);
+    }
+    umbd_call_reply_or_fail(call, status, &head, &error);
+}
+
+/* State of a Watch. */
+struct watch {
+    int last;       /* Serving status sent last, -1 = none */
+    uint64_t at_ms; /* uv_now of the last check */
+    char service[];
+};
+
+/* Sends a Watch the state if it changed. Asset states are checked once a second. */
+void umbd_health_watch_tick(struct umbd_call *call)
+{
+    struct watch *watch = call->state;
+    struct umbw_buffer head = {0};
+    struct umb_error error = {0};
+    uint64_t now_ms = umbd_call_now_ms(call);
+    int draining = atomic_load(&call->server->draining);
+    if (call->reply_ended || watch == NULL ||
+        (watch->last >= 0 && !draining && now_ms - watch->at_ms < ASSET_LOOK_MS)) {
+        return;
+    }
+    int state = state_of(call, watch->service);
+    watch->at_ms = now_ms;
+    if (state == watch->last) {
+        return;
+    }
+    enum umb_status status = umbw_encode_health_reply(&state, &head, &error);
+    if (status == UMB_OK) {
+        watch->last = state;
+        umbd_call_reply(call, &head);
+    } else {
+        umbw_buffer_finish(&head);
+        umbd_call_fail_status(call, status, &error);
+    }
+}
+
+void umbd_health_watch_close(struct umbd_call *call)
+{
+    struct umbd_conn *conn = call->conn;
+    if (call->state != NULL) {
+        conn->watches--;
+        if (!conn->proven) {
+            atomic_fetch_sub(&call->server->stranger_watches, 1);
+        }
+    }
+    free(call->state);
+}
+
+/* Counts a Watch. Fails: E_BUSY (its connection has one, or strangers too many). */
+static enum umb_status take_watch(struct umbd_call *call, struct umb_error *error)
+{
+    struct umbd_conn *conn = call->conn;
+    const unsigned most = call->server->options.max_watches;
+    if (conn->watches > 0) {
+        return umb_fail(error, UMB_E_BUSY,
+                        "watch: this connection has one already; the limit is 1");
+    }
+    if (!conn->proven && atomic_fetch_add(&call->server->stranger_watches, 1) >= most) {
+        atomic_fetch_sub(&call->server->stranger_watches, 1);
+        return umb_fail(error, UMB_E_BUSY,
+                        "watch: connections without rights have %u together (--max-watches)", most);
+    }
+    conn->watches++;
+    return UMB_OK;
+}
+
+void umbd_health_watch_serve(struct umbd_call *call)
+{
+    char service[256];
+    struct umb_error error = {0};
+    enum umb_status status =
+        umbw_decode_health_request(call->message, call->message_size, service, &error);
+    if (status != UMB_OK) {
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    struct watch *watch = malloc(sizeof *watch + strlen(service) + 1);
+    if (watch == NULL) {
+        umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
+        return;
+    }
+    watch->last = -1;
+    watch->at_ms = 0;
+    memcpy(watch->service, service, strlen(service) + 1);
+    status = take_watch(call, &error);
+    if (status != UMB_OK) {
+        free(watch);
+        umbd_count(&call->server->metrics.shed, 1);
+        umbd_call_fail_status(call, status, &error);
+        return;
+    }
+    call->state = watch;
+    umbd_health_watch_tick(call);
+}

@@ -1,0 +1,158 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Connections of a loop: finding, ending and closing them.
+ *
+ * Safety rules: nghttp2's callbacks only queue; only this file, conn_io.c and conn_life.c receive,
+ * send and close. A closed connection stays in memory, with `closing` set, until libuv has closed
+ * its handle. So a pointer that is held across a flush stays valid for the rest of the event.
+ */
+#include "daemon/transport/conn.h"
+
+#include <stdlib.h>
+
+#include "daemon/transport/conn_tls.h"
+#include "tool/clock.h"
+
+static size_t bucket_of(uint64_t serial)
+{
+    return (size_t)serial & (UMBD_CONN_BUCKETS - 1);
+}
+
+struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial)
+{
+    struct umbd_conn *conn = loop->by_serial[bucket_of(serial)];
+    while (conn != NULL && conn->serial != serial) {
+        conn = conn->next_in_bucket;
+    }
+    return conn;
+}
+
+void umbd_conn_link(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    struct umbd_conn **bucket = &loop->by_serial[bucket_of(conn->serial)];
+    conn->next_in_bucket = *bucket;
+    *bucket = conn;
+    conn->next = loop->first_conn;
+    if (conn->next != NULL) {
+        conn->next->previous = conn;
+    }
+    loop->first_conn = conn;
+    loop->conn_count++;
+    atomic_fetch_add(&loop->load, 1);
+    atomic_fetch_add(&loop->server->metrics.connections, 1);
+}
+
+static void unlink_conn(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    struct umbd_conn **at = &loop->by_serial[bucket_of(conn->serial)];
+    while (*at != conn) {
+        at = &(*at)->next_in_bucket;
+    }
+    *at = conn->next_in_bucket;
+    if (conn->previous != NULL) {
+        conn->previous->next = conn->next;
+    } else {
+        loop->first_conn = conn->next;
+    }
+    if (conn->next != NULL) {
+        conn->next->previous = conn->previous;
+    }
+    loop->conn_count--;
+    loop->held -= conn->held ? 1U : 0U;
+    conn->held = 0;
+    atomic_fetch_sub(&loop->load, 1);
+    atomic_fetch_sub(&loop->server->metrics.connections, 1);
+}
+
+void umbd_conn_closed(uv_handle_t *handle)
+{
+    free(handle->data);
+}
+
+/* Sends close_notify, so that a TLS peer can tell a close from a cut. */
+static void say_bye(struct umbd_conn *conn)
+{
+    const uint8_t *bytes = NULL;
+    size_t size = 0;
+    if (conn->tls == NULL || conn->write_pending) {
+        return;
+    }
+    umbd_conn_tls_bye(conn);
+    if (umbd_conn_tls_seal(conn, 0, &bytes, &size) && size > 0) {
+        uv_buf_t buffer = uv_buf_init((char *)(uintptr_t)bytes, (unsigned)size);
+        (void)uv_try_write(&conn->socket.stream, &buffer, 1);
+    }
+}
+
+void umbd_conn_close(struct umbd_conn *conn, const char *why)
+{
+    if (conn->closing) {
+        return;
+    }
+    conn->closing = 1;
+    umbs_log_event(&conn->server->log, UMB_LOG_DEBUG, "conn_closed",
+                   "peer=\"%s\" conn=%llu calls=%zu reason=\"%s\"", conn->peer,
+                   (unsigned long long)conn->serial, conn->call_count, why);
+    conn->server->calls->conn_end(conn);
+    nghttp2_session_del(conn->session);
+    conn->session = NULL;
+    say_bye(conn);
+    umbd_conn_tls_finish(conn);
+    umbd_conn_leave(conn);
+    umbd_peers_release(conn->server->peers, conn->account, umbu_clock_ns());
+    umbd_loop_forget(conn);
+    unlink_conn(conn);
+    uv_close(&conn->socket.handle, umbd_conn_closed);
+}
+
+void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code)
+{
+    if (!conn->terminated) {
+        conn->terminated = 1;
+        conn->terminated_ms = uv_now(&conn->loop->uv);
+        nghttp2_session_terminate_session(conn->session, code);
+    }
+}
+
+void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why)
+{
+    umbd_count(&conn->server->metrics.abuse[kind], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->server->log, UMB_LOG_WARN, "h2_abuse",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, why);
+    }
+    umbd_conn_terminate(conn, NGHTTP2_ENHANCE_YOUR_CALM);
+}
+
+void umbd_conn_cut(struct umbd_conn *conn, const char *timer)
+{
+    umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "conn_timeout",
+                       "peer=\"%s\" conn=%llu timer=%s", conn->peer,
+                       (unsigned long long)conn->serial, timer);
+    }
+    umbd_conn_close(conn, timer);
+}
+
+void umbd_conn_notice(struct umbd_conn *conn)
+{
+    nghttp2_submit_shutdown_notice(conn->session);
+}
+
+void umbd_conn_last_call(struct umbd_conn *conn)
+{
+    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+        umbd_conn_close(conn, "the server stopped during the handshake");
+        return;
+    }
+    conn->server->calls->conn_last_call(conn);
+    if (!conn->closing) {
+        nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
+                              nghttp2_session_get_last_proc_stream_id(conn->session),
+                              NGHTTP2_NO_ERROR, NULL, 0);
+    }
+}

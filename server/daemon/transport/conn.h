@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_H
+#define UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_H
+/*
+ * One connection: its socket, its HTTP/2 session, its calls, its timers and budgets.
+ *
+ * Life: umbd_conn_adopt, then events, then umbd_conn_close from outside nghttp2's callbacks. The
+ * memory is freed when libuv has closed the handle. Calls end before the session, because
+ * nghttp2_session_del does not report its streams.
+ *
+ * Files, the lowest first: loop.c, conn_budget.c, conn_tls.c, conn.c, conn_io.c, conn_h2.c,
+ * conn_room.c, conn_life.c.
+ *
+ * Output: nghttp2's frames are collected in the loop's buffer and written at once. Bytes that the
+ * socket does not take are copied into one pending write, and no more frames are made until that is
+ * done. So a peer that does not read costs one such block, plus the frames that nghttp2 queues
+ * after it: at most UMBD_QUEUED_FRAMES, then the connection ends. A flush sends a limited amount;
+ * the rest waits until other connections have had their turn.
+ */
+#include <nghttp2/nghttp2.h>
+#include <uv.h>
+#include "daemon/transport/h2_filter.h"
+#include "daemon/transport/h2_guard.h"
+#include "daemon/transport/loop.h"
+#include "daemon/base/net_address.h"
+
+struct umbd_conn {
+    struct umbd_loop *loop;
+    struct umbd_server *server; /* The loop's */
+    struct umbd_conn *next, *previous, *next_in_bucket;
+    uint64_t serial;
+    union {
+        uv_handle_t handle;
+        uv_stream_t stream;
+        uv_tcp_t tcp;
+        uv_pipe_t pipe;
+    } socket;
+    char peer[UMBD_ADDRESS_TEXT_SIZE];
+    struct umbd_conn_tls *tls; /* NULL = plain */
+    nghttp2_session *session;
+    struct umbd_call *calls; /* List of its open calls */
+    size_t call_count;
+    size_t buffered;  /* Bytes of its calls and of its pending write */
+    size_t allowance; /* Bytes that it may hold without a further grant, see conn_budget.c */
+    size_t taken;     /* Part of the allowance that its address's share gave */
+
+    struct umbd_conn *next_stranger,
+        *previous_stranger; /* Neighbours in the loop's list, oldest first */
+    int proven;     /* 1 once a call was allowed by its rights; before that it is a stranger */
+    size_t working; /* Number of its calls that were allowed by their rights */
+    uint64_t last_work_ms; /* Time when such a call last began or ended; uv_now */
+    unsigned watches;      /* Number of its health Watches: 0 or 1 */
+
+    struct umbd_peer_account *account; /* Account of its address */
+    /* Rate state of its calls without rights, see UMBD_OPEN_CALLS_OF_ONE. */
+    atomic_uint_fast64_t open_until_ns;
+    struct umbd_token_set *tokens; /* Set that holds `token` */
+    struct umbd_token *token;      /* Token of the last call that had one */
+    unsigned token_generation;
+
+    struct umbd_h2_filter filter;
+    struct umbd_bucket control, resets;
+    unsigned header_strikes;
+
+    uint64_t opened_ms,
+        last_call_ms;    /* Times when it was opened, and when a call last began or ended; uv_now */
+    uint64_t sent_bytes; /* Bytes handed to the socket, the pending write included */
+    uint64_t taken_bytes,
+        ticked_ms; /* Bytes that the peer had taken at the last tick, and the time of that tick */
+    int64_t patience_ms;     /* Time left for a peer that reads too slowly, see umbd_conn_tick */
+    uint64_t retire_at_ms;   /* Time of the next step of its retirement, 0 = none */
+    enum umbd_drain retired; /* Last step of its retirement */
+    int settings_seen;       /* 1 once the handshake is over */
+    int write_pending;
+    int terminated; /* 1: a GOAWAY is queued; no new work begins */
+    uint64_t terminated_ms;
+    int closing;
+    uint64_t turn_ns,
+        turn_at_ms; /* Time spent on small work in the wake-up of turn_at_ms (uv_now) */
+    int pump_due;   /* 1 if streams wait for their turn */
+    int paused;     /* 1: its turn was too long; reading resumes in the next turn */
+    int was_long;   /* 1: it had such a turn, and is read in small pieces since */
+    int held;       /* 1: it is paused until the workers' queue has room */
+    int dirty;
+    struct umbd_conn *next_dirty;
+};
+
+#define UMBD_STREAMS_MAX 256 /* number of calls open at once on a connection */
+
+/* Most frames queued for a peer: an answer for each stream, and the refusals of a burst. */
+#define UMBD_QUEUED_FRAMES 1500
+
+/* Takes over a connected socket; closes it if there is no room or memory. If other loops have the
+ * connections that its address must give up, they get it in turn; refusals: number of loops that
+ * had none. */
+void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
+                     uint32_t refusals);
+
+#define UMBD_KEPT_SHARE 4 /* one part in this of --max-buffer is reserved */
+
+/*
+ * Rights of connections, and room for them (conn_budget.c, conn_room.c).
+ *
+ *     umbd_conn_enter, _leave      adds a new connection, a stranger; removes a closed one
+ *     umbd_conn_prove              a call of it was allowed by its rights
+ *     umbd_conn_doubt              its tokens were read again
+ *     umbd_conn_evict              closes a stranger or an idle connection, at least a second old
+ *     umbd_conn_make_room          closes one if a newcomer needs its place; 1 if there is room
+ *     umbd_conn_make_room_at       closes the loop's oldest stranger of an address; 1 if it had one
+ */
+void umbd_conn_enter(struct umbd_conn *conn);
+void umbd_conn_leave(struct umbd_conn *conn);
+void umbd_conn_prove(struct umbd_conn *conn);
+void umbd_conn_doubt(struct umbd_conn *conn);
+void umbd_conn_evict(struct umbd_loop *loop);
+int umbd_conn_make_room(struct umbd_loop *loop);
+int umbd_conn_make_room_at(struct umbd_loop *loop, const struct sockaddr_storage *address);
+
+/* Adds a connection to its loop's lists; umbd_conn_close removes it. */
+void umbd_conn_link(struct umbd_conn *conn);
+
+/* Frees a connection whose handle libuv has closed. */
+void umbd_conn_closed(uv_handle_t *handle);
+
+/* Closes a connection whose timer has expired. */
+void umbd_conn_cut(struct umbd_conn *conn, const char *timer);
+
+/* Sends GOAWAY to a connection and closes it, to make room for others. Returns 0 for NULL. */
+int umbd_conn_dismiss(struct umbd_conn *conn);
+
+/* 1 if it uses a Unix socket, whose mode has admitted the peer. */
+int umbd_conn_is_local(const struct umbd_conn *conn);
+
+/* Begins to read (conn_io.c); 0 or libuv's error. */
+int umbd_conn_read_start(struct umbd_conn *conn);
+
+/* Resumes reading if it was paused. May close the connection. */
+void umbd_conn_read_again(struct umbd_conn *conn);
+
+/*
+ * Stops reading until the workers' queue has room, at most a tick: one of its calls was refused for
+ * lack of room. Reading a batch only to refuse it costs up to a third of answering it. A client
+ * that repeats its call at once would use up the time for answers. Its data waits in the kernel
+ * meanwhile.
+ */
+void umbd_conn_hold(struct umbd_conn *conn);
+
+/* Resumes after umbd_conn_hold. May close the connection. */
+void umbd_conn_release(struct umbd_conn *conn);
+
+/* Closes now; logs `why` at debug. Not from within nghttp2's callbacks. */
+void umbd_conn_close(struct umbd_conn *conn, const char *why);
+
+/* Sends queued frames up to a limit, the rest soon; closes the connection if its session is over.
+ * Not from callbacks. */
+void umbd_conn_flush(struct umbd_conn *conn);
+
+/* Checks the timers. May close the connection. */
+void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
+
+/* Sends GOAWAY and lets the session end; the tick closes a connection that stays. */
+void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
+
+/*
+ * The two steps in which a connection is asked to leave without losing a call. The first
+ * is a GOAWAY that still admits requests on their way. The final one follows UMBD_NOTICE_MS later;
+ * it ends replies without an end, and streams when they have answered the received requests.
+ */
+#define UMBD_NOTICE_MS 200 /* more than a round trip */
+void umbd_conn_notice(struct umbd_conn *conn);
+void umbd_conn_last_call(struct umbd_conn *conn);
+
+/* Ends the session with a GOAWAY of that code; counts and logs it. Safe in callbacks. */
+void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
+
+/* Counts bytes held for the connection's calls. Returns 1, or 0 if a budget would be exceeded
+ * (*limit and *option then name it). _hand_over: the bytes leave the connection's account and stay
+ * in the server's. */
+int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
+void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);
+void umbd_conn_hand_over(struct umbd_conn *conn, size_t bytes);
+void umbd_conn_charge_always(struct umbd_conn *conn, size_t bytes); /* ignores all budgets */
+
+/* The connection with that serial; NULL if it is closed. */
+struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial);
+
+/* Makes the HTTP/2 session and queues the settings (conn_h2.c). Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_conn_h2_start(struct umbd_conn *conn);
+
+#endif

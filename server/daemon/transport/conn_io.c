@@ -1,0 +1,331 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A connection's socket: reading and writing. Bytes read pass the TLS session, if there is one, and
+ * the frame filter on their way to nghttp2; frames are collected in the loop's buffer, sealed, and
+ * written at once as far as the socket takes them.
+ */
+#include <openssl/err.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/transport/conn.h"
+#include "daemon/transport/conn_tls.h"
+
+#define IN_PLACE_BYTES (64 << 10) /* pieces of at least this size are read in place */
+#define FLUSH_BYTES    (1 << 20)  /* bytes of one flush, then other connections have their turn */
+#define SMALL_BYTES    (8 << 10)  /* read at once from a connection whose turn was too long */
+
+/* One write under way; the block follows. */
+struct pending_write {
+    uv_write_t request;
+    struct umbd_conn *conn;
+    size_t count;
+    uint8_t bytes[];
+};
+
+/* Collects frames into the loop's buffer. Returns 0 or nghttp2's error. */
+static int collect(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    loop->out_size = 0;
+    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+        return 0; /* only the handshake has bytes to send yet */
+    }
+    while (loop->out_size < UMBD_OUT_SOFT) {
+        const uint8_t *bytes = NULL;
+        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
+        if (count <= 0) {
+            return (int)count;
+        }
+        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
+            /* A frame longer than the reserve: the daemon sends none. */
+            return NGHTTP2_ERR_BUFFER_ERROR;
+        }
+        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
+        loop->out_size += (size_t)count;
+    }
+    return 0;
+}
+
+static void on_written(uv_write_t *request, int status)
+{
+    struct pending_write *write = request->data;
+    struct umbd_conn *conn = write->conn;
+    umbd_conn_uncharge(conn, write->count);
+    free(write);
+    conn->write_pending = 0;
+    if (conn->closing) {
+        return;
+    }
+    if (status < 0) {
+        umbd_conn_close(conn, uv_strerror(status));
+    } else {
+        umbd_conn_flush(conn);
+    }
+}
+
+/* Copies the bytes that the socket did not take and lets libuv write them. Returns 0 on failure.
+ * The block counts as held beyond all budgets: those only refuse new work. */
+static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
+{
+    struct pending_write *write = malloc(sizeof *write + count);
+    if (write == NULL) {
+        return 0;
+    }
+    memcpy(write->bytes, bytes, count);
+    write->conn = conn;
+    write->request.data = write;
+    uv_buf_t buffer = uv_buf_init((char *)write->bytes, (unsigned)count);
+    if (uv_write(&write->request, &conn->socket.stream, &buffer, 1, on_written) != 0) {
+        free(write);
+        return 0;
+    }
+    write->count = count;
+    conn->write_pending = 1;
+    umbd_conn_charge_always(conn, count);
+    return 1;
+}
+
+/* Makes the next block for sending; *size is 0 if there is none. Returns 0 if the connection had to
+ * be closed. */
+static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *size)
+{
+    struct umbd_loop *loop = conn->loop;
+    int code = collect(conn);
+    if (code != 0) {
+        umbd_conn_close(conn, nghttp2_strerror(code));
+        return 0;
+    }
+    *bytes = loop->out;
+    *size = loop->out_size;
+    if (conn->tls != NULL && !umbd_conn_tls_seal(conn, loop->out_size, bytes, size)) {
+        umbd_conn_close(conn, "cannot seal");
+        return 0;
+    }
+    return 1;
+}
+
+void umbd_conn_flush(struct umbd_conn *conn)
+{
+    uint64_t until = conn->sent_bytes + FLUSH_BYTES;
+    conn->server->calls->loop_settle(conn->loop); /* before frames are made of the replies */
+    while (!conn->closing && !conn->write_pending) {
+        const uint8_t *bytes = NULL;
+        size_t size = 0;
+        if (conn->sent_bytes >= until) {
+            umbd_loop_flush_later(conn);
+            return;
+        }
+        if (!next_block(conn, &bytes, &size)) {
+            return;
+        }
+        if (size == 0) {
+            break;
+        }
+        conn->sent_bytes += size;
+        uv_buf_t buffer = uv_buf_init((char *)(uintptr_t)bytes, (unsigned)size);
+        int written = uv_try_write(&conn->socket.stream, &buffer, 1);
+        size_t taken = written > 0 ? (size_t)written : 0;
+        if (written < 0 && written != UV_EAGAIN) {
+            umbd_conn_close(conn, uv_strerror(written));
+        } else if (taken < size && !write_later(conn, bytes + taken, size - taken)) {
+            umbd_conn_close(conn, "cannot write");
+        }
+    }
+    if (!conn->closing && !conn->write_pending && !nghttp2_session_want_read(conn->session) &&
+        !nghttp2_session_want_write(conn->session)) {
+        umbd_conn_close(conn, "session over");
+    }
+}
+
+/*
+ * Room for the next bytes: right in their message, if a large piece of one DATA frame is still to
+ * come, else in the loop's buffer. Bytes read in place belong to that frame and to nothing after
+ * it. So they are not read again once the call has them, even if it then drops its message. libuv
+ * reads and calls back at once: the call cannot end in between.
+ */
+static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = handle->data;
+    uint32_t stream_id = 0;
+    uint32_t left = umbd_h2_filter_data_left(&conn->filter, &stream_id);
+    (void)suggested;
+    if (conn->tls == NULL && left >= IN_PLACE_BYTES) {
+        struct umbd_call *call =
+            nghttp2_session_get_stream_user_data(conn->session, (int32_t)stream_id);
+        uint8_t *place = NULL;
+        size_t room = call != NULL ? conn->server->calls->room(call, left, &place) : 0;
+        if (room >= IN_PLACE_BYTES) {
+            *buffer = uv_buf_init((char *)place, (unsigned)room);
+            return;
+        }
+    }
+    *buffer = uv_buf_init((char *)conn->loop->read_buffer,
+                          conn->was_long ? SMALL_BYTES : UMBD_READ_BYTES);
+}
+
+/* The library ended the session: sends its last frames, then closes. */
+static void session_broke(struct umbd_conn *conn, int code)
+{
+    umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "h2_error",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, nghttp2_strerror(code));
+    }
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, nghttp2_strerror(code));
+}
+
+/* TLS failed, or the peer was not accepted: sends the alert, then closes. */
+static void tls_broke(struct umbd_conn *conn)
+{
+    umbd_count(&conn->server->metrics.tls_failures, 1);
+    if (umbd_loop_may_log(conn->loop)) {
+        char reason[160] = "no protocol in common, or cut";
+        unsigned long code = ERR_peek_last_error();
+        if (code != 0) {
+            ERR_error_string_n(code, reason, sizeof reason);
+        }
+        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "tls_failed",
+                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
+                       (unsigned long long)conn->serial, reason);
+    }
+    ERR_clear_error();
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, "TLS failed");
+}
+
+/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
+static int feed_session(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
+    return used < 0 ? (int)used : 0;
+}
+
+/* Takes plain bytes of the peer. */
+static int feed_filter(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    return umbd_h2_filter_feed(&conn->filter, bytes, count, feed_session, conn);
+}
+
+static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
+{
+    int code = umbd_conn_tls_open(conn, bytes, count, feed_filter, conn);
+    /* The next connection needs the loop's buffer. */
+    if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
+        return UMBN_TLS_BROKEN;
+    }
+    return code;
+}
+
+/* Work of reading, above all inflating, also ends a turn: libuv reads on as long as a peer sends,
+ * and all others would wait. A decompression bomb of 4 kB takes 10 ms. */
+static void pause_if_long(struct umbd_conn *conn)
+{
+    if (!conn->closing && conn->turn_ns >= UMBD_INLINE_NS &&
+        conn->turn_at_ms == uv_now(&conn->loop->uv)) {
+        conn->paused = conn->was_long = 1;
+        uv_read_stop(&conn->socket.stream);
+        umbd_loop_flush_later(conn);
+    }
+}
+
+static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buffer)
+{
+    const uint8_t *bytes = (const uint8_t *)buffer->base;
+    if (count < 0) {
+        umbd_conn_close(conn, uv_strerror((int)count));
+        return;
+    }
+    if (count == 0 || conn->closing) {
+        return;
+    }
+    unsigned before = conn->filter.odd;
+    conn->loop->clock_ns = 0;
+    int code = conn->tls != NULL ? feed_tls(conn, bytes, (size_t)count)
+                                 : feed_filter(conn, bytes, (size_t)count);
+    for (; code == 0 && !conn->terminated && before != conn->filter.odd; before++) {
+        if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
+            umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
+        }
+    }
+    if (code == UMBN_TLS_BROKEN || code == UMBN_TLS_NO_H2) {
+        tls_broke(conn);
+    } else if (code == UMBN_TLS_OVER) {
+        umbd_conn_flush(conn);
+        umbd_conn_close(conn, "the peer said goodbye");
+    } else if (code != 0) {
+        session_broke(conn, code);
+    } else {
+        umbd_conn_flush(conn);
+        pause_if_long(conn);
+    }
+}
+
+int umbd_conn_dismiss(struct umbd_conn *conn)
+{
+    if (conn == NULL) {
+        return 0;
+    }
+    umbd_count(&conn->server->metrics.connections_evicted, 1);
+    umbd_conn_terminate(conn, NGHTTP2_NO_ERROR);
+    umbd_conn_flush(conn);
+    umbd_conn_close(conn, "closed to make room for other connections");
+    return 1;
+}
+
+/* Closes strangers while they hold more than their share of --max-buffer. */
+static void relieve(struct umbd_loop *loop)
+{
+    struct umbd_server *server = loop->server;
+    loop->crowded = 0;
+    while (loop->oldest_stranger != NULL &&
+           atomic_load(&server->stranger_buffered) > server->options.max_buffer / UMBD_KEPT_SHARE) {
+        (void)umbd_conn_dismiss(loop->oldest_stranger);
+    }
+}
+
+static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
+{
+    struct umbd_conn *conn = stream->data;
+    take_read(conn, count, buffer);
+    if (conn->loop->crowded) {
+        relieve(conn->loop);
+    }
+}
+
+int umbd_conn_read_start(struct umbd_conn *conn)
+{
+    return uv_read_start(&conn->socket.stream, on_alloc, on_read);
+}
+
+void umbd_conn_hold(struct umbd_conn *conn)
+{
+    if (!conn->held && !conn->closing) {
+        conn->held = conn->paused = 1;
+        conn->loop->held++;
+        uv_read_stop(&conn->socket.stream);
+    }
+}
+
+void umbd_conn_release(struct umbd_conn *conn)
+{
+    if (conn->held) {
+        conn->held = 0;
+        conn->loop->held--;
+        umbd_conn_read_again(conn);
+    }
+}
+
+void umbd_conn_read_again(struct umbd_conn *conn)
+{
+    if (conn->paused && !conn->held && !conn->closing) {
+        conn->paused = 0;
+        if (umbd_conn_read_start(conn) != 0) {
+            umbd_conn_close(conn, "cannot go on reading");
+        }
+    }
+}

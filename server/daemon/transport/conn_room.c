@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Room for connections. With a token file strangers (conn_budget.c) may have three quarters of
+ * --max-connections. The oldest one makes room for the next, however busy it is, so a newcomer
+ * always gets far enough to show its rights.
+ */
+#include "daemon/transport/conn.h"
+
+#include <string.h>
+
+/* Connections that came or worked more recently are not evicted as idle. */
+#define ROOM_IDLE_MS 1000
+
+/* Number of connections that a loop may have: its share, since all loops get equally many. */
+static size_t room_of(const struct umbd_loop *loop)
+{
+    const struct umbd_server *server = loop->server;
+    size_t loops = server->loop_count;
+    return (server->max_connections + loops - 1) / loops;
+}
+
+/* The connection with rights that has had no such call for the longest time, and at least a
+ * second. */
+static struct umbd_conn *idlest(const struct umbd_loop *loop)
+{
+    uint64_t now_ms = uv_now(&loop->uv);
+    struct umbd_conn *found = NULL;
+    for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
+        if (conn->proven && conn->working == 0 && now_ms - conn->last_work_ms >= ROOM_IDLE_MS &&
+            (found == NULL || conn->last_work_ms < found->last_work_ms)) {
+            found = conn;
+        }
+    }
+    return found;
+}
+
+/* A stranger is safe for a second: a new one may already have sent its call. */
+void umbd_conn_evict(struct umbd_loop *loop)
+{
+    struct umbd_conn *stranger = loop->oldest_stranger;
+    if (stranger != NULL && uv_now(&loop->uv) - stranger->opened_ms >= ROOM_IDLE_MS) {
+        (void)umbd_conn_dismiss(stranger);
+    } else {
+        (void)umbd_conn_dismiss(idlest(loop));
+    }
+}
+
+int umbd_conn_make_room(struct umbd_loop *loop)
+{
+    const size_t room = room_of(loop);
+    const size_t kept = loop->server->has_tokens ? room / UMBD_KEPT_SHARE : 0;
+    if (loop->stranger_count >= room - kept) {
+        (void)umbd_conn_dismiss(loop->oldest_stranger);
+    } else if (loop->conn_count >= room && !umbd_conn_dismiss(idlest(loop))) {
+        (void)umbd_conn_dismiss(loop->oldest_stranger);
+    }
+    return loop->conn_count < room;
+}
+
+int umbd_conn_make_room_at(struct umbd_loop *loop, const struct sockaddr_storage *address)
+{
+    uint8_t key[UMBD_PEER_KEY_BYTES];
+    struct umbd_conn *conn = loop->oldest_stranger;
+    umbd_peer_key(address, key);
+    while (conn != NULL && memcmp(conn->account->key, key, sizeof key) != 0) {
+        conn = conn->next_stranger;
+    }
+    return umbd_conn_dismiss(conn);
+}

@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See conn_tls.h. The loop's sealed buffer is flushed or kept before another connection uses it. */
+#include "daemon/transport/conn_tls.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define KEPT_MAX  65536 /* bytes of records kept for a peer that reads none */
+#define LOOKS_MAX 256   /* certificates verified again in one tick: 20 ms */
+
+struct umbd_conn_tls {
+    struct umbn_tls *session;
+    unsigned generation; /* number of the files that last verified the client */
+    uint8_t *kept;       /* records that wait to be sent */
+    size_t kept_size;
+};
+
+/* Appends records to the loop's buffer. False beyond the size of all output and a handshake. */
+static bool put_records(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_loop *loop = ((struct umbd_conn *)user)->loop;
+    if (count > UMBD_SEALED_CAPACITY - loop->sealed_size) {
+        return false;
+    }
+    memcpy(loop->sealed + loop->sealed_size, bytes, count);
+    loop->sealed_size += count;
+    return true;
+}
+
+enum umb_status umbd_conn_tls_start(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    if (loop->sealed == NULL) {
+        loop->sealed = malloc(UMBD_SEALED_CAPACITY);
+    }
+    struct umbd_conn_tls *tls = calloc(1, sizeof *tls);
+    if (tls == NULL || loop->sealed == NULL) {
+        free(tls);
+        return UMB_E_NO_MEMORY;
+    }
+    SSL *session = umbd_tls_session(loop->server->tls, &tls->generation);
+    enum umb_status status = umbn_tls_create(session, put_records, conn, &tls->session);
+    if (status != UMB_OK) {
+        free(tls);
+        return status;
+    }
+    conn->tls = tls;
+    return UMB_OK;
+}
+
+void umbd_conn_tls_finish(struct umbd_conn *conn)
+{
+    if (conn->tls != NULL) {
+        umbn_tls_destroy(conn->tls->session);
+        free(conn->tls->kept);
+        free(conn->tls);
+        conn->tls = NULL;
+    }
+}
+
+int umbd_conn_tls_ready(const struct umbd_conn *conn)
+{
+    return umbn_tls_ready(conn->tls->session);
+}
+
+int umbd_conn_tls_is_admitted(struct umbd_conn *conn)
+{
+    struct umbd_tls *context = conn->server->tls;
+    if (!umbd_conn_tls_ready(conn) || conn->tls->generation == umbd_tls_generation(context) ||
+        conn->loop->tls_looks >= LOOKS_MAX) {
+        return 1;
+    }
+    conn->loop->tls_looks++;
+    return umbd_tls_admits(context, umbn_tls_ssl(conn->tls->session), &conn->tls->generation);
+}
+
+int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
+                       umbn_plain_fn take, void *user)
+{
+    return umbn_tls_open(conn->tls->session, bytes, count, take, user);
+}
+
+/* Puts the kept records before those sealed now. Returns 0 if they do not fit. */
+static int take_kept(struct umbd_conn *conn)
+{
+    struct umbd_conn_tls *tls = conn->tls;
+    struct umbd_loop *loop = conn->loop;
+    if (tls->kept_size > UMBD_SEALED_CAPACITY - loop->sealed_size) {
+        return 0;
+    }
+    memmove(loop->sealed + tls->kept_size, loop->sealed, loop->sealed_size);
+    memcpy(loop->sealed, tls->kept, tls->kept_size);
+    loop->sealed_size += tls->kept_size;
+    free(tls->kept);
+    tls->kept = NULL;
+    tls->kept_size = 0;
+    return 1;
+}
+
+int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size)
+{
+    struct umbd_loop *loop = conn->loop;
+    if ((conn->tls->kept_size > 0 && !take_kept(conn)) ||
+        !umbn_tls_seal(conn->tls->session, loop->out, count)) {
+        return 0;
+    }
+    *bytes = loop->sealed;
+    *size = loop->sealed_size;
+    loop->sealed_size = 0;
+    return 1;
+}
+
+int umbd_conn_tls_keep(struct umbd_conn *conn)
+{
+    struct umbd_conn_tls *tls = conn->tls;
+    struct umbd_loop *loop = conn->loop;
+    size_t count = loop->sealed_size;
+    if (count == 0) {
+        return 1;
+    }
+    loop->sealed_size = 0;
+    if (tls->kept_size + count > KEPT_MAX) {
+        return 0;
+    }
+    uint8_t *bytes = realloc(tls->kept, tls->kept_size + count);
+    if (bytes == NULL) {
+        return 0;
+    }
+    memcpy(bytes + tls->kept_size, loop->sealed, count);
+    tls->kept = bytes;
+    tls->kept_size += count;
+    return 1;
+}
+
+void umbd_conn_tls_bye(struct umbd_conn *conn)
+{
+    umbn_tls_bye(conn->tls->session);
+}

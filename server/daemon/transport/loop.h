@@ -1,0 +1,132 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
+#define UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
+/*
+ * One event loop: it owns its listeners and connections. loop_group.h makes the loops and runs
+ * them; they share only the server.
+ */
+#include <pthread.h>
+#include <uv.h>
+#include "daemon/transport/h2_guard.h"
+#include "daemon/transport/server.h"
+
+#define UMBD_TICK_MS      100          /* resolution of all timers */
+#define UMBD_READ_BYTES   (256 * 1024) /* size of the loop's read buffer */
+#define UMBD_OUT_SOFT     (256 * 1024) /* output collected before a write */
+#define UMBD_SEND_FRAME   (128 * 1024) /* longest DATA frame sent */
+#define UMBD_OUT_RESERVE  (64 * 1024)  /* reserve for frames that nghttp2 itself makes */
+#define UMBD_OUT_CAPACITY (UMBD_OUT_SOFT + UMBD_SEND_FRAME + 9 + UMBD_OUT_RESERVE)
+/* Time for small batches in one wake-up; later ones go to the pool. */
+#define UMBD_INLINE_NS    4000000
+#define UMBD_TURN_NS      1000000 /* part of that time for one connection */
+#define UMBD_CONN_BUCKETS 1024    /* number of buckets of the table by serial; a power of 2 */
+
+struct umbd_call_home;
+struct umbd_listener;
+struct umbd_handed;
+
+enum umbd_drain {
+    UMBD_DRAIN_NO = 0,
+    UMBD_DRAIN_DELAY,  /* NOT_SERVING, still listening */
+    UMBD_DRAIN_NOTICE, /* Listeners are closed, the first GOAWAY is sent */
+    UMBD_DRAIN_LAST,   /* The final GOAWAY is sent, calls finish */
+    UMBD_DRAIN_OVER,   /* Handles are closed */
+};
+
+struct umbd_loop {
+    uv_loop_t uv;
+    struct umbd_server *server;
+    struct umbd_call_home *home; /* State of the loop's calls */
+    uv_async_t wake;
+    uv_timer_t tick;
+    uv_signal_t terminate, interrupt, hangup;
+
+    uint32_t index;                 /* 0: the loop that listens and takes signals */
+    pthread_t thread;               /* Thread; not of the first loop */
+    atomic_size_t load;             /* Number of connections, with those being handed over */
+    atomic_uint_fast64_t ticked_ms; /* Time of the last tick; 0: none yet */
+    atomic_uint drain_orders;       /* Number of drain orders from the first loop */
+    unsigned drain_obeyed;
+    pthread_mutex_t handed_mutex;
+    struct umbd_handed *handed; /* Sockets from other loops, under handed_mutex */
+
+    struct umbd_conn *first_conn;
+    uint32_t held; /* Number of connections that umbd_conn_hold stopped */
+    struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
+    size_t conn_count;
+    struct umbd_conn *oldest_stranger, *newest_stranger; /* Connections without rights, in order */
+    size_t stranger_count;
+    int crowded; /* 1: these hold more than their share; the event's end closes some */
+    struct umbd_listener *listeners;
+
+    enum umbd_drain drain;
+    uint64_t drain_since_ms; /* Start of the stage, uv_now */
+
+    uint8_t *read_buffer; /* [UMBD_READ_BYTES] */
+    uint8_t *out;         /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
+    size_t out_size;
+    uint8_t *sealed; /* [UMBD_SEALED_CAPACITY] records of that connection; NULL until one has TLS */
+    size_t sealed_size;
+    uint64_t inline_ns;    /* Time spent on small batches in this wake-up */
+    uint64_t inline_at_ms; /* Time of that wake-up, uv_now */
+    uint64_t clock_ns;     /* Clock as last read in this event (umbu_clock_ns), 0 = not yet */
+    struct umbd_conn *first_dirty; /* Connections to be flushed */
+    unsigned tls_looks;            /* Number of certificates verified again in this tick */
+    struct umbd_bucket log_budget; /* Warnings about peers: an attack must not fill a disk */
+};
+
+/* Flushes a connection after others had their turn. umbd_loop_forget: cancels that. */
+void umbd_loop_flush_later(struct umbd_conn *conn);
+void umbd_loop_forget(struct umbd_conn *conn);
+
+/* Marks a connection that must be flushed when the loop has taken its finished tasks. */
+void umbd_loop_mark(struct umbd_conn *conn);
+
+/* 1 if small work of the connection may be done in this wake-up. _began: start of the current work,
+ * which is the end of the last one in this event, so the clock is read once for each; _spent: the
+ * current work ends now. */
+int umbd_conn_has_turn(struct umbd_conn *conn);
+uint64_t umbd_conn_began(struct umbd_conn *conn);
+void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns);
+
+/* Time of uv_hrtime when the event began, in steps of a millisecond. For budgets of frames, where
+ * reading the clock would cost more than the frame. */
+uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop);
+
+/* 1 if a warning about a peer may be logged now. */
+int umbd_loop_may_log(struct umbd_loop *loop);
+
+/* Milliseconds of uv_now. */
+static inline uint64_t umbd_loop_now_ms(const struct umbd_loop *loop)
+{
+    return uv_now(&loop->uv);
+}
+
+/* The loop with the fewest connections; the loop after this one, in a ring. */
+struct umbd_loop *umbd_loops_idlest(struct umbd_server *server);
+struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
+
+/* A socket on its way to another loop. */
+struct umbd_handed {
+    struct umbd_handed *next;
+    int socket;
+    enum umbn_transport transport;
+    uint32_t refusals; /* Number of loops that had no room for it */
+};
+
+/* Hands an accepted socket to another loop; closes it if memory is short. */
+void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
+                    uint32_t refusals);
+
+/* Makes every other loop begin its drain; the second call ends them at once. */
+void umbd_loops_drain(struct umbd_loop *from);
+
+/* Starts the drain of a loop (drain.c); a second call ends everything at once. _step: advances it,
+ * with each tick. */
+void umbd_loop_drain(struct umbd_loop *loop);
+void umbd_loop_drain_step(struct umbd_loop *loop);
+
+/* Milliseconds since the last tick of the loop that ticked least recently. Any thread. */
+uint64_t umbd_loops_tick_age_ms(struct umbd_server *server);
+
+#endif

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_DAEMON_WORK_TASK_H
+#define UMBRAGE_SERVER_DAEMON_WORK_TASK_H
+/*
+ * A task: work of one call away from its loop. Points, volume queries, maps, page ranges and
+ * calibrations go to the worker pool (pool.h), job requests to the threads of the jobs
+ * (service/job_request.h). All of them come back through `done`, and the loop finds the call by
+ * (lane, stream_id), never by pointer, because the call may have ended.
+ *
+ * A kind of work embeds the task in a struct of its own, which `free` frees.
+ */
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "umbrage/query.h"
+
+struct umbd_call;
+struct umbd_pool;
+
+/* What a slice adds to the results of its task. */
+struct umbd_slice_result {
+    struct umb_query_stats stats;
+    uint64_t cpu_ns;
+    struct umb_error error; /* Valid only on failure */
+};
+
+struct umbd_task {
+    /*
+     * Does records first .. first + count - 1; disjoint slices run at once. Long work checks
+     * umbd_task_stopped now and then.
+     */
+    enum umb_status (*run)(struct umbd_task *task, size_t first, size_t count,
+                           struct umbd_slice_result *result);
+    /* Called once when all slices have succeeded; or NULL. */
+    enum umb_status (*end)(struct umbd_task *task, struct umb_error *error);
+    /* Called on the loop while the call exists: answers it, also after a failure. */
+    void (*answer)(struct umbd_call *call, struct umbd_task *task);
+    /* Frees the whole: after `answer`, unless is_kept is set, or when the call has ended. */
+    void (*free)(struct umbd_task *task);
+    int is_kept;       /* 1: the call keeps the task after `answer` */
+    size_t count;      /* Number of records */
+    size_t slice;      /* Records a slice */
+    uint64_t turns;    /* Turns that a slice takes, about; 0 counts as 1 */
+    const char *items; /* Name of the records in messages; NULL: the work is in one piece */
+    size_t answered;   /* Points that the metrics count when it succeeds */
+
+    /* Set when it is sent */
+    uint64_t lane;                        /* Serial of the connection */
+    int32_t stream_id;                    /* Stream of the call */
+    uint64_t deadline_ns;                 /* umbu_clock_ns, 0 = none */
+    size_t charged;                       /* Bytes counted for a call that has ended */
+    void *home;                           /* Argument of done */
+    void (*done)(struct umbd_task *task); /* Any thread; must not block */
+    struct umbd_task *next_done;          /* Link in the list of finished tasks */
+    struct umbd_pool *pool; /* Pool that can cancel it; NULL: it cannot be cancelled */
+    atomic_int given_up;    /* 1 once it was cancelled */
+
+    /* Results */
+    enum umb_status status;
+    struct umb_query_stats stats;
+    uint64_t cpu_ns;
+
+    /* The pool's, under its mutex */
+    uint64_t queued_ns;  /* Time of its submission */
+    uint64_t waited;     /* Turns given up for its next slice */
+    size_t next_record;  /* First record not handed out */
+    size_t in_flight;    /* Slices under way */
+    size_t error_record; /* First record of the slice whose error is kept */
+    int begun, linked;
+    struct umbd_task *ring_next, *ring_previous; /* Heads of lanes */
+    struct umbd_task *follower, *last_follower;  /* Later tasks of the lane */
+    size_t lane_count; /* Set in a head: number of tasks in its lane, itself too */
+
+    struct umb_error error; /* A result, valid only if status is not OK: never cleared */
+};
+
+/* UMB_OK while the call waits for the task; else the status that ended the wait. */
+enum umb_status umbd_task_stopped(const struct umbd_task *task);
+
+#endif
