@@ -6,7 +6,9 @@
 #include <pthread.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "rays/verify_light_frame.h"
+#include "study/study_math.h"
 #include "tool/threads.h"
 
 enum {
@@ -43,26 +45,10 @@ static double unit(size_t number, unsigned k)
     return (double)((bits ^ bits >> 31) >> 11) * 0x1p-53;
 }
 
-/* Unit vector from a place to the light; returns the distance. */
-static double to_light(const struct umb_light_info *light, const double from[3], double way[3])
-{
-    double length = 0;
-    for (int k = 0; k < 3; k++) {
-        way[k] = light->kind == UMB_LIGHT_DIRECTIONAL ? -light->direction[k]
-                                                      : light->position[k] - from[k];
-        length += way[k] * way[k];
-    }
-    length = sqrt(length);
-    for (int k = 0; k < 3; k++) {
-        way[k] /= length > 0 ? length : 1;
-    }
-    return light->kind == UMB_LIGHT_DIRECTIONAL ? INFINITY : length;
-}
-
 static int is_lit(const struct check *check, const double from[3])
 {
-    double way[3];
-    const double distance = to_light(&check->light, from, way);
+    double way[3], distance;
+    umbr_towards_light(&check->light, from, way, &distance);
     return !umbr_occluded(check->job->scene->rays, from, way, 0, distance);
 }
 
@@ -174,28 +160,21 @@ static void examine(const struct check *check, const struct suspect *s,
 static int take_point(const struct check *check, size_t number, struct suspect *s)
 {
     const struct umbt_point_set *points = check->job->points;
-    double way[3], facing = 0, start[3];
+    double way[3], normal[3], start[3], ignored;
     memcpy(s->at, points->positions[number], sizeof s->at);
-    memcpy(s->normal, points->normals[number], sizeof s->normal);
+    umbt_widen(points->normals[number], normal);
     s->number = number;
-    (void)to_light(&check->light, s->at, way);
-    for (int k = 0; k < 3; k++) {
-        facing += (double)s->normal[k] * way[k];
-    }
+    umbr_towards_light(&check->light, s->at, way, &ignored);
+    const double facing = umb__dot(normal, way);
     if (fabs(facing) < 0.01) { /* a ray along the surface is not reliable */
         return 0;
     }
-    if (facing < 0) {
-        for (int k = 0; k < 3; k++) {
-            s->normal[k] = -s->normal[k];
-            start[k] = s->at[k] + (double)s->normal[k] * check->off_m;
-        }
-        if (umbt_point_is_inside(check->job->scene, start, NULL)) {
-            return 0;
-        }
-    }
     for (int k = 0; k < 3; k++) {
+        s->normal[k] = (float)(facing < 0 ? -normal[k] : normal[k]);
         start[k] = s->at[k] + (double)s->normal[k] * check->off_m;
+    }
+    if (facing < 0 && umbt_point_is_inside(check->job->scene, start, NULL)) {
+        return 0;
     }
     s->lit = is_lit(check, start);
     return 1;
@@ -241,20 +220,14 @@ enum umb_status umbt_bound_check(const struct umbt_bound_job *job, struct umbt_b
 {
     struct check check = {.job = job, .off_m = 1e-6 * job->scene->diagonal_m};
     memset(result, 0, sizeof *result);
-    enum umb_status status = umb_query_prepare(job->asset, &job->settings, &check.query, error);
-    if (status == UMB_OK) {
-        status = umb_asset_get_light(job->asset, job->settings.light, &check.light);
-    }
-    if (status == UMB_OK) {
-        status = umb_asset_get_frustum(job->asset, check.light.first_frustum, &check.frustum);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_query_prepare(job->asset, &job->settings, &check.query, error));
+    UMB__TRY(umb_asset_get_light(job->asset, job->settings.light, &check.light));
+    UMB__TRY(umb_asset_get_frustum(job->asset, check.light.first_frustum, &check.frustum));
     if (pthread_mutex_init(&check.lock, NULL) != 0) {
         return umb_fail(error, UMB_E_NO_MEMORY, "bounds: no lock");
     }
-    status = umbu_range_run(job->threads, job->points->count, BLOCK, check_block, &check, error);
+    const enum umb_status status =
+        umbu_range_run(job->threads, job->points->count, BLOCK, check_block, &check, error);
     (void)pthread_mutex_destroy(&check.lock);
     *result = check.result;
     return status;

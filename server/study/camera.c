@@ -11,7 +11,8 @@
 
 #include <math.h>
 #include <string.h>
-#include "study/study_vec.h"
+#include "base/try.h"
+#include "study/study_math.h"
 #include "tool/keys.h"
 
 #define PI              3.14159265358979323846
@@ -62,16 +63,11 @@ enum umb_status umbt_camera_parse(const char *text, struct umbt_camera_request *
         {"az", &parsed.has_azimuth, &parsed.azimuth_deg, 1, 360.0},
         {"el", &parsed.has_elevation, &parsed.elevation_deg, 1, 90.0},
     };
-    enum umb_status status =
-        umbu_read_keys("--camera", text, "eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", keys,
-                       sizeof keys / sizeof keys[0], error);
-    if (status == UMB_OK) {
-        status = request_check(&parsed, has_fov, error);
-    }
-    if (status == UMB_OK) {
-        *request = parsed;
-    }
-    return status;
+    UMB__TRY(umbu_read_keys("--camera", text, "eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", keys,
+                            sizeof keys / sizeof keys[0], error));
+    UMB__TRY(request_check(&parsed, has_fov, error));
+    *request = parsed;
+    return UMB_OK;
 }
 
 void umbt_compass_vector(double azimuth_deg, double elevation_deg, int z_up, double out[3])

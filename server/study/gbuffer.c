@@ -5,8 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 struct fill {
     struct umbt_gbuffer *buffer;
@@ -62,10 +63,7 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
 /* Unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
-    double a[3], b[3];
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, normal);
+    umbt_triangle_cross(corners, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
@@ -168,4 +166,16 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
         hits_gather(buffer, scene, camera->eye, count);
     }
     return status;
+}
+
+enum umb_status umbt_gbuffer_view(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
+                                  const struct umbt_camera *camera, const uint32_t size[2],
+                                  unsigned threads, struct umb_error *error)
+{
+    UMB__TRY(umbt_gbuffer_init(buffer, size[0], 1, size[1], error));
+    UMB__TRY(umbt_gbuffer_fill(buffer, scene, camera, size[1], 0, size[1], threads, error));
+    return buffer->receiver_count > 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "--camera: no pixel of %ux%u sees the scene",
+                          size[0], size[1]);
 }

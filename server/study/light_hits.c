@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define STEP_SHARE 1e-7 /* step beyond a hit, to find the next, as a share of the depth range */
 

@@ -55,8 +55,8 @@ struct umbt_point_view {
     const struct umbt_scene *scene;
     const struct umbt_camera_request *camera;
     const struct umbt_camera_subject *subject;
-    uint32_t width, height; /* size of the first picture; its shape is kept */
-    size_t count;           /* number of points wanted; 0 = every pixel that sees the scene */
+    uint32_t size[2]; /* width and height of the first picture; a larger one keeps its shape */
+    size_t count;     /* number of points wanted; 0 = every pixel that sees the scene */
     unsigned threads;
 };
 

@@ -15,6 +15,7 @@
 #include "study/study_fog.h"
 #include "study/traced_shadow.h"
 #include "study/gbuffer.h"
+#include "study/setup.h"
 
 /* Cosine between normal and light below which receivers are not judged. There a texel's edge
  * reaches so far along the surface that shadows cannot be right; such receivers are also hardly
@@ -22,15 +23,12 @@
 #define UMBT_JUDGED_FACING 0.2
 
 struct umbt_picture_request {
-    const struct umbt_scene *scene;
-    const struct umbt_camera *camera;
+    const struct umbt_setup *setup;    /* to_light: of parallel light */
     const struct umbt_source *source;  /* NULL: no shadows from an asset */
     const struct umbt_truth *truth;    /* NULL: no traced shadows; at least one of both */
     const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
-    double to_light[3];                /* parallel light */
     const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
-    int z_up;
-    uint32_t aa; /* 1..3 */
+    uint32_t aa;                       /* sub-samples a side of a pixel, 1..3 */
     unsigned threads;
     struct umbt_picture *asset;  /* out, made by the caller; NULL to leave out */
     struct umbt_picture *traced; /* out, made by the caller; NULL to leave out */

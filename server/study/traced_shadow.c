@@ -4,7 +4,7 @@
 
 #include <math.h>
 #include "rays/verify_light_frame.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Longest ray: no caster is farther than the diagonal from a point of the scene. */

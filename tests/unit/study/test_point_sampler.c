@@ -204,8 +204,7 @@ static enum umb_status view(const struct umbt_scene *scene, const char *camera_t
     const struct umbt_point_view request = {.scene = scene,
                                             .camera = &camera,
                                             .subject = &subject,
-                                            .width = 64,
-                                            .height = 36,
+                                            .size = {64, 36},
                                             .count = count,
                                             .threads = 2};
     if (camera_text != NULL) {
