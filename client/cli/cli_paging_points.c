@@ -42,9 +42,9 @@ static enum umb_status read_all(struct umbc_points *file, struct umbc_batch *bat
 {
     bool normals = false;
     for (;;) {
-        enum umb_status status = umbc_points_read(file, batch, error);
-        if (status != UMB_OK || batch->count == 0) {
-            return status;
+        UMB__TRY(umbc_points_read(file, batch, error));
+        if (batch->count == 0) {
+            return UMB_OK;
         }
         normals = points->count == 0 ? batch->has_normals : normals;
         if (points->count + batch->count > UMBC_PAGING_POINTS_MAX) {
@@ -99,18 +99,17 @@ enum umb_status umbc_paging_points_ask(struct umbc_paging_points *points, struct
                                      .normals = points->normals,
                                      .count = points->count};
     struct umb_partial_answers answers = {.values = points->values, .error_m = points->error_m};
-    enum umb_status status = umb_region_query(region, settings, &batch, want, &answers, error);
-    memset(figures, 0, sizeof *figures);
-    figures->exact = answers.exact;
-    figures->worst_m = answers.worst_error_m;
-    for (size_t i = 0; i < points->count && status == UMB_OK; i++) {
+    UMB__TRY(umb_region_query(region, settings, &batch, want, &answers, error));
+    *figures =
+        (struct umbc_paging_figures){.exact = answers.exact, .worst_m = answers.worst_error_m};
+    for (size_t i = 0; i < points->count; i++) {
         figures->within_1m += points->error_m[i] <= 1.0F;
         figures->within_10cm += points->error_m[i] <= 0.1F;
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Brightness of a point: a quarter for the sky, the rest for what reaches it of the light. */
+/* Brightness of a point, 0..1: a quarter from the sky, the rest from the light that reaches it. */
 static double shade(const struct umbc_paging_points *points, size_t i, const double light[3])
 {
     double cosine = 0;
@@ -150,7 +149,7 @@ enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,
     if (status == UMB_OK) {
         (void)fprintf(output.file, "P6\n%u %u\n255\n", size[0], size[1]);
         (void)fwrite(picture, 1, bytes, output.file);
-        status = umbu_output_commit(&output, error); /* which looks at the stream */
+        status = umbu_output_commit(&output, error); /* fails if a write failed */
     }
     free(picture);
     return status;
