@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Borders of shadows by halving, see load_boundary.h. */
+/* Shadow boundaries by halving segments, see load_boundary.h. */
 #include "load/load_boundary.h"
 
 #include <stdlib.h>
 #include <string.h>
 #include "load/load_random.h"
+#include "tool/try.h"
 
 #define HALVINGS 14
-#define BLOCK    16384U /* segments at a time, and points of a call */
-#define BLOCKS   8      /* tried before the hunt is given up */
+#define BLOCK    16384U /* segments at a time, and points in a call */
+#define BLOCKS   8      /* most blocks of segments */
 
 /* Segments whose first end is lit and whose second is not. */
 struct hunt {
@@ -51,7 +52,7 @@ static void swap_point(float *a, float *b)
     memcpy(b, kept, sizeof kept);
 }
 
-/* Keeps the segments that cross a border, lit end first. Returns how many. */
+/* Keeps the segments that cross a boundary, lit end first. Returns their number. */
 static size_t keep_crossing(const struct hunt *hunt)
 {
     size_t kept = 0;
@@ -73,46 +74,43 @@ static size_t keep_crossing(const struct hunt *hunt)
 
 static enum umb_status halve(const struct hunt *hunt, size_t count, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (int round = 0; status == UMB_OK && round < HALVINGS; round++) {
+    for (int round = 0; round < HALVINGS; round++) {
         for (size_t i = 0; i < 3 * count; i++) {
             hunt->middle[i] = 0.5F * hunt->lit[i] + 0.5F * hunt->dark[i];
         }
-        status = ask(hunt, hunt->middle, hunt->of_lit, error);
-        for (size_t i = 0; status == UMB_OK && i < count; i++) {
+        UMB__TRY(ask(hunt, hunt->middle, hunt->of_lit, error));
+        for (size_t i = 0; i < count; i++) {
             float *end = hunt->of_lit[i] > 127 ? hunt->lit : hunt->dark;
             memcpy(end + 3 * i, hunt->middle + 3 * i, 3 * sizeof(float));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Fills the pool; *found tells how many different points there are. */
+/* Fills the pool. Out: found: number of different points. */
 static enum umb_status fill(const struct hunt *hunt, const struct umb_box *bounds, float *positions,
                             size_t *found, struct umb_error *error)
 {
     size_t wanted = hunt->pool->batch * hunt->pool->batch_count;
     uint64_t seed = hunt->source->seed;
-    enum umb_status status = UMB_OK;
     *found = 0;
-    for (int block = 0; status == UMB_OK && block < BLOCKS && *found < wanted; block++) {
+    for (int block = 0; block < BLOCKS && *found < wanted; block++) {
         draw(hunt, bounds, &seed, hunt->lit);
         draw(hunt, bounds, &seed, hunt->dark);
-        status = ask(hunt, hunt->lit, hunt->of_lit, error);
-        status = status == UMB_OK ? ask(hunt, hunt->dark, hunt->of_dark, error) : status;
-        size_t count = status == UMB_OK ? keep_crossing(hunt) : 0;
-        status = status == UMB_OK ? halve(hunt, count, error) : status;
+        UMB__TRY(ask(hunt, hunt->lit, hunt->of_lit, error));
+        UMB__TRY(ask(hunt, hunt->dark, hunt->of_dark, error));
+        const size_t count = keep_crossing(hunt);
+        UMB__TRY(halve(hunt, count, error));
         size_t taken = count < wanted - *found ? count : wanted - *found;
         memcpy(positions + 3 * *found, hunt->lit, 3 * taken * sizeof(float));
         *found += taken;
     }
-    if (status == UMB_OK && *found * 1000 < (size_t)BLOCK * BLOCKS && *found < wanted) {
-        status = umb_fail(error, UMB_E_NOT_FOUND,
-                          "boundary: only %zu of %u random segments cross a border of shadow; use "
+    return *found * 1000 < (size_t)BLOCK * BLOCKS && *found < wanted
+               ? umb_fail(error, UMB_E_NOT_FOUND,
+                          "boundary: only %zu of %u random segments cross a shadow boundary; use "
                           "--points random",
-                          *found, BLOCK * BLOCKS);
-    }
-    return status;
+                          *found, BLOCK * BLOCKS)
+               : UMB_OK;
 }
 
 enum umb_status umbc_load_find_boundaries(struct umb_client *client,
@@ -133,7 +131,7 @@ enum umb_status umbc_load_find_boundaries(struct umb_client *client,
     } else {
         (void)umb_fail(error, status, "out of memory for the borders of shadows");
     }
-    /* Fewer than wanted go round and round. */
+    /* Repeats the points if there are fewer than wanted. */
     for (size_t i = found; status == UMB_OK && i < pool->batch * pool->batch_count; i++) {
         memcpy(pool->positions + 3 * i, pool->positions + 3 * (i - found), 3 * sizeof(float));
     }

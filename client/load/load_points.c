@@ -7,6 +7,7 @@
 #include <string.h>
 #include "load/load_boundary.h"
 #include "load/load_random.h"
+#include "tool/try.h"
 
 #define POOL_POINTS  ((size_t)1 << 18)
 #define POOL_BATCHES 16
@@ -34,7 +35,7 @@ void umbc_load_pool_finish(struct umbc_load_pool *pool)
     memset(pool, 0, sizeof *pool);
 }
 
-/* Axes of a view: `up` is the one along which the bounds are shortest. */
+/* Axes of a view; the bounds are shortest along `up`. */
 struct axes {
     int up, across, along;
 };
@@ -58,8 +59,9 @@ static double clamp(double value, double low, double high)
 }
 
 /*
- * One frame: the eye at `turn` (0..1) of an ellipse over the bounds, looking along it and 35
- * degrees down; pixels where their rays meet the plane. A ray above the horizon ends at the border.
+ * Draws one frame. The eye stands at `turn` (0..1) of an ellipse over the bounds and looks along
+ * it, 35 degrees down. Each pixel gives the point where its ray meets the plane; a ray above the
+ * horizon ends at the border of the bounds.
  */
 static void draw_frame(const struct umb_box *bounds, const struct axes *axes, double turn,
                        const double origin[3], size_t count, float *positions)
@@ -124,7 +126,7 @@ static enum umb_status make_room(struct umbc_load_pool *pool, bool with_normals,
     return UMB_OK;
 }
 
-/* A trace while it is read: grows by doubling. */
+/* A trace that is being read; grows by doubling. */
 struct trace {
     float *positions, *normals;
     size_t count, capacity;
@@ -167,13 +169,12 @@ static enum umb_status read_trace(const struct umbc_load_source *source, const d
     if (points == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the trace");
     }
+    batch = (struct umbc_batch){0};
     enum umb_status status =
         umbc_points_open(source->trace, source->format, source->with_normals, points, error);
-    if (status != UMB_OK) {
-        free(points);
-        return status;
+    if (status == UMB_OK) {
+        status = umbc_batch_init(&batch, TRACE_BATCH, source->format, error);
     }
-    status = umbc_batch_init(&batch, TRACE_BATCH, source->format, error);
     while (status == UMB_OK && trace->count < TRACE_POINTS) {
         status = umbc_points_read(points, &batch, error);
         if (status != UMB_OK || batch.count == 0) {
@@ -224,17 +225,15 @@ enum umb_status umbc_load_pool_make(const struct umbc_load_source *source,
     for (int axis = 0; axis < 3; axis++) {
         if (!(isfinite(bounds->min[axis]) && isfinite(bounds->max[axis]) &&
               bounds->min[axis] <= bounds->max[axis])) {
-            return umb_fail(error, UMB_E_PROTOCOL, "the daemon told bounds that are none");
+            return umb_fail(error, UMB_E_PROTOCOL, "the daemon sent invalid bounds");
         }
         pool->origin[axis] = 0.5 * bounds->min[axis] + 0.5 * bounds->max[axis];
     }
     if (source->kind == UMBC_LOAD_TRACE) {
         return fill_trace(source, pool, error);
     }
-    enum umb_status status = make_room(pool, false, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(make_room(pool, false, error));
     if (source->kind == UMBC_LOAD_CAMERA) {
         fill_camera(bounds, pool);
     } else {
