@@ -4,7 +4,7 @@
 
 #include <inttypes.h>
 #include <string.h>
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 /* True for raw answers: they go to a file, and the JSON object alone to stdout afterwards. */
 static bool is_raw(const struct umbc_answers *answers)

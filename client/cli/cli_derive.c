@@ -9,7 +9,7 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/derive.h"
 
 struct options {

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_job_view.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 struct job_settings {
     const char *target; /* Id of a job */

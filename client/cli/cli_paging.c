@@ -18,7 +18,7 @@
 #include "tool/clock.h"
 #include "cli_paging_points.h"
 #include "cli_paging_view.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define CALL_TIMEOUT_S 60 /* time limit of the client library for a call; a round has many */
 

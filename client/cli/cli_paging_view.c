@@ -8,7 +8,7 @@
 #include <string.h>
 #include "cli_common.h"
 #include "tool/keys.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define DEFAULT_FOV_DEG 60.0
 #define PI              3.14159265358979323846

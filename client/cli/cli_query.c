@@ -17,7 +17,7 @@
 #include "cli_query_plan.h"
 #include "tool/progress.h"
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define SLOTS 4 /* batches under way: reading and the round trip overlap */
 

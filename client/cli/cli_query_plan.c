@@ -8,7 +8,7 @@
 
 #include "cli_points.h"
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 /* Most bytes of a request beside its records: a name, an origin, numbers. */
 #define HEAD_BYTES 512

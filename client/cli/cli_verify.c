@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "tool/json.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/region.h"
 
 static const struct umbu_option OPTIONS[] = {

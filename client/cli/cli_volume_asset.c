@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_query_plan.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/volume_queries.h"
 
 /* Records of a file between two updates of the progress line; boxes: one. */

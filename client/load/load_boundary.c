@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "load/load_random.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define HALVINGS 14
 #define BLOCK    16384U /* segments at a time, and points in a call */

@@ -6,7 +6,7 @@
 #include <unistd.h>
 #include "tool/output.h"
 #include "load/load_print.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 /* State of one load test; too large for the stack. */
 struct test {

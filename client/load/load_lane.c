@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 /* Time at which call `number` of the lane is due; 0 in a closed loop. */
 static uint64_t due_of(const struct umbc_load_lane *lane, uint64_t number)

@@ -7,7 +7,7 @@
 #include <string.h>
 #include "load/load_boundary.h"
 #include "load/load_random.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define POOL_POINTS  ((size_t)1 << 18)
 #define POOL_BATCHES 16

@@ -10,7 +10,7 @@
 #include <time.h>
 #include "load/load_lane.h"
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define SECOND_NS    1000000000U
 #define PIECE_S      0.1     /* shortest piece of a run */

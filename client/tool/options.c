@@ -2,7 +2,7 @@
 /* Command lines and config files by table, see options.h. */
 #include "tool/options.h"
 #include "tool/exit_code.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -19,7 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define NAME_KEPT 180 /* bytes of the target's name in the temporary's; NAME_MAX is 255 */
 #define TRIES     64  /* names tried before begin fails */

@@ -4,7 +4,7 @@
  * to milliseconds, so the time of a lock for each does not matter.
  */
 #include "tool/threads.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
