@@ -227,9 +227,9 @@ static void print_step(const struct stream *s, const struct step *step)
     (void)fprintf(stderr, "%7.2f s  %10s  %6" PRIu32 " of %" PRIu32 " pages  %3" PRIu64 " rounds",
                   step->seconds, bytes, step->stats.partial.pages_held,
                   step->stats.partial.page_count, step->stats.rounds);
-    if (s->o.points.count > 0) {
+    if (s->o.points.list.count > 0) {
         (void)fprintf(stderr, "  exact %6.2f %%  bound %.3g m",
-                      100.0 * (double)step->figures.exact / (double)s->o.points.count,
+                      100.0 * (double)step->figures.exact / (double)s->o.points.list.count,
                       step->figures.worst_m);
     }
     (void)fputc('\n', stderr);
@@ -256,7 +256,7 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
     enum umb_status status = UMB_OK;
     umb_region_get_stats(region, &step.stats);
-    if (s->o.points.count > 0) {
+    if (s->o.points.list.count > 0) {
         status = umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
                                         &s->error);
     }
@@ -326,7 +326,8 @@ static enum umb_status fetch_points(struct stream *s, struct umb_region_request 
         UMB__TRY(
             umbc_paging_points_ask(&s->o.points, s->region, &s->o.settings, true, &figures, error));
         umb_region_get_stats(s->region, &stats);
-        if (figures.exact == s->o.points.count || (before > 0 && stats.received_bytes == before)) {
+        if (figures.exact == s->o.points.list.count ||
+            (before > 0 && stats.received_bytes == before)) {
             return UMB_OK;
         }
         before = stats.received_bytes;
@@ -384,10 +385,10 @@ static void print_json(const struct stream *s)
         &json, {"asset_bytes", stats.partial.asset_bytes}, {"head_bytes", stats.partial.head_bytes},
         {"page_count", stats.partial.page_count}, {"pages_held", stats.partial.pages_held},
         {"pages_dropped", stats.partial.pages_dropped},
-        {"memory_peak_bytes", stats.partial.memory_peak_bytes}, {"points", s->o.points.count});
+        {"memory_peak_bytes", stats.partial.memory_peak_bytes}, {"points", s->o.points.list.count});
     umbu_json_begin(&json, "steps", '[');
     for (size_t i = 0; i < s->step_count; i++) {
-        print_step_json(&json, &s->steps[i], s->o.points.count);
+        print_step_json(&json, &s->steps[i], s->o.points.list.count);
     }
     umbu_json_close(&json);
 }

@@ -9,9 +9,7 @@
 #define UMBC_PAGING_POINTS_MAX (16U << 20)
 
 struct umbc_paging_points {
-    size_t count;
-    double *positions;       /* [3 * count] world space */
-    float *normals;          /* [3 * count], or NULL */
+    struct umbc_point_list list;
     float *values, *error_m; /* [count] answers of the last step, and their errors in metres */
 };
 

@@ -11,8 +11,9 @@
 #include "cli_common.h"
 #include "tool/tool_try.h"
 
-#define SHOWN 60   /* bytes of a bad line in a message */
-#define RANGE 4096 /* points of a range of a sample */
+#define SHOWN 60    /* bytes of a bad line in a message */
+#define RANGE 4096  /* points of a range of a sample */
+#define WHOLE 65536 /* points of a batch while a whole file is read */
 
 enum umb_status umbc_points_open(const char *path, enum umbc_points_format format,
                                  bool with_normals, struct umbc_points *points,
@@ -434,4 +435,80 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
     umbc_batch_finish(&range);
     free(source);
     return status;
+}
+
+/* Adds a batch to a list, which grows by doubling. */
+static bool add_batch(struct umbc_point_list *list, size_t *capacity,
+                      const struct umbc_batch *batch)
+{
+    const size_t count = list->count + batch->count;
+    if (count > *capacity) {
+        *capacity = 2 * count;
+        double *positions = realloc(list->positions, *capacity * 3 * sizeof *positions);
+        list->positions = positions != NULL ? positions : list->positions;
+        float *normals = realloc(list->normals, *capacity * 3 * sizeof *normals);
+        list->normals = normals != NULL ? normals : list->normals;
+        if (positions == NULL || normals == NULL) {
+            return false;
+        }
+    }
+    for (size_t i = 0; i < 3 * batch->count; i++) {
+        const size_t at = 3 * list->count + i;
+        list->positions[at] = batch->wide != NULL ? batch->wide[i] : (double)batch->narrow[i];
+        list->normals[at] = batch->has_normals ? batch->normals[i] : 0.0F;
+    }
+    list->count = count;
+    return true;
+}
+
+static enum umb_status read_list(struct umbc_points *source, struct umbc_batch *batch, size_t most,
+                                 struct umbc_point_list *list, struct umb_error *error)
+{
+    size_t capacity = 0;
+    bool has_normals = false;
+    do {
+        UMB__TRY(umbc_points_read(source, batch, error));
+        if (!add_batch(list, &capacity, batch)) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu points", list->count);
+        }
+        has_normals |= batch->has_normals;
+    } while (batch->count > 0 && list->count < most);
+    if (!has_normals) {
+        free(list->normals);
+        list->normals = NULL;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
+                                 bool with_normals, size_t most, struct umbc_point_list *list,
+                                 struct umb_error *error)
+{
+    struct umbc_batch batch = {0};
+    *list = (struct umbc_point_list){0};
+    struct umbc_points *source = calloc(1, sizeof *source);
+    if (source == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for '%.200s'", path);
+    }
+    enum umb_status status = umbc_points_open(path, format, with_normals, source, error);
+    if (status == UMB_OK) {
+        status = umbc_batch_init(&batch, WHOLE, format, error);
+    }
+    if (status == UMB_OK) {
+        status = read_list(source, &batch, most, list, error);
+    }
+    umbc_batch_finish(&batch);
+    umbc_points_close(source);
+    free(source);
+    if (status != UMB_OK) {
+        umbc_point_list_finish(list);
+    }
+    return status;
+}
+
+void umbc_point_list_finish(struct umbc_point_list *list)
+{
+    free(list->positions);
+    free(list->normals);
+    *list = (struct umbc_point_list){0};
 }

@@ -89,6 +89,24 @@ void umbc_batch_finish(struct umbc_batch *batch);
 struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
                                   const double origin[3]);
 
+/* All points of a file. */
+struct umbc_point_list {
+    size_t count;
+    double *positions; /* [3 * count] */
+    float *normals;    /* [3 * count], or NULL; zero for a point without one */
+};
+
+/*
+ * Reads a whole file.
+ *
+ * In:    most: number of points after which reading stops; the list may have some more.
+ * Fails: as umbc_points_open and umbc_points_read; E_NO_MEMORY. The list is then empty.
+ */
+UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
+                                             bool with_normals, size_t most,
+                                             struct umbc_point_list *list, struct umb_error *error);
+void umbc_point_list_finish(struct umbc_point_list *list);
+
 /* Number of points of a sample for calibration: they touch more memory than caches hold. */
 #define UMBC_SAMPLE_POINTS 262144
 

@@ -12,7 +12,6 @@
 #define POOL_POINTS  ((size_t)1 << 18)
 #define POOL_BATCHES 16
 #define TRACE_POINTS ((size_t)1 << 26)
-#define TRACE_BATCH  65536
 #define PI           3.14159265358979323846
 
 struct umb_points umbc_load_pool_batch(const struct umbc_load_pool *pool, uint64_t index)
@@ -126,91 +125,27 @@ static enum umb_status make_room(struct umbc_load_pool *pool, bool with_normals,
     return UMB_OK;
 }
 
-/* A trace that is being read; grows by doubling. */
-struct trace {
-    float *positions, *normals;
-    size_t count, capacity;
-    bool has_normals;
-};
-
-static enum umb_status grow(struct trace *trace, size_t more, struct umb_error *error)
-{
-    if (trace->count + more <= trace->capacity) {
-        return UMB_OK;
-    }
-    size_t capacity = 2 * (trace->count + more);
-    float *positions = realloc(trace->positions, capacity * 3 * sizeof *positions);
-    trace->positions = positions != NULL ? positions : trace->positions;
-    float *normals = realloc(trace->normals, capacity * 3 * sizeof *normals);
-    trace->normals = normals != NULL ? normals : trace->normals;
-    if (positions == NULL || normals == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the trace");
-    }
-    trace->capacity = capacity;
-    return UMB_OK;
-}
-
-static void append(struct trace *trace, const struct umbc_batch *batch, const double origin[3])
-{
-    for (size_t i = 0; i < 3 * batch->count; i++) {
-        double value = batch->narrow != NULL ? (double)batch->narrow[i] : batch->wide[i];
-        trace->positions[3 * trace->count + i] = (float)(value - origin[i % 3]);
-        trace->normals[3 * trace->count + i] = batch->has_normals ? batch->normals[i] : 0;
-    }
-    trace->count += batch->count;
-    trace->has_normals |= batch->has_normals;
-}
-
-static enum umb_status read_trace(const struct umbc_load_source *source, const double origin[3],
-                                  struct trace *trace, struct umb_error *error)
-{
-    struct umbc_batch batch;
-    struct umbc_points *points = calloc(1, sizeof *points);
-    if (points == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the trace");
-    }
-    batch = (struct umbc_batch){0};
-    enum umb_status status =
-        umbc_points_open(source->trace, source->format, source->with_normals, points, error);
-    if (status == UMB_OK) {
-        status = umbc_batch_init(&batch, TRACE_BATCH, source->format, error);
-    }
-    while (status == UMB_OK && trace->count < TRACE_POINTS) {
-        status = umbc_points_read(points, &batch, error);
-        if (status != UMB_OK || batch.count == 0) {
-            break;
-        }
-        status = grow(trace, batch.count, error);
-        if (status == UMB_OK) {
-            append(trace, &batch, origin);
-        }
-    }
-    umbc_batch_finish(&batch);
-    umbc_points_close(points);
-    free(points);
-    return status == UMB_OK && trace->count == 0
-               ? umb_fail(error, UMB_E_FORMAT, "'%.200s' has no points", source->trace)
-               : status;
-}
-
 static enum umb_status fill_trace(const struct umbc_load_source *source,
                                   struct umbc_load_pool *pool, struct umb_error *error)
 {
-    struct trace trace = {.count = 0};
-    enum umb_status status = read_trace(source, pool->origin, &trace, error);
-    if (status == UMB_OK) {
+    struct umbc_point_list trace;
+    UMB__TRY(umbc_points_load(source->trace, source->format, source->with_normals, TRACE_POINTS,
+                              &trace, error));
+    enum umb_status status = UMB_OK;
+    if (trace.count == 0) {
+        status = umb_fail(error, UMB_E_FORMAT, "'%.200s' has no points", source->trace);
+    } else {
         pool->batch_count = (trace.count + pool->batch - 1) / pool->batch;
-        status = make_room(pool, trace.has_normals, error);
+        status = make_room(pool, trace.normals != NULL, error);
     }
-    for (size_t i = 0; status == UMB_OK && i < pool->batch * pool->batch_count; i++) {
-        size_t from = i % trace.count;
-        memcpy(pool->positions + 3 * i, trace.positions + 3 * from, 3 * sizeof(float));
-        if (trace.has_normals) {
-            memcpy(pool->normals + 3 * i, trace.normals + 3 * from, 3 * sizeof(float));
+    for (size_t i = 0; status == UMB_OK && i < 3 * pool->batch * pool->batch_count; i++) {
+        const size_t from = i % (3 * trace.count);
+        pool->positions[i] = (float)(trace.positions[from] - pool->origin[i % 3]);
+        if (trace.normals != NULL) {
+            pool->normals[i] = trace.normals[from];
         }
     }
-    free(trace.positions);
-    free(trace.normals);
+    umbc_point_list_finish(&trace);
     return status;
 }
 

@@ -45,9 +45,9 @@ enum umbu_kind {
     UMBU_KIND_ODD,
     UMBU_KIND_POWER,   /* a power of two */
     UMBU_KIND_NUMBER,  /* finite, low to high; whole for an int */
-    UMBU_KIND_NUMBERS, /* as many as `count`, with commas */
-    UMBU_KIND_BYTES,   /* with K, KiB, M, MiB, G, GiB, TiB or nothing */
-    UMBU_KIND_TIME,    /* with ms, s, m, or seconds; min to max are milliseconds */
+    UMBU_KIND_NUMBERS, /* `count` numbers with commas between them */
+    UMBU_KIND_BYTES,   /* number and K, KiB, M, MiB, G, GiB, TiB or nothing */
+    UMBU_KIND_TIME,    /* number and ms, s, m or nothing (seconds); min and max in milliseconds */
     UMBU_KIND_CHOICE,  /* a word of `choices`; the field gets its index */
     UMBU_KIND_SIDES,   /* WxH, each 1 to max */
     UMBU_KIND_MODE,    /* octal permissions that hold all bits of min */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See bound_check.h. */
+/* Tests of the stated bound; see bound_check.h. */
 #include "study/bound_check.h"
 
 #include <math.h>
@@ -13,9 +13,9 @@
 
 enum {
     BLOCK = 256,
-    PLACES_FIRST = 48,     /* random places tried before the voxels' centres, */
-    PLACES_LAST = 2048,    /* and after them */
-    CENTRES_MAX = 1 << 18, /* most centres of a coarse cell's voxels */
+    PLACES_FIRST = 48,     /* random places to try before the voxels' centres */
+    PLACES_LAST = 2048,    /* random places to try after the voxels' centres */
+    CENTRES_MAX = 1 << 18, /* most voxel centres of a coarse cell to try */
 };
 
 struct check {
@@ -23,17 +23,17 @@ struct check {
     struct umb_query query;
     struct umb_light_info light;
     struct umb_frustum_info frustum;
-    double off_m; /* start of rays off a surface, metres: above the float resolution of the scene */
+    double off_m; /* distance in metres from a surface to the start of rays: above float rounding */
     pthread_mutex_t lock;
     struct umbt_bound_result result;
 };
 
-/* A point whose answer is examined. */
+/* A point whose answer is checked. */
 struct suspect {
     double at[3];
-    float normal[3]; /* towards the light */
-    int lit;         /* 1 if lit by a ray */
-    size_t number;
+    float normal[3]; /* normal, turned towards the light */
+    int lit;         /* 1: lit by a ray */
+    size_t number;   /* number of the point, seed of its random places */
 };
 
 /* Number k in [0, 1) of a point (splitmix64, Steele et al. 2014). */
@@ -53,8 +53,8 @@ static int is_lit(const struct check *check, const double from[3])
 }
 
 /*
- * 1 if a place within the bound has the other truth. Places in the dark behind the point's own
- * surface do not count, nor those inside closed parts, where the asset is undefined.
+ * 1 if a place within the bound has the other truth. Two kinds of places do not count: dark places
+ * behind the point's own surface, and places inside closed parts, where the asset is undefined.
  */
 static int tells(const struct check *check, const struct suspect *s, const double place[3])
 {
@@ -71,7 +71,7 @@ static int tells(const struct check *check, const struct suspect *s, const doubl
                                       umbt_point_is_inside(check->job->scene, place, NULL)));
 }
 
-/* Tests random places in the ball. */
+/* 1 if a random place in the ball of the bound has the other truth. */
 static int search_ball(const struct check *check, const struct suspect *s, unsigned first,
                        unsigned count)
 {
@@ -91,7 +91,8 @@ static int search_ball(const struct check *check, const struct suspect *s, unsig
     return 0;
 }
 
-/* Centre number i of the voxels of the answer, world space; 0 if it is behind the light. */
+/* Computes centre number i of the voxels of the answer, in world space. Returns 0 if it lies behind
+ * the light. */
 static int centre(const struct umbr_light_frame *frame, const struct umb_explanation *e, uint32_t i,
                   double place[3])
 {
@@ -106,8 +107,8 @@ static int centre(const struct umbr_light_frame *frame, const struct umb_explana
     return umbr_light_frame_world(frame, voxel, place);
 }
 
-/* Tests the voxels of the answer: 1 if one of their centres has the other truth; *inside: 1 if one
- * lies in a closed part. */
+/* 1 if a centre of the voxels of the answer has the other truth. Out: inside: 1 if a centre lies in
+ * a closed part. */
 static int search_centres(const struct check *check, const struct suspect *s,
                           const struct umb_explanation *e, int *inside)
 {
@@ -131,7 +132,7 @@ static int search_centres(const struct check *check, const struct suspect *s,
     return 0;
 }
 
-/* Examines an answer that differs from the truth: is a true boundary within the bound? */
+/* Searches for a true boundary within the bound of an answer that differs from the truth. */
 static void examine(const struct check *check, const struct suspect *s,
                     struct umbt_bound_result *result)
 {
@@ -156,7 +157,8 @@ static void examine(const struct check *check, const struct suspect *s,
     }
 }
 
-/* Takes point `number` if it can face the light: its normal is turned there on open parts. */
+/* Makes a suspect of point `number`; on open parts the normal is turned towards the light. Returns
+ * 0 if the point cannot face the light. */
 static int take_point(const struct check *check, size_t number, struct suspect *s)
 {
     const struct umbt_point_set *points = check->job->points;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `deep`: deep shadow maps of a scene with translucent casters, compared with brute-force products
- * of traced rays; the gain of neighbour links; and maps of moments beside them.
+ * `deep`: deep shadow maps of a scene with translucent casters, and maps of moments, compared with
+ * products over traced hits; and the speed-up by links between neighbours.
  */
 #include "study/study_command.h"
 
@@ -98,7 +98,7 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct deep, options)},
 };
 
-/* Lifts points off their surfaces, towards the light, by half of the wider window: a plane then
+/* Moves points off their surfaces, towards the light, by half of the wider window. A plane then
  * does not shadow itself, as with bias_normal 1. Maps and products use the same points. */
 static void points_lift(struct deep *d)
 {
@@ -197,7 +197,7 @@ static enum umb_status map_run(const struct deep *d, const struct umb_map_deep_s
     return status;
 }
 
-/* Light left at a depth behind a texel's own fragments: a product in long double. */
+/* Transmittance of a texel at a depth: the product over its fragments before that depth. */
 static long double texel_left(const struct deep *d, int64_t x, int64_t y, double depth)
 {
     const int64_t side = (int64_t)d->resolution;
@@ -214,8 +214,8 @@ static long double texel_left(const struct deep *d, int64_t x, int64_t y, double
     return left;
 }
 
-/* Mean over a box of texels around (x, y). Its middle may lie between texels: those at its ends
- * then count by their share. */
+/* Mean transmittance over a box of texels around (x, y). If the middle lies between texels, the
+ * outer texels count by their share. */
 static double brute_force(const struct deep *d, double x, double y, double depth)
 {
     const int64_t taps = (int64_t)d->taps;

@@ -20,7 +20,7 @@ struct fill {
 enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, uint32_t aa,
                                   uint32_t rows, struct umb_error *error)
 {
-    /* Callers bound these by 16384, 3 and 16384, so that the product stays below 2^32. */
+    /* Callers bound width, aa and rows by 16384, 3 and 16384: the product fits into 64 bits. */
     const size_t capacity = (size_t)width * rows * aa * aa;
     memset(buffer, 0, sizeof *buffer);
     buffer->width = width;
@@ -30,11 +30,8 @@ enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, u
     buffer->positions = calloc(capacity, 3 * sizeof *buffer->positions);
     buffer->normals = calloc(capacity, 3 * sizeof *buffer->normals);
     buffer->triangles = calloc(capacity, sizeof *buffer->triangles);
-    buffer->raw_positions = calloc(capacity, 3 * sizeof *buffer->raw_positions);
-    buffer->raw_triangles = calloc(capacity, sizeof *buffer->raw_triangles);
     if (buffer->slots == NULL || buffer->positions == NULL || buffer->normals == NULL ||
-        buffer->triangles == NULL || buffer->raw_positions == NULL ||
-        buffer->raw_triangles == NULL) {
+        buffer->triangles == NULL) {
         umbt_gbuffer_finish(buffer);
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu picture samples do not fit in memory",
                         capacity);
@@ -48,8 +45,6 @@ void umbt_gbuffer_finish(struct umbt_gbuffer *buffer)
     free(buffer->positions);
     free(buffer->normals);
     free(buffer->triangles);
-    free(buffer->raw_positions);
-    free(buffer->raw_triangles);
     memset(buffer, 0, sizeof *buffer);
 }
 
@@ -67,8 +62,8 @@ static int triangle_normal(const double corners[3][3], double normal[3])
     return umbt_normalize(normal) > 0.0;
 }
 
-/* The distance at which a ray meets the triangle's plane, if it differs little from Embree's
- * answer; a plane seen edge on gives no reliable distance. */
+/* Distance at which a ray meets the triangle's plane. If that differs much from Embree's distance,
+ * as for a plane seen edge on, Embree's distance stays. */
 static double distance_refine(const double corners[3][3], const double normal[3],
                               const double eye[3], const double direction[3], double distance,
                               double tolerance)
@@ -79,6 +74,7 @@ static double distance_refine(const double corners[3][3], const double normal[3]
     return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
 }
 
+/* Traces a sub-sample; the hit stands at the sub-sample's own place until hits_gather. */
 static void sample_trace(const struct fill *fill, size_t index)
 {
     struct umbt_gbuffer *buffer = fill->buffer;
@@ -92,7 +88,7 @@ static void sample_trace(const struct fill *fill, size_t index)
 
     struct umbr_hit hit = {.distance = -1.0};
     umbr_nearest(fill->scene->rays, fill->camera->eye, direction, 0.0, fill->far_m, &hit);
-    buffer->raw_triangles[index] = UMBT_SKY;
+    buffer->triangles[index] = UMBT_SKY;
     if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count) {
         return;
     }
@@ -103,8 +99,8 @@ static void sample_trace(const struct fill *fill, size_t index)
     }
     const double distance = distance_refine(corners, normal, fill->camera->eye, direction,
                                             hit.distance, 1e-5 * (hit.distance + fill->far_m));
-    umbt_along(fill->camera->eye, distance, direction, &buffer->raw_positions[3 * index]);
-    buffer->raw_triangles[index] = hit.triangle;
+    umbt_along(fill->camera->eye, distance, direction, &buffer->positions[3 * index]);
+    buffer->triangles[index] = hit.triangle;
 }
 
 static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
@@ -122,18 +118,17 @@ static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *sc
 {
     size_t n = 0;
     for (size_t i = 0; i < sample_count; i++) {
-        const uint32_t triangle = buffer->raw_triangles[i];
+        const uint32_t triangle = buffer->triangles[i];
         buffer->slots[i] = UMBT_SKY;
         if (triangle == UMBT_SKY) {
             continue;
         }
-        const double *position = &buffer->raw_positions[3 * i];
         double normal[3], to_eye[3];
+        memmove(&buffer->positions[3 * n], &buffer->positions[3 * i], 3 * sizeof(double));
         (void)triangle_normal((const double(*)[3])scene->corners[triangle], normal);
-        umb__subtract(eye, position, to_eye);
+        umb__subtract(eye, &buffer->positions[3 * n], to_eye);
         const double side = umb__dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
         for (int k = 0; k < 3; k++) {
-            buffer->positions[3 * n + (size_t)k] = position[k];
             buffer->normals[3 * n + (size_t)k] = (float)(side * normal[k]);
         }
         buffer->triangles[n] = triangle;

@@ -24,8 +24,6 @@ struct umbt_gbuffer {
     double *positions;     /* [3 * receiver_count], world space */
     float *normals;        /* [3 * receiver_count], unit */
     uint32_t *triangles;   /* [receiver_count] */
-    double *raw_positions; /* scratch, one a sub-sample */
-    uint32_t *raw_triangles;
 };
 
 /* Makes a buffer for bands of up to `rows` rows. Fails: E_NO_MEMORY. */
@@ -33,8 +31,8 @@ UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint3
                                               uint32_t aa, uint32_t rows, struct umb_error *error);
 void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
 
-/* Sub-pixel offset of sub-sample k of aa * aa: a grid turned so that no two share a row or column.
- */
+/* Offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no two
+ * sub-samples share a row or a column. */
 void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
 
 /*

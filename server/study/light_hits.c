@@ -31,22 +31,29 @@ static float triangle_alpha(const struct trace *trace, uint32_t triangle)
     return own < 1.0F ? own : (float)trace->alpha;
 }
 
+double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
+                      double direction[3])
+{
+    const double x = (double)(texel % frustum->width) + 0.5;
+    const double y = (double)(texel / frustum->width) + 0.5;
+    double end[3];
+    if (umb_map_frustum_point(frustum, x, y, 0.0, start) != UMB_OK ||
+        umb_map_frustum_point(frustum, x, y, 1.0, end) != UMB_OK) {
+        return 0.0;
+    }
+    umb__subtract(end, start, direction);
+    return umbt_normalize(direction);
+}
+
 /* Finds all hits of a texel's ray, nearest first. */
 static enum umb_status texel_block(void *user, size_t first, size_t count, struct umb_error *error)
 {
     const struct trace *trace = user;
-    const uint32_t width = trace->frustum->width;
     (void)error;
     for (size_t i = first; i < first + count; i++) {
-        const double x = (double)(i % width) + 0.5, y = (double)(i / width) + 0.5;
-        double start[3], end[3], direction[3], reached = 0.0;
-        if (umb_map_frustum_point(trace->frustum, x, y, 0.0, start) != UMB_OK ||
-            umb_map_frustum_point(trace->frustum, x, y, 1.0, end) != UMB_OK) {
-            continue;
-        }
-        umb__subtract(end, start, direction);
-        const double length = umbt_normalize(direction);
-        while (trace->counts[i] < UMBT_HITS_MAX) {
+        double start[3], direction[3], reached = 0.0;
+        const double length = umbt_texel_ray(trace->frustum, i, start, direction);
+        while (length > 0.0 && trace->counts[i] < UMBT_HITS_MAX) {
             struct umbr_hit hit;
             umbr_nearest(trace->scene->rays, start, direction, reached, length, &hit);
             if (hit.distance < 0.0) {

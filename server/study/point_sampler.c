@@ -26,7 +26,7 @@
 #define SIDE_MAX   16384U    /* pixels of a view */
 #define PIXELS_MAX 67108864U /* pixels of a view; 64 Mi, as for a picture */
 
-/* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
+/* A direction along no axis and no diagonal: few edges of man-made scenes are parallel to it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
 
 struct candidate {
@@ -192,8 +192,8 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     return UMB_OK;
 }
 
-/* Tries candidates in rounds until the set is full. It ends: unless one in HOPELESS_RATE candidates
- * so far was accepted, the round is the last. */
+/* Tries candidates in rounds until the set is full. A round is the last if fewer than one in
+ * HOPELESS_RATE candidates was accepted so far. */
 static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_set *set,
                                   struct umb_error *error)
 {

@@ -134,8 +134,9 @@ static enum umb_status random_sample(struct points *p, struct umb_error *error)
     return umbt_points_sample(&request, &p->set, error);
 }
 
-/* Warns if floats so far from the origin are coarse; fails if the coordinates exceed the range of
- * floats. */
+/* Warns if floats are coarse at the coordinates; fails if the coordinates exceed the range of
+ * floats.
+ */
 static enum umb_status floats_judge(const struct points *p, struct umb_error *error)
 {
     double reach = 0.0;

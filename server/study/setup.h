@@ -19,7 +19,7 @@ struct umbt_setup {
 
 /* Options of the commands that look at a scene without an asset. */
 struct umbt_setup_options {
-    const char *scene, *output; /* Name of the scene file; name of the picture, or NULL */
+    const char *scene, *output; /* Names of the scene file and of the picture, or NULL */
     double sun[3];              /* Azimuth and elevation in degrees, and 1 if they were given */
     struct umbt_camera_request camera;
     uint32_t size[2]; /* Pixels */
@@ -56,7 +56,7 @@ enum umb_status umbt_read_camera(const struct umbu_option *option, const char *t
     "seed", "N", "seed of the random points; the same seed gives the same points",                 \
         UMBU_COUNT(0, UINT64_MAX), UMBU_AT(type, seed), .standard = "1"
 
-/* The section of rows that all commands with these options have, for settings with `field`. */
+/* Section of the rows for struct umbt_setup_options, for settings that have it as `field`. */
 #define UMBT_SETUP_COUNT 6
 extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
 #define UMBT_SETUP(type, field)                                                                    \
@@ -74,8 +74,8 @@ int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 
-/* Makes the camera of a setup that has everything else. size: pixels. Fails: as umbt_camera_make.
- */
+/* Makes the camera of a setup; its other fields are set. size: pixels. Fails: as umbt_camera_make.
+ * */
 UMB_CHECKED enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                               const struct umbt_camera_request *request,
                                               const uint32_t size[2], struct umb_error *error);

@@ -15,11 +15,11 @@
 
 struct umbt_source {
     const char *name;          /* file or asset as given, borrowed */
-    struct umb_asset *asset;   /* file, else NULL */
-    struct umb_client *client; /* daemon, else NULL */
+    struct umb_asset *asset;   /* the file's asset; NULL: a daemon's */
+    struct umb_client *client; /* connection to the daemon; NULL: a file */
     size_t call_max;           /* daemon: most points of a call */
     struct umb_query_settings settings;
-    struct umb_query query; /* file */
+    struct umb_query query; /* file: the prepared query */
     uint8_t id[UMB_ID_BYTES];
     uint8_t scene_hash[UMB_ID_BYTES];
     double origin[3]; /* file: origin of the transforms */

@@ -45,9 +45,9 @@ struct umbt_study_options {
 struct umbt_study_bake {
     char name[UMBT_STUDY_NAME]; /* "4096-closed" */
     uint32_t resolution;
-    int closed;           /* 1: wanted closed; the result is in frustum.closed */
+    int closed;           /* 1: bake with closed solids; frustum.closed has the result */
     char reason[256];     /* reason why there is no asset, or empty */
-    double wall_s, cpu_s; /* time of the whole umbrage-bake, without its self-check */
+    double wall_s, cpu_s; /* times of umbrage-bake without its self-check */
     uint64_t packed_bytes;
     struct umb_asset *asset;
     struct umb_asset_info info;
@@ -68,11 +68,11 @@ extern const char *const umbt_study_set_names[UMBT_STUDY_SET_COUNT];
 struct umbt_study_points {
     size_t count;
     size_t first[UMBT_STUDY_SET_COUNT + 1]; /* set s is first[s] .. first[s + 1] - 1 */
-    double (*positions)[3];
-    float (*normals)[3]; /* zero for free points */
-    uint8_t *lit;        /* hard truth */
-    /* Distance along the surface to a change of the hard truth; infinite beyond reach_m, and for
-     * free points. */
+    double (*positions)[3];                 /* [count] world space, metres */
+    float (*normals)[3];                    /* [count] zero for free points */
+    uint8_t *lit;                           /* [count] the hard truth */
+    /* [count] Distance in metres along the surface to a change of the hard truth; infinite beyond
+     * reach_m, and for free points. */
     float *boundary_m;
     double reach_m;
     double to_light[3];
@@ -92,9 +92,9 @@ struct umbt_study_result {
     enum umbt_study_method method;
     const char *name;     /* name of the method: "dag", "penumbra", "depth map", ... */
     uint32_t bake;        /* index */
-    uint32_t taps, level; /* as in struct umb_query_settings */
-    uint64_t bytes;       /* resident */
-    double build_s;       /* DERIVED: CPU time besides the bake's */
+    uint32_t taps, level; /* settings of the query, as in struct umb_query_settings */
+    uint64_t bytes;       /* size in memory */
+    double build_s;       /* DERIVED: CPU time after the bake */
     /* Number of samples judged; number left out because their window reaches into a solid. */
     uint64_t judged, undefined;
     double rms, worst;                 /* errors of visibility against the area truth */
@@ -128,11 +128,11 @@ struct umbt_study_rays {
 /* A shadow map of the literature, or an asset's DAG, on one view (study_techniques.c). */
 struct umbt_study_technique {
     char name[UMBT_STUDY_NAME];
-    const char *truth; /* truth that its filter is compared with: box, point, disc */
+    const char *truth; /* kind of the traced truth: box, point, disc */
     int is_dag;
-    uint64_t bytes;                          /* in memory */
-    double build_s, ns, spread;              /* CPU time; a point, on one thread */
-    double mean, lighter, darker, over_half; /* as in struct umbt_technique_result */
+    uint64_t bytes;             /* size in memory */
+    double build_s, ns, spread; /* CPU time; time of a point on one thread; spread of its runs */
+    double mean, lighter, darker, over_half; /* fields of struct umbt_technique_result */
 };
 
 struct umbt_study {
@@ -145,11 +145,11 @@ struct umbt_study {
     uint32_t result_count;
     struct umbt_study_rays rays;
     int z_up;
-    const char *missing; /* peers that could not be measured, in a sentence, or "" */
+    const char *missing; /* sentence about peers that could not be measured, or "" */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;
-    double started_s, seconds; /* times of the whole study, set before the report */
+    double started_s, seconds; /* begin and length of the study, set before the report */
 };
 
 /* Path of a file beneath FOLDER. Fails: E_ARGUMENT (too long). */

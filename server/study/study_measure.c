@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Measuring every setting on the same samples (study.h).
+ * Measures every setting on the same samples (study.h).
  *
  * The answers are the same bits in every run, and errors are summed in the order of the samples, so
  * a report's errors can be reproduced exactly.
@@ -25,8 +25,8 @@ static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
 
 /*
- * The truth of each footprint, traced once: settings with the same frustum and filter share it,
- * those of assets and of peers alike.
+ * The truth of a footprint, traced once. All settings with the same frustum and filter share it,
+ * also assets and peers.
  */
 struct traced {
     struct umbt_truth rays; /* parameters of the rays; `closed` does not matter */
@@ -76,7 +76,7 @@ static enum umb_status trace_block(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
-/* Estimates the truth's own error, against one with twice the rays a side. */
+/* Estimates the error of a truth by a second truth with twice the rays a side. */
 static double own_error(const struct tracing *tracing)
 {
     const size_t surface = tracing->points->first[UMBT_STUDY_FREE];
@@ -115,7 +115,7 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
             return UMB_OK;
         }
     }
-    struct traced *made = &truths->list[truths->count]; /* at most one a setting */
+    struct traced *made = &truths->list[truths->count]; /* one a setting at most */
     made->rays = probe->truth;
     made->values = malloc((surface + 1) * sizeof *made->values);
     if (made->values == NULL) {

@@ -88,7 +88,7 @@ struct columns {
     struct umbt_map16 *map;
 };
 
-/* Fills one block of 8 x 8 columns, queried at the centres of their texels on the first slice. */
+/* Fills one block of 8 x 8 columns by a query at the centres of their texels on the first slice. */
 static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
 {
     const struct umb_frustum_info *frustum = &columns->bake->frustum;
@@ -306,7 +306,7 @@ static void say_missing(struct umbt_study *study)
     }
 }
 
-/* The resolution whose maps are derived: fit for a GPU, and below the finest. */
+/* Resolution of the derived maps: a usual one for GPUs, below the highest of the study. */
 static uint32_t derived_resolution(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;

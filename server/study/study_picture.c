@@ -13,13 +13,14 @@
 #include "tool/clock.h"
 #include "tool/progress.h"
 
-#define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
-#define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves during ray tracing */
-#define QUERY_BLOCK  16384             /* points a request: well under the daemon's usual limit */
+#define BAND_SAMPLES ((size_t)1 << 19) /* samples of a band: about 50 MB */
+#define BAND_TRACED  ((size_t)1 << 16) /* samples of a traced band: the progress line moves often */
+#define QUERY_BLOCK  16384             /* points in a request: less than a daemon's usual limit */
 #define TRACE_BLOCK  512
 #define FIXED_ONE    4294967296.0
 
-/* Sums over receivers that face the light; visibilities in 2^-32, so the order does not matter. */
+/* Sums over receivers that face the light. Visibilities are integers in units of 2^-32: the order
+ * of the sum does not matter. */
 struct differences {
     uint64_t facing, undefined, over_half, over_half_defined;
     uint64_t lighter, darker, defined;
@@ -52,18 +53,13 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
     return status;
 }
 
-static void receiver_normal(const struct frame *frame, size_t i, double normal[3])
-{
-    umbt_widen(&frame->buffer.normals[3 * i], normal);
-}
-
 static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
 {
     struct frame *frame = user;
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        receiver_normal(frame, i, normal);
+        umbt_widen(&frame->buffer.normals[3 * i], normal);
         frame->truths[i] =
             umbt_truth_visibility(frame->request->truth, &frame->buffer.positions[3 * i], normal);
     }
@@ -80,8 +76,8 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
     return umb__dot(normal, towards);
 }
 
-/* Largest error of the truth's share: an edge through s x s rays misses up to s of them. The other
- * kinds are exact. */
+/* Largest error of a truth's share: an edge through s x s rays misses up to s rays. Kinds without a
+ * window of rays are exact. */
 static double truth_error(const struct umbt_truth *truth)
 {
     return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
@@ -109,7 +105,7 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        receiver_normal(frame, i, normal);
+        umbt_widen(&frame->buffer.normals[3 * i], normal);
         const double facing = receiver_cosine(frame, i, normal);
         if (!(facing > 0.0)) {
             continue;
@@ -154,7 +150,7 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, 
 {
     const struct umbt_picture_request *request = frame->request;
     double normal[3];
-    receiver_normal(frame, slot, normal);
+    umbt_widen(&frame->buffer.normals[3 * (size_t)slot], normal);
     const uint32_t key =
         umbt_scene_surface_key(request->setup->scene, frame->buffer.triangles[slot]);
     return umbt_shade(umbt_surface_color(key), (double)visibility,

@@ -38,20 +38,21 @@ struct umbt_picture_request {
 };
 
 struct umbt_picture_result {
-    /* Sub-samples; those that hit a surface; part of these that faces the light. */
+    /* Numbers of sub-samples: all, those on a surface, and of these those that face the light. */
     uint64_t samples, receivers, facing;
     struct umb_query_stats stats;
     double gbuffer_s, query_s, trace_s, compare_s; /* wall seconds of the stages */
-    /* With source and truth, over receivers facing the light: */
+    /* With source and truth, over receivers that face the light: */
     double mean_difference;           /* mean of |asset - traced| */
-    double mean_lighter, mean_darker; /* its two parts: asset lighter (leaks), darker (acne) */
-    double over_half;                 /* share with |asset - traced| > 0.5 */
-    /* The mean without receivers whose window reaches into closed solids (unspecified answers): */
-    uint64_t undefined; /* such receivers among those that differ */
+    double mean_lighter, mean_darker; /* parts of the mean: asset lighter (leaks), darker (acne) */
+    double over_half;                 /* share of receivers with |asset - traced| > 0.5 */
+    /* Number of differing receivers whose window reaches into closed solids, where answers are
+     * unspecified; mean and share without these. */
+    uint64_t undefined;
     double mean_defined, over_half_defined;
-    /* Receivers with N.L above UMBT_JUDGED_FACING, without windows into closed solids. The shares
-     * count those where the asset is below 0.5 and the truth above 0.5 by more than its own error,
-     * and the reverse. */
+    /* Number of receivers with a cosine above UMBT_JUDGED_FACING and no window into closed solids.
+     * False shadow: share where the asset is below 0.5 and the truth above 0.5 by more than its own
+     * error; false light: the reverse. */
     uint64_t judged;
     double false_shadow, false_light;
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */

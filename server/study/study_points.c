@@ -23,7 +23,7 @@
 #define HALVINGS     6    /* halvings: a boundary's distance to 1.6 % */
 #define REACH_SHARE  0.02 /* share of the scene's diagonal */
 #define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
-#define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary are the border set */
+#define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary form the border set */
 #define BORDER_DRAWS 8    /* surface points drawn for each border point wanted */
 #define BLOCK        256
 #define VIEWS        3
@@ -56,7 +56,7 @@ static void tangents(const double normal[3], double u[3], double v[3])
     umb__cross(normal, u, v);
 }
 
-/* Truth at a distance from a surface point, along a direction of its tangent plane. */
+/* Hard truth at a distance from a surface point, along a direction of its tangent plane. */
 static int lit_at(const struct umbt_study *study, const double from[3], const double along[3],
                   double distance)
 {

@@ -17,8 +17,8 @@
 #define AREA_RAYS   9 /* rays a side: 81 rays a point */
 #define AREA_POINTS 2000
 #define ALL_BLOCK   4096
-/* Work of a run with all threads: so much that starting them hardly counts, but limited in points,
- * views and seconds of one thread. */
+/* Limits of a run with all threads: points, views, and seconds of one thread. They are high enough
+ * that the start of the threads hardly counts. */
 #define ALL_POINTS 1000000U
 #define ALL_PASSES 32U
 #define ALL_S      0.02
@@ -89,7 +89,8 @@ struct ray_times {
     double ns[RAYS_WAYS][UMBT_STUDY_RUNS];
 };
 
-/* Eight samples a call; the last few are left out. Out: number of rays that hit. */
+/* Traces one ray a sample, eight a call; the last few samples are left out. Returns the number of
+ * rays that hit. */
 static int rays_by_eight(const struct umbt_study *study, size_t count, double reach)
 {
     const struct umbt_study_points *points = &study->points;
@@ -105,8 +106,8 @@ static int rays_by_eight(const struct umbt_study *study, size_t count, double re
     return sum;
 }
 
-/* Traces a window's rays of one sample, eight a call; the last call has fewer new ones. Out: number
- * of rays that hit. */
+/* Traces the rays of a window of one sample, eight a call; the last call repeats a ray. Returns the
+ * number of rays that hit. */
 static int window_by_eight(const struct umbt_study *study, const struct umbt_truth *window,
                            size_t i)
 {
@@ -142,7 +143,7 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
     return sum;
 }
 
-/* Traces the rays of the first `count` samples of a set one way. Out: number of rays that hit. */
+/* Traces the rays of the first `count` samples of a set one way. Returns the number of hits. */
 static int trace(const struct umbt_study *study, const struct umbt_truth *window, int way,
                  size_t count)
 {
@@ -168,8 +169,8 @@ static int trace(const struct umbt_study *study, const struct umbt_truth *window
     return sum;
 }
 
-/* Times rays on the same samples, each way once. Out: number of rays that hit, so that the compiler
- * cannot remove them. */
+/* Times rays on the same samples, each way once. Returns the number of rays that hit, so that the
+ * compiler cannot remove them. */
 static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
                      const struct umbt_truth *window)
 {

@@ -49,8 +49,8 @@ static double calls_s(const struct asking *asking, int calls)
     return umbu_thread_cpu_s() - start;
 }
 
-/* Answers all points and times that on one thread. Out: result->ns, spread of the steadiest
- * attempt; a spread of UMBT_TECHNIQUE_STEADY is good enough. */
+/* Answers all points on one thread and times it. Out: result: ns and spread of the steadiest
+ * attempt; a spread of UMBT_TECHNIQUE_STEADY ends the attempts. */
 static void answer(const struct umbt_technique_view *view, struct asking asking,
                    struct umbt_technique_result *result)
 {
@@ -198,7 +198,7 @@ static enum umb_status plan_make(const struct umbt_technique_view *view,
                              plan, error);
 }
 
-/* Runs a row with a map for each slice. Its box is that of a point's own slice. */
+/* Runs a row with a map for each slice. The box of a point is that of its own slice. */
 static enum umb_status cascades_run(const struct umbt_technique_view *view,
                                     const struct umbt_technique_row *row, struct maps *maps,
                                     float *values, struct umbt_technique_result *result,

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_TECHNIQUE_RUN_H
 #define UMBRAGE_SERVER_STUDY_TECHNIQUE_RUN_H
 /*
- * The rows of `umbrage-study techniques`: a technique with its settings each, and a baked asset.
- * Every row answers the points of the same view.
+ * The rows of `umbrage-study techniques`: techniques with their settings, and a baked asset. Each
+ * row answers the points of the same view.
  */
 #include "study/technique_view.h"
 #include "umbrage/cascades.h"
@@ -43,7 +43,7 @@ extern const enum umbt_technique_truth umbt_dag_truths[UMBT_DAG_ROWS];
 UMB_CHECKED enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char *path,
                                           struct umb_asset **asset, struct umb_error *error);
 
-/* umbt_technique_run for row `row` of an asset; of result->info only `bytes` is set. */
+/* Queries and compares row `row` of an asset. Out: result: of info only `bytes` is set. */
 UMB_CHECKED enum umb_status umbt_dag_run(const struct umbt_technique_view *view,
                                          const struct umb_asset *asset, uint32_t row, float *values,
                                          struct umbt_technique_result *result,

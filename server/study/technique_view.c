@@ -7,13 +7,15 @@
 #include <string.h>
 #include "base/try.h"
 #include "maps/map_poisson.h"
+#include "study/light_hits.h"
 #include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_math.h"
 
 #define DISC_RAYS 64U
 #define AREA_RAYS 11U /* rays a side */
-/* Share of the scene's diagonal: off the surface, above Embree's rounding. */
+/* Distance of starts of rays from the surface, as a share of the scene's diagonal: above Embree's
+ * rounding. */
 #define LIFT_SHARE 2e-6
 #define COLUMNS    5U /* drawings in a row of a sheet */
 #define GAP        4U /* pixels between them */
@@ -28,20 +30,15 @@ struct layer {
 static enum umb_status layer_block(void *user, size_t first, size_t count, struct umb_error *error)
 {
     const struct layer *layer = user;
-    const uint32_t width = layer->frustum->width;
     (void)error;
     for (size_t i = first; i < first + count; i++) {
-        const double x = (double)(i % width) + 0.5, y = (double)(i / width) + 0.5;
-        double start[3], end[3], direction[3];
-        struct umbr_hit hit;
+        double start[3], direction[3];
+        struct umbr_hit hit = {.distance = -1.0};
+        const double length = umbt_texel_ray(layer->frustum, i, start, direction);
         layer->depth[i] = 1.0F;
-        if (umb_map_frustum_point(layer->frustum, x, y, 0.0, start) != UMB_OK ||
-            umb_map_frustum_point(layer->frustum, x, y, 1.0, end) != UMB_OK) {
-            continue;
+        if (length > 0.0) {
+            umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
         }
-        umb__subtract(end, start, direction);
-        const double length = umbt_normalize(direction);
-        umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
         if (hit.distance >= 0.0) {
             layer->depth[i] = (float)fmin(hit.distance / length, 0.99999994);
         }
@@ -58,7 +55,6 @@ enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
                           layer_block, &layer, error);
 }
 
-/* The map's texels as voxels of one depth step each, for the traced references. */
 void umbt_technique_truth(const struct umbt_technique_view *view,
                           const struct umb_map_frustum *frustum, struct umbt_truth *truth)
 {

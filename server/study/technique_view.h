@@ -5,8 +5,8 @@
  * One view of a scene that all techniques answer: a layer of depths traced from the light, the
  * points that the camera sees, and their traced visibility by each kind of truth.
  *
- * Truths use the same box in light space as a filter of `width` texels, moved off the surface as
- * bias_normal = 1 does. So the remaining difference comes from the technique and its map.
+ * Truths use the same box in light space as a filter of `taps` texels, moved off the surface as
+ * bias_normal = 1 does. The remaining difference comes from the technique and its map.
  */
 #include "study/gbuffer.h"
 #include "study/picture.h"
@@ -16,8 +16,8 @@
 
 /* Kind of rays that a technique is compared with. */
 enum umbt_technique_truth {
-    UMBT_BOX = 0,  /* rays over the filter's box; of cascades, of the box in a point's own slice */
-    UMBT_POINT,    /* one ray */
+    UMBT_BOX = 0,  /* rays over the filter's box; with cascades, over that of the point's slice */
+    UMBT_POINT,    /* one ray from the point */
     UMBT_PENUMBRA, /* rays to points of the light's disc */
     UMBT_TECHNIQUE_TRUTHS
 };
@@ -50,7 +50,8 @@ UMB_CHECKED enum umb_status umbt_technique_layer(const struct umbt_technique_vie
                                                  const struct umb_map_frustum *frustum,
                                                  float *depth, struct umb_error *error);
 
-/* The truth of the view's filter on an affine frustum: rays over its box. */
+/* Makes the truth of the view's filter on an affine frustum: rays over its box. The map's texels
+ * stand for voxels. */
 void umbt_technique_truth(const struct umbt_technique_view *view,
                           const struct umb_map_frustum *frustum, struct umbt_truth *truth);
 
@@ -81,7 +82,7 @@ struct umbt_sheet {
     struct umbt_picture picture;
 };
 
-/* Makes room for a number of drawings; finish with umbt_picture_finish. Fails: E_NO_MEMORY. */
+/* Makes a sheet for a number of drawings; umbt_picture_finish frees it. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const char *path,
                                              const struct umbt_technique_view *view, size_t tiles,
                                              struct umb_error *error);
