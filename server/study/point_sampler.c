@@ -259,7 +259,7 @@ static enum umb_status hits_take(const struct umbt_gbuffer *buffer, size_t count
     return UMB_OK;
 }
 
-static enum umb_status view_trace(const struct umbt_point_view *view, const uint32_t size[2],
+static enum umb_status view_trace(const struct umbt_pixel_request *view, const uint32_t size[2],
                                   struct umbt_gbuffer *buffer, struct umb_error *error)
 {
     struct umbt_camera camera;
@@ -272,8 +272,8 @@ static enum umb_status view_trace(const struct umbt_point_view *view, const uint
     return umbt_gbuffer_view(buffer, view->scene, &camera, size, view->threads, error);
 }
 
-enum umb_status umbt_points_view(const struct umbt_point_view *view, struct umbt_point_set *set,
-                                 struct umb_error *error)
+enum umb_status umbt_points_of_pixels(const struct umbt_pixel_request *view,
+                                      struct umbt_point_set *set, struct umb_error *error)
 {
     uint32_t size[2] = {view->size[0], view->size[1]};
     memset(set, 0, sizeof *set);

@@ -103,7 +103,7 @@ static enum umb_status view_sample(struct points *p, struct umb_error *error)
     double to_light[3];
     (void)umbt_scene_sun(&p->scene, z_up, to_light);
     const struct umbt_camera_subject subject = umbt_subject(&p->scene, to_light, z_up);
-    const struct umbt_point_view view = {
+    const struct umbt_pixel_request view = {
         .scene = &p->scene,
         .camera = &p->camera,
         .subject = &subject,
@@ -111,7 +111,7 @@ static enum umb_status view_sample(struct points *p, struct umb_error *error)
         .count = (size_t)p->count,
         .threads = (unsigned)p->threads,
     };
-    return umbt_points_view(&view, &p->set, error);
+    return umbt_points_of_pixels(&view, &p->set, error);
 }
 
 static enum umb_status random_sample(struct points *p, struct umb_error *error)

@@ -40,7 +40,7 @@ struct options {
 struct render {
     struct options options;
     struct umbt_scene scene;
-    struct umbt_source source;
+    struct umbt_shadow_source source;
     struct umbt_setup setup;
     struct umbt_truth truth;
     struct umbt_fog fog;
@@ -162,13 +162,13 @@ static enum umb_status options_check(struct options *options, struct umb_error *
     if (options->output == NULL && !options->compare) {
         return umb_fail(error, UMB_E_ARGUMENT, "-o: is needed; see --help");
     }
-    if (options->fog > 0.0 && !umbt_source_is_file(options->asset)) {
+    if (options->fog > 0.0 && !umbt_shadow_source_is_file(options->asset)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "--fog: needs the asset as a file, and %.80s is a daemon's asset",
                         options->asset);
     }
     if (traced && options->truth != UMBT_TRUTH_SURFACE && options->truth != UMBT_TRUTH_DISC &&
-        !umbt_source_is_file(options->asset)) {
+        !umbt_shadow_source_is_file(options->asset)) {
         return umb_fail(
             error, UMB_E_ARGUMENT,
             "--truth: a window's rays need the asset as a file, %.80s is a daemon's; give "
@@ -200,8 +200,8 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     struct options *options = &render->options;
     const double start = umbu_clock_s();
     options->settings.opaque_only = options->compare; /* rays know only opaque and open */
-    UMB__TRY(umbt_source_init(&render->source, options->asset, &options->daemon, &options->settings,
-                              error));
+    UMB__TRY(umbt_shadow_source_open(&render->source, options->asset, &options->daemon,
+                                     &options->settings, error));
     UMB__TRY((render->source.translucent ? umbt_scene_init_opaque
                                          : umbt_scene_init)(&render->scene, options->scene, error));
     if (!options->force) {
@@ -261,8 +261,8 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     UMB__TRY(umbt_setup_camera(setup, &options->camera, options->size, error));
     const double rows = (double)options->size[1] * options->aa;
     return options->settings.filter == UMB_FILTER_FOOTPRINT
-               ? umbt_source_look(&render->source, setup->camera.eye,
-                                  2.0 * setup->camera.tan_y / rows, error)
+               ? umbt_shadow_source_look(&render->source, setup->camera.eye,
+                                         2.0 * setup->camera.tan_y / rows, error)
                : UMB_OK;
 }
 
@@ -456,6 +456,6 @@ int umbt_render_command(int argc, char **argv)
     umbt_picture_finish(&render.traced);
     umbt_picture_finish(&render.difference);
     umbt_scene_finish(&render.scene);
-    umbt_source_finish(&render.source);
+    umbt_shadow_source_close(&render.source);
     return umbu_end(&COMMAND, status, &error);
 }

@@ -21,14 +21,14 @@ static int ends_with(const char *text, const char *end)
     return length >= end_length && strcmp(text + length - end_length, end) == 0;
 }
 
-int umbt_source_is_file(const char *argument)
+int umbt_shadow_source_is_file(const char *argument)
 {
     struct stat facts;
     return strchr(argument, '/') != NULL || ends_with(argument, ".umb") ||
            ends_with(argument, ".umbm") || stat(argument, &facts) == 0;
 }
 
-static enum umb_status file_open(struct umbt_source *source, struct umb_error *error)
+static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_error *error)
 {
     UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
     UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
@@ -63,8 +63,8 @@ static size_t call_max(const struct umb_client_limits *limits)
     return most < SIZE_MAX ? (size_t)most : SIZE_MAX;
 }
 
-static enum umb_status daemon_open(struct umbt_source *source, const struct umbu_session *daemon,
-                                   struct umb_error *error)
+static enum umb_status daemon_open(struct umbt_shadow_source *source,
+                                   const struct umbu_session *daemon, struct umb_error *error)
 {
     struct umb_client_limits limits;
     struct umb_client_description *description = NULL;
@@ -86,22 +86,24 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbu
     return status;
 }
 
-enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                 const struct umbu_session *daemon,
-                                 const struct umb_query_settings *settings, struct umb_error *error)
+enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source, const char *argument,
+                                        const struct umbu_session *daemon,
+                                        const struct umb_query_settings *settings,
+                                        struct umb_error *error)
 {
     memset(source, 0, sizeof *source);
     source->name = argument;
     source->settings = *settings;
-    enum umb_status status = umbt_source_is_file(argument) ? file_open(source, error)
-                                                           : daemon_open(source, daemon, error);
+    enum umb_status status = umbt_shadow_source_is_file(argument)
+                                 ? file_open(source, error)
+                                 : daemon_open(source, daemon, error);
     if (status != UMB_OK) {
-        umbt_source_finish(source);
+        umbt_shadow_source_close(source);
     }
     return status;
 }
 
-void umbt_source_finish(struct umbt_source *source)
+void umbt_shadow_source_close(struct umbt_shadow_source *source)
 {
     umb_asset_close(source->asset);
     free(source->frusta);
@@ -111,8 +113,8 @@ void umbt_source_finish(struct umbt_source *source)
     memset(source, 0, sizeof *source);
 }
 
-enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3], double pixel_rad,
-                                 struct umb_error *error)
+enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *source, const double eye[3],
+                                        double pixel_rad, struct umb_error *error)
 {
     memcpy(source->settings.eye, eye, sizeof source->settings.eye);
     source->settings.pixel_rad = pixel_rad;
@@ -122,7 +124,7 @@ enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3]
 }
 
 /* Queries the daemon in as many calls as needed. */
-static enum umb_status ask(const struct umbt_source *source, const struct umb_points *points,
+static enum umb_status ask(const struct umbt_shadow_source *source, const struct umb_points *points,
                            float *values, struct umb_query_stats *stats, struct umb_error *error)
 {
     struct umb_client_query_request request = {
@@ -143,9 +145,10 @@ static enum umb_status ask(const struct umbt_source *source, const struct umb_po
     return UMB_OK;
 }
 
-enum umb_status umbt_source_answer(const struct umbt_source *source, const double *positions,
-                                   const float *normals, size_t first, size_t count, float *values,
-                                   struct umb_query_stats *stats, struct umb_error *error)
+enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
+                                          const double *positions, const float *normals,
+                                          size_t first, size_t count, float *values,
+                                          struct umb_query_stats *stats, struct umb_error *error)
 {
     const struct umb_points points = {
         .positions = positions + 3 * first,

@@ -44,9 +44,9 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
 {
     struct frame *frame = user;
     struct umb_query_stats stats = {0};
-    const enum umb_status status =
-        umbt_source_answer(frame->request->source, frame->buffer.positions, frame->buffer.normals,
-                           first, count, frame->answers, &stats, error);
+    const enum umb_status status = umbt_shadow_source_answer(
+        frame->request->source, frame->buffer.positions, frame->buffer.normals, first, count,
+        frame->answers, &stats, error);
     pthread_mutex_lock(&frame->mutex);
     umb_query_stats_add(&frame->result->stats, &stats);
     pthread_mutex_unlock(&frame->mutex);

@@ -23,9 +23,9 @@
 #define UMBT_JUDGED_FACING 0.2
 
 struct umbt_picture_request {
-    const struct umbt_setup *setup;    /* to_light: of parallel light */
-    const struct umbt_source *source;  /* NULL: no shadows from an asset */
-    const struct umbt_truth *truth;    /* NULL: no traced shadows; at least one of both */
+    const struct umbt_setup *setup;          /* to_light: of parallel light */
+    const struct umbt_shadow_source *source; /* NULL: no shadows from an asset */
+    const struct umbt_truth *truth;          /* NULL: no traced shadows; at least one of both */
     const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
     const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
     uint32_t aa;                       /* sub-samples a side of a pixel, 1..3 */
@@ -58,7 +58,7 @@ struct umbt_picture_result {
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */
 };
 
-/* Renders. Fails: E_NO_MEMORY, or as umbt_source_answer. */
+/* Renders. Fails: E_NO_MEMORY, or as umbt_shadow_source_answer. */
 UMB_CHECKED enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
                                                 struct umbt_picture_result *result,
                                                 struct umb_error *error);

@@ -46,7 +46,7 @@ enum umb_status umbt_study_camera(const struct umbt_study *study, const uint32_t
 /* A resolution's asset in the form of the picture renderer. */
 static enum umb_status source_make(const struct umbt_study *study,
                                    const struct umbt_study_result *result,
-                                   struct umbt_source *source, struct umb_error *error)
+                                   struct umbt_shadow_source *source, struct umb_error *error)
 {
     const struct umbt_study_bake *bake = &study->bakes[result->bake];
     memset(source, 0, sizeof *source);
@@ -69,7 +69,7 @@ static enum umb_status result_draw(const struct umbt_study *study,
                                    const struct umbt_setup *setup, struct pictures *pictures,
                                    struct umb_error *error)
 {
-    struct umbt_source source;
+    struct umbt_shadow_source source;
     struct umbt_picture_result ignored;
     char name[128];
     UMB__TRY(source_make(study, result, &source, error));

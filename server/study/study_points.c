@@ -170,7 +170,7 @@ static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struc
                                                        fmod(base + 80.0 + 120.0 * i, 360.0),
                                                    .has_elevation = 1,
                                                    .elevation_deg = 25.0 + 20.0 * i};
-        const struct umbt_point_view view = {
+        const struct umbt_pixel_request view = {
             .scene = &study->scene,
             .camera = &camera,
             .subject = &subject,
@@ -179,7 +179,7 @@ static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struc
             .threads = (unsigned)study->options.threads,
         };
         struct umbt_point_set set = {0};
-        const enum umb_status seen = umbt_points_view(&view, &set, error);
+        const enum umb_status seen = umbt_points_of_pixels(&view, &set, error);
         if (seen == UMB_OK) {
             append(&study->points, &set, set.count < wanted / VIEWS ? set.count : wanted / VIEWS);
             status = UMB_OK;

@@ -66,7 +66,7 @@ static void peer_run(const struct umbt_probe *probe, size_t first, size_t count,
     }
 }
 
-void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values)
+void umbt_probe_query(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
     if (probe->peer == NULL) {
         asset_run(probe, first, count, values);
@@ -78,7 +78,7 @@ void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, 
 
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
-    umbt_probe_run(probe, first, count, values);
+    umbt_probe_query(probe, first, count, values);
     if (probe->peer == NULL) {
         return;
     }

@@ -33,9 +33,9 @@ struct umb_points umbt_study_points_all(const struct umbt_study *study);
  *      (umbt_probe_answer puts them in their places).
  * Threads: any.
  */
-void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values);
+void umbt_probe_query(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* Queries as umbt_probe_run, with an answer for each sample; values[0] is that of sample `first`.
+/* Queries as umbt_probe_query, with an answer for each sample; values[0] is that of sample `first`.
  * */
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 

@@ -38,7 +38,7 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     while (count > 0) { /* repeats the view */
         const size_t at = first % view;
         const size_t room = view - at < count ? view - at : count;
-        umbt_probe_run(probe, at, room, values);
+        umbt_probe_query(probe, at, room, values);
         first += room;
         count -= room;
     }
@@ -61,10 +61,10 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     const size_t view = points->first[UMBT_STUDY_BORDER];
     const size_t first_free = points->first[UMBT_STUDY_FREE];
     double start = umbu_thread_cpu_s();
-    umbt_probe_run(probe, 0, view, values);
+    umbt_probe_query(probe, 0, view, values);
     times->view[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)view;
     start = umbu_thread_cpu_s();
-    umbt_probe_run(probe, first_free, points->count - first_free, values);
+    umbt_probe_query(probe, first_free, points->count - first_free, values);
     times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
     const size_t passes = all_passes(view, times->view[run]);
     start = umbu_clock_s();
