@@ -80,7 +80,7 @@ typedef enum umb_status (*umbu_writer_fn)(void *user, const struct umb_sink *sin
                                           struct umb_error *error);
 
 /* Writes a file by a writer of the core: begin, write and commit. The writer knows only that the
- * sink failed; the error gets the cause. Fails: as the writer, begin and commit. */
+ * sink failed; the error, never NULL here, gets the cause. Fails: as writer, begin and commit. */
 UMB_CHECKED enum umb_status umbu_output_write_by(const char *path, unsigned flags,
                                                  umbu_writer_fn writer, void *user,
                                                  struct umb_error *error);

@@ -228,6 +228,28 @@ enum umb_status umbu_range_run(unsigned threads, size_t count, size_t block, umb
     return range.status;
 }
 
+struct items {
+    umbu_item_fn fn;
+    void *user;
+};
+
+static enum umb_status run_items(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    const struct items *items = user;
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        items->fn(items->user, i);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbu_range_each(unsigned threads, size_t count, size_t block, umbu_item_fn fn,
+                                void *user, struct umb_error *error)
+{
+    struct items items = {fn, user};
+    return umbu_range_run(threads, count, block, run_items, &items, error);
+}
+
 unsigned umbu_processor_count(void)
 {
     const long count = sysconf(_SC_NPROCESSORS_ONLN);

@@ -77,6 +77,13 @@ typedef enum umb_status (*umbu_block_fn)(void *user, size_t first, size_t count,
 UMB_CHECKED enum umb_status umbu_range_run(unsigned threads, size_t count, size_t block,
                                            umbu_block_fn fn, void *user, struct umb_error *error);
 
+/* Does item i of a range. */
+typedef void (*umbu_item_fn)(void *user, size_t i);
+
+/* Runs fn for each item of the range 0 .. count - 1, as umbu_range_run does. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbu_range_each(unsigned threads, size_t count, size_t block,
+                                            umbu_item_fn fn, void *user, struct umb_error *error);
+
 /* Number of processors this process may use, 1..UMBU_THREADS_MAX. */
 unsigned umbu_processor_count(void);
 

@@ -234,22 +234,17 @@ static double brute_force(const struct deep *d, double x, double y, double depth
     return (double)(sum / (long double)(taps * taps));
 }
 
-static enum umb_status truth_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void truth_item(void *user, size_t i)
 {
     struct deep *d = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        double p[3], at[3];
-        umb__subtract(&d->view.buffer.positions[3 * i], d->view.frustum.origin, p);
-        for (int k = 0; k < 3; k++) {
-            at[k] =
-                umb__dot(d->view.frustum.world_to_map[k], p) + d->view.frustum.world_to_map[k][3];
-        }
-        const double depth = at[2] - bias_of(d) / d->view.frustum.depth_m;
-        d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
-        d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
+    double p[3], at[3];
+    umb__subtract(&d->view.buffer.positions[3 * i], d->view.frustum.origin, p);
+    for (int k = 0; k < 3; k++) {
+        at[k] = umb__dot(d->view.frustum.world_to_map[k], p) + d->view.frustum.world_to_map[k][3];
     }
-    return UMB_OK;
+    const double depth = at[2] - bias_of(d) / d->view.frustum.depth_m;
+    d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
+    d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
 }
 
 /* Draws the truths as floats; the difference is invisible. */
@@ -279,7 +274,7 @@ static enum umb_status deep_run(struct deep *d, struct umb_error *error)
     struct umb_map_deep_settings settings = {0};
     UMB__TRY(scene_open(d, error));
     const size_t count = d->view.buffer.receiver_count, bytes = count * sizeof *d->values;
-    UMB__TRY(umbu_range_run((unsigned)d->options.threads, count, 1024, truth_block, d, error));
+    UMB__TRY(umbu_range_each((unsigned)d->options.threads, count, 1024, truth_item, d, error));
     UMB__TRY(umbt_sheet_begin(&d->sheet, d->options.output, &d->view, TILES_BEFORE + MOMENT_COUNT,
                               error));
     UMB__TRY(map_run(d, &settings, NULL, d->values, &d->exact, error));

@@ -75,8 +75,9 @@ static double distance_refine(const double corners[3][3], const double normal[3]
 }
 
 /* Traces a sub-sample; the hit stands at the sub-sample's own place until hits_gather. */
-static void sample_trace(const struct fill *fill, size_t index)
+static void sample_trace(void *user, size_t index)
 {
+    const struct fill *fill = user;
     struct umbt_gbuffer *buffer = fill->buffer;
     const uint32_t per_pixel = buffer->aa * buffer->aa;
     const size_t pixel = index / per_pixel;
@@ -101,15 +102,6 @@ static void sample_trace(const struct fill *fill, size_t index)
                                             hit.distance, 1e-5 * (hit.distance + fill->far_m));
     umbt_along(fill->camera->eye, distance, direction, &buffer->positions[3 * index]);
     buffer->triangles[index] = hit.triangle;
-}
-
-static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
-{
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        sample_trace(user, i);
-    }
-    return UMB_OK;
 }
 
 /* Moves the hits to the front, in order, and gives them normals that face the camera. */
@@ -156,7 +148,8 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
     const size_t count = (size_t)buffer->width * row_count * buffer->aa * buffer->aa;
     buffer->first_row = first_row;
     buffer->row_count = row_count;
-    const enum umb_status status = umbu_range_run(threads, count, 4096, block_trace, &fill, error);
+    const enum umb_status status =
+        umbu_range_each(threads, count, 4096, sample_trace, &fill, error);
     if (status == UMB_OK) {
         hits_gather(buffer, scene, camera->eye, count);
     }

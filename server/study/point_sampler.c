@@ -104,8 +104,9 @@ static int surface_point(const struct sampling *sampling, uint64_t *state, doubl
     return umbt_normalize(normal) > 0.0;
 }
 
-static void candidate_make(const struct sampling *sampling, size_t index)
+static void candidate_make(void *user, size_t index)
 {
+    const struct sampling *sampling = user;
     const struct umbt_point_request *request = sampling->request;
     const struct umbt_scene *scene = request->scene;
     struct candidate *candidate = &sampling->candidates[index];
@@ -131,15 +132,6 @@ static void candidate_make(const struct sampling *sampling, size_t index)
         umbt_along(candidate->position, CLEARANCE * scene->diagonal_m, candidate->normal, off);
     }
     candidate->good = !umbt_point_is_inside(scene, off, candidate->normal);
-}
-
-static enum umb_status block_make(void *user, size_t first, size_t count, struct umb_error *error)
-{
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        candidate_make(user, i);
-    }
-    return UMB_OK;
 }
 
 static enum umb_status set_init(struct umbt_point_set *set, size_t count, struct umb_error *error)
@@ -206,7 +198,7 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
         const size_t tried =
             missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK : ROUND;
         sampling->first = set->candidates;
-        status = umbu_range_run(request->threads, tried, BLOCK, block_make, sampling, error);
+        status = umbu_range_each(request->threads, tried, BLOCK, candidate_make, sampling, error);
         for (size_t i = 0; i < tried && set->count < request->count; i++) {
             if (sampling->candidates[i].good) {
                 point_add(set, sampling->candidates[i].position, sampling->candidates[i].normal);

@@ -66,14 +66,10 @@ static float trace(const struct umbt_truth *truth, const struct umbt_study_point
     return umbt_truth_visibility(truth, points->positions[i], normal);
 }
 
-static enum umb_status trace_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void trace_item(void *user, size_t i)
 {
     const struct tracing *tracing = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        tracing->values[i] = trace(tracing->truth, tracing->points, i);
-    }
-    return UMB_OK;
+    tracing->values[i] = trace(tracing->truth, tracing->points, i);
 }
 
 /* Estimates the error of a truth by a second truth with twice the rays a side. */
@@ -124,8 +120,8 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
     }
     truths->count++;
     struct tracing tracing = {&probe->study->points, &made->rays, made->values};
-    const enum umb_status status = umbu_range_run((unsigned)probe->study->options.threads, surface,
-                                                  BLOCK, trace_block, &tracing, error);
+    const enum umb_status status = umbu_range_each((unsigned)probe->study->options.threads, surface,
+                                                   BLOCK, trace_item, &tracing, error);
     made->error = own_error(&tracing);
     *truth = made;
     return status;
@@ -133,21 +129,15 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
 
 /* ---- errors ---- */
 
-static enum umb_status undefined_block(void *user, size_t first, size_t count,
-                                       struct umb_error *error)
+static void undefined_item(void *user, size_t i)
 {
     struct judging *judging = user;
     const struct umbt_study_points *points = &judging->probe->study->points;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        double normal[3];
-        umbt_study_normal(points, i, normal);
-        judging->undefined[i] =
-            (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
-                      umbt_truth_is_undefined(&judging->probe->truth, points->positions[i],
-                                              normal));
-    }
-    return UMB_OK;
+    double normal[3];
+    umbt_study_normal(points, i, normal);
+    judging->undefined[i] =
+        (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
+                  umbt_truth_is_undefined(&judging->probe->truth, points->positions[i], normal));
 }
 
 /* Counts what an asset reads for a point of the view. */
@@ -174,8 +164,8 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
     UMB__TRY(truth_get(&judging->truths, probe, &truth, error));
     judging->probe = probe;
     judging->area = truth->values;
-    UMB__TRY(umbu_range_run((unsigned)probe->study->options.threads, surface, BLOCK,
-                            undefined_block, judging, error));
+    UMB__TRY(umbu_range_each((unsigned)probe->study->options.threads, surface, BLOCK,
+                             undefined_item, judging, error));
     const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
                                        points->lit, points->boundary_m, judging->undefined};
     umbt_errors_area(&judged, probe->result);

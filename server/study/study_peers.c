@@ -115,16 +115,12 @@ static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
     umbt_map16_put(columns->map, x, y, lit);
 }
 
-static enum umb_status rows_fill(void *user, size_t first, size_t count, struct umb_error *error)
+static void row_fill(void *user, size_t row)
 {
     const struct columns *columns = user;
-    (void)error;
-    for (size_t row = first; row < first + count; row++) {
-        for (uint32_t x = 0; x < (uint32_t)columns->map->size; x += 8) {
-            block_fill(columns, x, 8 * (uint32_t)row);
-        }
+    for (uint32_t x = 0; x < (uint32_t)columns->map->size; x += 8) {
+        block_fill(columns, x, 8 * (uint32_t)row);
     }
-    return UMB_OK;
 }
 
 static enum umb_status map_fill(const struct umbt_study *study, const struct umbt_study_bake *bake,
@@ -134,8 +130,8 @@ static enum umb_status map_fill(const struct umbt_study *study, const struct umb
     UMB__TRY(umb_volume_prepare(bake->asset, 0, &columns.volume, error));
     UMB__TRY(umb_volume_check_parallel(&columns.volume, error));
     UMB__TRY(umb_volume_check_columns(&columns.volume, error));
-    return umbu_range_run((unsigned)study->options.threads, (size_t)map->size / 8, 4, rows_fill,
-                          &columns, error);
+    return umbu_range_each((unsigned)study->options.threads, (size_t)map->size / 8, 4, row_fill,
+                           &columns, error);
 }
 
 /* Keeps the layout that is faster for windows, and frees the other. */

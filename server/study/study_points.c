@@ -117,22 +117,18 @@ static void trace_point(const struct umbt_study *study, struct umbt_study_points
     points->boundary_m[i] = (float)nearest;
 }
 
-static enum umb_status trace_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void trace_item(void *user, size_t i)
 {
     struct tracing *tracing = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        trace_point(tracing->study, tracing->points, tracing->first + i);
-    }
-    return UMB_OK;
+    trace_point(tracing->study, tracing->points, tracing->first + i);
 }
 
 static enum umb_status trace_range(struct umbt_study *study, size_t first, size_t count,
                                    struct umb_error *error)
 {
     struct tracing tracing = {study, &study->points, first};
-    return umbu_range_run((unsigned)study->options.threads, count, BLOCK, trace_block, &tracing,
-                          error);
+    return umbu_range_each((unsigned)study->options.threads, count, BLOCK, trace_item, &tracing,
+                           error);
 }
 
 static enum umb_status room_make(struct umbt_study_points *points, size_t count,

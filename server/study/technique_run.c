@@ -90,20 +90,16 @@ static double distance_of(const struct umbt_technique_view *view, size_t i)
     return umb__dot(from_eye, view->setup.camera.forward);
 }
 
-static enum umb_status traced_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void traced_item(void *user, size_t i)
 {
     const struct tracing *tracing = user;
     const struct umb_cascade_plan *plan = tracing->plan;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        const double distance = distance_of(tracing->view, i);
-        uint32_t slice = 0;
-        while (plan != NULL && slice + 1 < plan->count && distance >= plan->splits[slice + 1]) {
-            slice++;
-        }
-        tracing->traced[i] = umbt_technique_traced(tracing->view, &tracing->truths[slice], i);
+    const double distance = distance_of(tracing->view, i);
+    uint32_t slice = 0;
+    while (plan != NULL && slice + 1 < plan->count && distance >= plan->splits[slice + 1]) {
+        slice++;
     }
-    return UMB_OK;
+    tracing->traced[i] = umbt_technique_traced(tracing->view, &tracing->truths[slice], i);
 }
 
 /* Compares answers with rays over the box of each point. */
@@ -115,7 +111,7 @@ static enum umb_status box_compare(struct tracing tracing, const float *values,
     tracing.traced = malloc(count * sizeof *tracing.traced);
     const enum umb_status status =
         tracing.traced != NULL
-            ? umbu_range_run(view->threads, count, BLOCK, traced_block, &tracing, error)
+            ? umbu_range_each(view->threads, count, BLOCK, traced_item, &tracing, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     if (status == UMB_OK) {
         umbt_technique_compare(view, tracing.traced, values, result);

@@ -27,23 +27,19 @@ struct layer {
     float *depth;
 };
 
-static enum umb_status layer_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void layer_item(void *user, size_t i)
 {
     const struct layer *layer = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        double start[3], direction[3];
-        struct umbr_hit hit = {.distance = -1.0};
-        const double length = umbt_texel_ray(layer->frustum, i, start, direction);
-        layer->depth[i] = 1.0F;
-        if (length > 0.0) {
-            umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
-        }
-        if (hit.distance >= 0.0) {
-            layer->depth[i] = (float)fmin(hit.distance / length, 0.99999994);
-        }
+    double start[3], direction[3];
+    struct umbr_hit hit = {.distance = -1.0};
+    const double length = umbt_texel_ray(layer->frustum, i, start, direction);
+    layer->depth[i] = 1.0F;
+    if (length > 0.0) {
+        umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
     }
-    return UMB_OK;
+    if (hit.distance >= 0.0) {
+        layer->depth[i] = (float)fmin(hit.distance / length, 0.99999994);
+    }
 }
 
 enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
@@ -51,8 +47,8 @@ enum umb_status umbt_technique_layer(const struct umbt_technique_view *view,
                                      struct umb_error *error)
 {
     struct layer layer = {view->setup.scene->rays, frustum, depth};
-    return umbu_range_run(view->threads, (size_t)frustum->width * frustum->height, 4096,
-                          layer_block, &layer, error);
+    return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height, 4096,
+                           layer_item, &layer, error);
 }
 
 void umbt_technique_truth(const struct umbt_technique_view *view,
