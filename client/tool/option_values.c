@@ -23,6 +23,11 @@ static const struct unit {
                   {"", 1}},
   TIME_UNITS[] = {{"m", 60000}, {"s", 1000}, {"ms", 1}, {"", 1000}};
 
+bool umbu_is_word(const struct umbu_option *option)
+{
+    return option->name[0] >= 'A' && option->name[0] <= 'Z';
+}
+
 bool umbu_read_count(const char **text, uint64_t *value)
 {
     const char *at = *text;

@@ -14,11 +14,6 @@ struct found {
     size_t at;    /* Offset in bytes of its section's settings */
 };
 
-bool umbu_is_word(const struct umbu_option *option)
-{
-    return option->name[0] >= 'A' && option->name[0] <= 'Z';
-}
-
 /* Steps to the next row; false after the last. *found begins as zeros. */
 static bool next_row(const struct umbu_command *command, struct found *found)
 {
