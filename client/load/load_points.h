@@ -9,7 +9,7 @@
  *             pixel's ray meets the plane at a tenth of the bounds' height. Up is the shortest axis
  *             of the bounds. Neighbours in a batch are neighbours in space.
  *   random    uniform in the bounds
- *   boundary  close to shadow boundaries (load_boundary.h)
+ *   boundary  close to shadow boundaries, found by queries to the service
  *   trace     the points of a file, as `umbrage query --points` reads them, in its order
  *
  * The same asset, seed and counts give the same pool.
@@ -48,8 +48,8 @@ struct umbc_load_source {
  * points; its first points fill up the last batch.
  *
  * In:    bounds: bounds of the asset. client: for UMBC_LOAD_BOUNDARY.
- * Fails: E_NO_MEMORY; for a trace as umbc_points_read, E_FORMAT (no points); for boundaries as
- *        umbc_load_find_boundaries.
+ * Fails: E_NO_MEMORY; for a trace as umbc_points_read, E_FORMAT (no points); for boundaries as the
+ *        service, E_NOT_FOUND (hardly any shadow boundary in the bounds).
  */
 UMB_CHECKED enum umb_status umbc_load_pool_make(const struct umbc_load_source *source,
                                                 const struct umb_box *bounds,
