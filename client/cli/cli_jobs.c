@@ -51,9 +51,9 @@ static int run(const struct umbu_command *command, int argc, char **argv, job_fn
 static const struct umbu_command WATCH = {
     .name = "umbrage watch",
     .usage = "umbrage watch JOB [options]",
-    .summary = "Shows the progress of a job until it is over, then its asset or the reason why it\n"
-               "has none. A lost connection is made again. Exit codes: 0 done, 65 bad scene, 70\n"
-               "the bake failed, 75 cancelled or temporary.",
+    .summary = "Shows the progress of a job until it is over, then its asset or the reason why\n"
+               "it has none. A lost connection is made again. Exit codes: 0 done, 65 bad scene,\n"
+               "70 the bake failed, 75 cancelled or temporary.",
     .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
@@ -184,9 +184,8 @@ static const struct umbu_option REMOVE_OPTIONS[] = {
 static const struct umbu_command REMOVE = {
     .name = "umbrage rm",
     .usage = "umbrage rm ASSET [options]",
-    .summary =
-        "Gives up an asset that a job of yours made. ASSET is its id. The daemon removes the\n"
-        "file when no owner holds it any more.",
+    .summary = "Gives up an asset that a job of yours made. ASSET is its id. The daemon removes\n"
+               "the file when no owner holds it any more.",
     .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
                  UMBU_SESSION(struct job_settings, session)},
 };

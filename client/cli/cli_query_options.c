@@ -134,14 +134,13 @@ const struct umbu_command umbc_query_command = {
     .name = "umbrage query",
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
              "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
-    .summary =
-        "Prints the share of a light that reaches each point: one answer a line, from 0\n"
-        "(shadowed) to 1 (lit), in the order of the points. An existing file, a name with\n"
-        "'/' or one ending in .umb or .umbm is answered here; anything else is an asset of\n"
-        "the daemon, with the same bits. Text points are lines `x y z` or `x y z nx ny nz`;\n"
-        "'#' starts a comment. Segments, columns and boxes are answered exactly, voxel by\n"
-        "voxel, for opaque casters alone: translucent ones do not count, and a note says\n"
-        "so where there are any.",
+    .summary = "Prints the share of a light that reaches each point: one answer a line, from 0\n"
+               "(shadowed) to 1 (lit), in the order of the points. An existing file, a name with\n"
+               "'/' or one ending in .umb or .umbm is answered here; anything else is an asset\n"
+               "of the daemon, with the same bits. Text points are lines `x y z` or\n"
+               "`x y z nx ny nz`; '#' starts a comment. Segments, columns and boxes are answered\n"
+               "exactly, voxel by voxel, for opaque casters alone: translucent ones do not\n"
+               "count, and a note says so where there are any.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 
