@@ -33,21 +33,10 @@ struct fetch_settings {
 };
 #define AT(field) UMBU_AT(struct fetch_settings, field)
 
-static enum umb_status read_output(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || strcmp(text, "-") == 0 || strlen(text) >= OUTPUT_SIZE) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
-
 static const struct umbu_option OPTIONS[] = {
     {"ASSET", NULL, "id of the asset", UMBC_ID, AT(asset), .needed = true},
     {"output", "FILE", "name of the file",
-     UMBU_READ(read_output,
-               "a file name of 1 to 4095 bytes (a file is proven before it gets its name: it "
+     UMBU_NAME("a file name of 1 to 4095 bytes (a file is proven before it gets its name: it "
                "cannot go to stdout; name a file, ./- for one of that name)"),
      AT(output), .otherwise = "ASSET.umb", .letter = 'o'},
     {"max-bytes", "BYTES", "largest file in bytes that is accepted",

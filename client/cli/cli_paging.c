@@ -195,29 +195,24 @@ struct stream {
     struct umb_error error;    /* error of the progress callback */
 };
 
-/* Opens the file, URL or asset. Returns -1 to go on, else the exit code. */
-static int open_source(struct stream *s)
+static enum umb_status open_source(struct stream *s, struct umb_error *error)
 {
-    struct umb_error error;
-    enum umb_status status;
     if (s->o.url) {
-        status = umbc_http_open(s->o.url, &s->source, &error);
-        if (status == UMB_OK && s->o.timeout_s > 0) {
+        UMB__TRY(umbc_http_open(s->o.url, &s->source, error));
+        if (s->o.timeout_s > 0) {
             umbc_http_stop_at(&s->source, umbu_clock_s() + s->o.timeout_s);
         }
-    } else if (s->o.file) {
-        status = umb_region_file_open(s->o.file, &s->source, &error);
-    } else {
-        struct umbu_session session = s->o.session;
-        if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
-            session.options.call_timeout_ms = s->o.timeout_s * 1000;
-        }
-        status = umbu_connect(&session, &s->client, &error);
-        if (status == UMB_OK) {
-            status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
-        }
+        return UMB_OK;
     }
-    return status == UMB_OK ? -1 : umbc_complain(&error);
+    if (s->o.file) {
+        return umb_region_file_open(s->o.file, &s->source, error);
+    }
+    struct umbu_session session = s->o.session;
+    if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
+        session.options.call_timeout_ms = s->o.timeout_s * 1000;
+    }
+    UMB__TRY(umbu_connect(&session, &s->client, error));
+    return umb_region_daemon_open(s->client, s->o.asset, &s->source, error);
 }
 
 static void print_step(const struct stream *s, const struct step *step)
@@ -248,19 +243,16 @@ static enum umb_status draw_step(struct stream *s, struct umb_error *error)
                                    s->o.size, path, error);
 }
 
-/* Called after new pages were laid out: adds figures, a line and a picture. */
-static enum umb_status on_progress(void *user, struct umb_region *region)
+/* Adds a step: figures, a line and a picture. */
+static enum umb_status add_step(struct stream *s, struct umb_region *region, double now)
 {
-    struct stream *s = user;
-    const double now = umbu_clock_s();
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
-    enum umb_status status = UMB_OK;
     umb_region_get_stats(region, &step.stats);
     if (s->o.points.list.count > 0) {
-        status = umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
-                                        &s->error);
+        UMB__TRY(umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
+                                        &s->error));
     }
-    if (status == UMB_OK && s->step_count == s->step_capacity) {
+    if (s->step_count == s->step_capacity) {
         s->step_capacity = s->step_capacity ? 2 * s->step_capacity : 64;
         struct step *steps = realloc(s->steps, s->step_capacity * sizeof *steps);
         if (!steps) {
@@ -268,19 +260,25 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
         }
         s->steps = steps;
     }
-    if (status == UMB_OK) {
-        s->steps[s->step_count++] = step;
-        if (!s->o.quiet && !s->o.json) {
-            print_step(s, &step);
-        }
+    s->steps[s->step_count++] = step;
+    if (!s->o.quiet && !s->o.json) {
+        print_step(s, &step);
     }
-    if (status == UMB_OK && s->o.frames) {
-        status = draw_step(s, &s->error);
+    if (s->o.frames) {
+        UMB__TRY(draw_step(s, &s->error));
     }
-    if (status == UMB_OK && s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s) {
-        status =
-            umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", s->o.timeout_s);
-    }
+    return s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s
+               ? umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over",
+                          s->o.timeout_s)
+               : UMB_OK;
+}
+
+/* Called after new pages were laid out. The time of the step does not count as fetching. */
+static enum umb_status on_progress(void *user, struct umb_region *region)
+{
+    struct stream *s = user;
+    const double now = umbu_clock_s();
+    const enum umb_status status = add_step(s, region, now);
     s->aside_s += umbu_clock_s() - now;
     return status;
 }
@@ -292,12 +290,10 @@ static enum umb_status open_region(struct stream *s, struct umb_error *error)
         return umb_region_open(&s->source, &s->o.region, &s->region, error);
     }
     struct umb_file file;
-    enum umb_status status = umb_file_open(resume, &file, error);
-    if (status == UMB_OK) {
-        status =
-            umb_region_resume(file.bytes, file.size, &s->source, &s->o.region, &s->region, error);
-        umb_file_close(&file);
-    }
+    UMB__TRY(umb_file_open(resume, &file, error));
+    const enum umb_status status =
+        umb_region_resume(file.bytes, file.size, &s->source, &s->o.region, &s->region, error);
+    umb_file_close(&file);
     return status;
 }
 
@@ -399,19 +395,23 @@ static enum umb_status save(void *user, const struct umb_sink *sink, struct umb_
     return umb_partial_save(umb_region_partial(s->region), sink, error);
 }
 
+/* Opens the source and the region, and fetches. */
+static enum umb_status fetch_all(struct stream *s, struct umb_error *error)
+{
+    UMB__TRY(open_source(s, error));
+    if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
+                              s->o.frames);
+    }
+    s->started_s = umbu_clock_s();
+    UMB__TRY(open_region(s, error));
+    return fetch(s, error);
+}
+
 static int run(struct stream *s)
 {
     struct umb_error error = {0};
-    if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
-        (void)umb_fail_errno(&error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
-                             s->o.frames);
-        return umbc_complain(&error);
-    }
-    s->started_s = umbu_clock_s();
-    enum umb_status status = open_region(s, &error);
-    if (status == UMB_OK) {
-        status = fetch(s, &error);
-    }
+    const enum umb_status status = fetch_all(s, &error);
     if (s->region && s->o.output) { /* after a failure too: --resume continues from it */
         struct umb_error unsaved = {0};
         const enum umb_status saved =
@@ -434,7 +434,6 @@ int umbc_paging(int argc, char **argv)
     struct stream s;
     memset(&s, 0, sizeof s);
     int code = options_parse(&s.o, argc, argv);
-    code = code >= 0 ? code : open_source(&s);
     code = code >= 0 ? code : run(&s);
     umb_region_close(s.region);
     if (s.o.url) {

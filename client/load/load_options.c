@@ -10,17 +10,6 @@
 #define TIME_MAX_S 86400
 #define AT(field)  UMBU_AT(struct umbc_load_options, field)
 
-/* Reads the name of a file; stdout is taken by the figures. */
-static enum umb_status read_report(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || strcmp(text, "-") == 0) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
-
 static const struct umbu_option OPTIONS[] = {
     {"ASSET", NULL, "asset of the daemon", UMBU_TEXT, AT(settings.asset), .needed = true},
     {"rate", "R",
@@ -70,7 +59,7 @@ static const struct umbu_option OPTIONS[] = {
     {"admin", "HOST:PORT", "admin port of the daemon, for its processor time and memory", UMBU_TEXT,
      AT(settings.admin)},
     {"report", "FILE", "HTML page with plots, in one file",
-     UMBU_READ(read_report, "a file name: stdout has the figures"), AT(report)},
+     UMBU_NAME("a file name: stdout has the figures"), AT(report)},
     {UMBU_JSON_ROW(struct umbc_load_options)},
     {UMBU_QUIET_ROW(struct umbc_load_options, "no live line")},
 };

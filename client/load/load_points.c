@@ -15,7 +15,8 @@
 #define BLOCK        16384U /* segments at a time, and points in a call */
 #define BLOCKS       8      /* most blocks of segments */
 
-/* Next random number of a state. Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014. */
+/* Next random number of a state. Source: Steele, Lea, Flood, "Fast splittable pseudorandom number
+ * generators", 2014. */
 static uint64_t next_random(uint64_t *state)
 {
     uint64_t z = *state += 0x9e3779b97f4a7c15U;

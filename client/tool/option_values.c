@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define NAME_SIZE 4096 /* bytes of a file name with its NUL */
+
 static const struct unit {
     const char *name;
     uint64_t factor;
@@ -301,6 +303,15 @@ enum umb_status umbu_read_bias(const struct umbu_option *option, const char *tex
     settings->bias_mode = *at == 'v' ? UMB_BIAS_VOXELS : UMB_BIAS_METRES;
     settings->bias = value;
     return UMB_OK;
+}
+
+enum umb_status umbu_read_name(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error)
+{
+    return text[0] != '\0' && strcmp(text, "-") != 0 && strlen(text) < NAME_SIZE &&
+                   put_text(text, field)
+               ? UMB_OK
+               : umbu_refuse(option, text, error);
 }
 
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,

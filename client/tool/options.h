@@ -219,6 +219,12 @@ enum umb_status umbu_read_bias(const struct umbu_option *option, const char *tex
 #define UMBU_BIAS                                                                                  \
     UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
 
+/* Option reader: the name of a file or folder, of 1 to 4095 bytes and not "-", into a const char *.
+ * */
+enum umb_status umbu_read_name(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error);
+#define UMBU_NAME(expects_) UMBU_READ(umbu_read_name, expects_)
+
 /* Reads decimal digits at *text and moves *text after them; false for none, or too many. */
 bool umbu_read_count(const char **text, uint64_t *value);
 

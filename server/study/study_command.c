@@ -17,22 +17,11 @@
 
 #define AT(field) UMBU_AT(struct umbt_study_options, field)
 
-/* A folder's name: a report has many files. */
-static enum umb_status read_folder(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || umbu_output_is_stdout(text)) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
-
 static const struct umbu_option OPTIONS[] = {
     {UMBT_SCENE_ROW(struct umbt_study_options, scene)},
     {"output", "DIR", "folder of the report; the command makes it if it does not exist",
-     UMBU_READ(read_folder, "a folder's name (a report has many files: it cannot go to stdout; "
-                            "name a folder, ./- for one of that name)"),
+     UMBU_NAME("a folder's name (a report has many files: it cannot go to stdout; "
+               "name a folder, ./- for one of that name)"),
      AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
     {"quick", NULL,
      "takes minutes, not hours: at most 4096 voxels a side, filters of 1, 3 and 9 taps, fewer "

@@ -287,7 +287,29 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
     return UMB_OK;
 }
 
-/* Runs --bounds: checks every row of every light's curve. */
+/* Checks every row of every light's curve. */
+static enum umb_status rows_check(struct verify *verify, const struct umbt_point_set *points,
+                                  struct umb_error *error)
+{
+    for (uint32_t i = 0; i < verify->light_count; i++) {
+        const uint32_t light = verify->first_light + i;
+        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+        size_t count;
+        (void)umb_asset_get_curve(verify->asset, light, rows, &count);
+        for (size_t k = 0; k < count; k++) {
+            UMB__TRY(row_check(verify, points, light, &rows[k], error));
+        }
+    }
+    if (verify->json) {
+        umbu_json_end(&verify->bounds_json, ']');
+        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
+    }
+    return verify->rows_done > 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
+}
+
+/* Runs --bounds. */
 static enum umb_status bounds_verify(struct verify *verify, struct umb_error *error)
 {
     const struct umbt_point_request request = {
@@ -299,29 +321,15 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         .quiet = verify->quiet,
     };
     struct umbt_point_set points = {0};
-    enum umb_status status = umbt_points_sample(&request, &points, error);
-    if (status == UMB_OK && verify->json) {
+    UMB__TRY(umbt_points_sample(&request, &points, error));
+    if (verify->json) {
         verify->bounds_json.file = stdout;
         umbu_json_begin(&verify->bounds_json, NULL, '{');
         umbu_json_begin(&verify->bounds_json, "bounds", '[');
     }
-    for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
-        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-        size_t count;
-        (void)umb_asset_get_curve(verify->asset, verify->first_light + i, rows, &count);
-        for (size_t k = 0; k < count && status == UMB_OK; k++) {
-            status = row_check(verify, &points, verify->first_light + i, &rows[k], error);
-        }
-    }
-    if (status == UMB_OK && verify->json) {
-        umbu_json_end(&verify->bounds_json, ']');
-        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
-    }
+    const enum umb_status status = rows_check(verify, &points, error);
     umbu_json_close(&verify->bounds_json);
     umbt_point_set_finish(&points);
-    if (status == UMB_OK && verify->rows_done == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
-    }
     return status;
 }
 
