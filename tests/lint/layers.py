@@ -50,7 +50,7 @@ LIBRARIES = {
     "uv.h": ["client/rpc/*", "server/daemon/*"],
     "nghttp2/*": ["client/rpc/*", "server/daemon/*"],
     "openssl/*": ["proto/net/*", "client/rpc/*", "server/common/*", "server/jobs/*", "server/daemon/*",
-                  "server/study/study_page.c"],  # base64
+                  "server/study/study_report.c"],  # base64
     "sqlite3.h": ["server/jobs/*"],
     "ini.h": ["server/daemon/*"],
     "intel-ipsec-mb*": ["server/common/sha256_lanes.c"],
