@@ -31,7 +31,7 @@ TEST_SYS_scene  = $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_store  = -luv $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_rays   = -lembree3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_study  = -lembree3 -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
-TEST_SYS_bake   = -lembree3 -lassimp -lpng $(COMMON_LIBS) $(CORE_LIBS)
+TEST_SYS_bake   = -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 

@@ -8,6 +8,7 @@
 #include "bake/import/import_child.h"
 
 #include <errno.h>
+#include <jansson.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -17,6 +18,7 @@
 #include "bake/import/import_job.h"
 #include "bake/import/text_number.h"
 #include "bake/sandbox/sandbox.h"
+#include "base/try.h"
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
@@ -85,27 +87,23 @@ static enum umb_status write_output(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-static enum umb_status read_scene(struct umbb_import *job, enum umbb_kind kind,
-                                  uint64_t max_triangles, struct umb_error *error)
+/* Reads the mapped scene and writes its buffer. */
+static enum umb_status convert(struct umbb_import *job, const char *name, uint64_t max_triangles,
+                               struct umb_error *error)
 {
-    static const enum umbs_format formats[] = {
-        [UMBB_KIND_GLTF] = UMBS_FORMAT_GLTF, [UMBB_KIND_GLB] = UMBS_FORMAT_GLTF,
-        [UMBB_KIND_OBJ] = UMBS_FORMAT_OBJ,   [UMBB_KIND_PLY] = UMBS_FORMAT_PLY,
-        [UMBB_KIND_STL] = UMBS_FORMAT_STL,
-    };
-    umbs_scene_builder_init(&job->scene, formats[kind], formats[kind] != UMBS_FORMAT_GLTF,
+    int output = UMBS_CHILD_FD_OUTPUT;
+    const struct umb_sink sink = {write_output, &output};
+    const struct umbb_format *format;
+    UMB__TRY(umbb_import_detect(name, &job->file, &format, error));
+    umbs_scene_builder_init(&job->scene, format->format, format->format != UMBS_FORMAT_GLTF,
                             max_triangles);
-    switch (kind) {
-    case UMBB_KIND_OBJ:
-        return umbb_obj_read(job, error);
-    case UMBB_KIND_PLY:
-        return umbb_ply_read(job, error);
-    case UMBB_KIND_GLTF:
-    case UMBB_KIND_GLB:
-    case UMBB_KIND_STL:
-        break;
+    UMB__TRY(format->read(job, error));
+    if (job->scene.dropped_faces > 0) {
+        umbs_scene_warn(&job->scene,
+                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
+                        job->scene.dropped_faces);
     }
-    return umbb_assimp_read(job, kind, error);
+    return umbs_scene_builder_write(&job->scene, &sink, error);
 }
 
 static enum umb_status import(const char *name, uint64_t max_input, uint64_t max_triangles,
@@ -113,29 +111,12 @@ static enum umb_status import(const char *name, uint64_t max_input, uint64_t max
 {
     struct umbb_import job = {.folder = {UMBS_CHILD_FD_FILES, umbs_broker_open},
                               .max_input_bytes = max_input};
-    int output = UMBS_CHILD_FD_OUTPUT;
-    const struct umb_sink sink = {write_output, &output};
-    enum umbb_kind kind;
     struct umbb_sandbox sandbox;
-    enum umb_status status = umbb_sandbox_enter(&sandbox, error);
-    if (status == UMB_OK) {
-        status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
-    }
-    if (status == UMB_OK) {
-        status = umbb_import_detect(name, &job.file, &kind, error);
-    }
-    if (status == UMB_OK) {
-        status = read_scene(&job, kind, max_triangles, error);
-    }
-    if (status == UMB_OK && job.scene.dropped_faces > 0) {
-        umbs_scene_warn(&job.scene,
-                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
-                        job.scene.dropped_faces);
-    }
+    json_object_seed(0); /* from /dev/urandom, which the sandbox closes */
+    UMB__TRY(umbb_sandbox_enter(&sandbox, error));
+    UMB__TRY(umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error));
+    const enum umb_status status = convert(&job, name, max_triangles, error);
     umbb_file_unmap(&job.file);
-    if (status == UMB_OK) {
-        status = umbs_scene_builder_write(&job.scene, &sink, error);
-    }
     umbs_scene_builder_finish(&job.scene);
     return status;
 }

@@ -19,16 +19,16 @@
  * 75 over a limit of memory, size or triangles; 69 no sandbox, so nothing was read; 2 called
  * wrongly. SIGSYS: it made a call that the sandbox forbids (bake/sandbox/sandbox.h).
  *
- * Formats, by extension and content: .gltf .glb (Assimp), .stl (Assimp), .obj and .ply (own
- * readers, because no packaged C library keeps their doubles). World space: metres; y up for glTF,
- * z up for the others. Texture coordinates: v grows upwards, for all formats.
+ * Formats, by extension and content: .gltf .glb .obj .ply .stl. The readers are our own and keep
+ * doubles; JSON goes through Jansson, images through libpng. World space: metres; y up for glTF, z
+ * up for the others. Texture coordinates: v grows upwards, for all formats.
  */
 
 /*
  * Runs the importer; argv as the process got it, argv[1] is "import-child".
  *
  * Out:   returns the exit code. End the process after it: limits stay set.
- * Trust: safe on hostile scene files as far as Assimp is; hence the separate process.
+ * Trust: safe on hostile scene files. The sandbox holds if a reader or a library fails.
  */
 int umbb_import_child(int argc, char **argv);
 

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * Choice of a file's reader. Extension and content must agree. If an extension is wrong, Assimp
- * tries all its dozens of importers on the content, and most of those cannot be trusted.
- */
+/* Choice of a file's reader: extension and content must agree. */
 #include "bake/import/import_job.h"
 
 #include <string.h>
@@ -12,8 +9,6 @@
 #include "scene/scene_file.h"
 
 #define TEXT_PROBE_BYTES 4096
-#define STL_HEADER_BYTES 84
-#define STL_FACET_BYTES  50
 
 static int starts_with(const struct umbb_file *file, const char *magic)
 {
@@ -69,44 +64,22 @@ static const char *ply_fault(const struct umbb_file *file)
                                                                       : "does not begin with 'ply'";
 }
 
-static int is_binary_stl(const struct umbb_file *file)
-{
-    return file->size >= STL_HEADER_BYTES &&
-           (file->size - STL_HEADER_BYTES) / STL_FACET_BYTES == umbb_load_u32(file->bytes + 80) &&
-           (file->size - STL_HEADER_BYTES) % STL_FACET_BYTES == 0;
-}
-
-/* Also reports an empty file, because Assimp has no clear message for it. */
 static const char *stl_fault(const struct umbb_file *file)
 {
-    if (is_binary_stl(file)) {
-        return file->size > STL_HEADER_BYTES ? NULL : "has no triangles (binary STL of 0 facets)";
-    }
-    if (!starts_with(file, "solid") || !is_text(file)) {
-        return "is neither text STL nor binary STL whose size fits its count of facets";
-    }
-    const char *at = file->bytes;
-    const char *end = file->bytes + file->size;
-    while ((at = memchr(at, 'v', (size_t)(end - at))) != NULL) {
-        if (end - at >= 6 && memcmp(at, "vertex", 6) == 0) {
-            return NULL;
-        }
-        at++;
-    }
-    return "has no triangles (text STL without a facet)";
+    return umbb_stl_is_binary(file) || (starts_with(file, "solid") && is_text(file))
+               ? NULL
+               : "is neither text STL nor binary STL whose size fits its count of facets";
 }
 
 enum umb_status umbb_import_detect(const char *name, const struct umbb_file *file,
-                                   enum umbb_kind *kind, struct umb_error *error)
+                                   const struct umbb_format **format, struct umb_error *error)
 {
-    static const struct {
-        const char *extension;
-        enum umbb_kind kind;
-        const char *(*fault)(const struct umbb_file *file);
-    } known[] = {
-        {".gltf", UMBB_KIND_GLTF, gltf_fault}, {".glb", UMBB_KIND_GLB, glb_fault},
-        {".obj", UMBB_KIND_OBJ, obj_fault},    {".ply", UMBB_KIND_PLY, ply_fault},
-        {".stl", UMBB_KIND_STL, stl_fault},
+    static const struct umbb_format known[] = {
+        {".gltf", UMBS_FORMAT_GLTF, gltf_fault, umbb_gltf_read},
+        {".glb", UMBS_FORMAT_GLTF, glb_fault, umbb_gltf_read},
+        {".obj", UMBS_FORMAT_OBJ, obj_fault, umbb_obj_read},
+        {".ply", UMBS_FORMAT_PLY, ply_fault, umbb_ply_read},
+        {".stl", UMBS_FORMAT_STL, stl_fault, umbb_stl_read},
     };
     const char *extension = strrchr(name, '.');
     if (starts_with(file, UMBS_SCENE_FILE_MAGIC)) {
@@ -115,18 +88,11 @@ enum umb_status umbb_import_detect(const char *name, const struct umbb_file *fil
                         "if it is your own, give it by --scene-buffer");
     }
     for (size_t i = 0; extension != NULL && i < sizeof(known) / sizeof(known[0]); i++) {
-        if (strcasecmp(extension, known[i].extension) != 0) {
-            continue;
+        if (strcasecmp(extension, known[i].extension) == 0) {
+            const char *fault = file->size == 0 ? "is empty" : known[i].fault(file);
+            *format = &known[i];
+            return fault == NULL ? UMB_OK : umb_fail(error, UMB_E_BAD_SCENE, "the file %s", fault);
         }
-        if (file->size == 0) {
-            return umb_fail(error, UMB_E_BAD_SCENE, "the file is empty");
-        }
-        const char *fault = known[i].fault(file);
-        if (fault != NULL) {
-            return umb_fail(error, UMB_E_BAD_SCENE, "the file %s", fault);
-        }
-        *kind = known[i].kind;
-        return UMB_OK;
     }
     return umb_fail(error, UMB_E_BAD_SCENE,
                     "format '%.16s' is not supported (.gltf .glb .obj .ply .stl)",

@@ -54,7 +54,6 @@ struct obj {
     struct umbb_texture_table textures;
     uint32_t library_count;
     uint64_t line_number;
-    uint64_t face_count;
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -169,7 +168,6 @@ static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struc
     while (umbb_skip_blanks(&line) && *line.at != '#') {
         UMB__TRY(read_corner(obj, &line, error));
     }
-    obj->face_count++;
     return umbb_face_end(&obj->faces, error);
 }
 
@@ -413,26 +411,19 @@ done:
 
 static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
 {
-    struct umbs_scene_builder *scene = &obj->job->scene;
-    if (obj->face_count == 0) {
+    if (obj->faces.count == 0) {
         return obj->points.count == 0 ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
                                       : umb_fail(error, UMB_E_BAD_SCENE,
                                                  "%zu vertices and no faces", obj->points.count);
     }
-    if (scene->triangles.count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "none of %llu faces can be used (not finite, bad index or fewer than 3 "
-                        "corners)",
-                        (unsigned long long)obj->face_count);
-    }
+    UMB__TRY(umbb_faces_check(&obj->faces, error));
     return end_meshes(obj, error);
 }
 
 enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct obj obj = {.job = job};
+    struct obj obj = {.job = job, .materials = {.scene = &job->scene}};
     umbb_faces_init(&obj.faces, &job->scene);
-    umbb_material_table_init(&obj.materials, &job->scene);
     umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {

@@ -4,7 +4,6 @@
 
 #include <string.h>
 
-#include "bake/import/mtl_reader.h"
 #include "bake/import/text_number.h"
 
 #define WORDS_MAX 8 /* the longest statement has 5 words */
@@ -26,8 +25,7 @@ static void split(struct umbb_cursor line, struct words *words)
 
 static int is_word(const struct words *words, uint32_t index, const char *word)
 {
-    return index < words->count && words->length[index] == strlen(word) &&
-           memcmp(words->text[index], word, words->length[index]) == 0;
+    return index < words->count && umbb_is_word(words->text[index], words->length[index], word);
 }
 
 /* Index of the word in a NULL-terminated list of names, or -1. */

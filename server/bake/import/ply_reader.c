@@ -22,7 +22,6 @@ struct ply {
     struct umbb_ply_header header;
     struct umbb_cursor data;
     struct umbb_faces faces;
-    uint64_t face_count;
     int has_uvs;
 };
 
@@ -197,7 +196,6 @@ static enum umb_status read_faces(struct ply *ply, const struct umbb_ply_element
             }
         }
     }
-    ply->face_count = element->count;
     return UMB_OK;
 }
 
@@ -288,25 +286,16 @@ enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)
 {
     struct ply ply = {.job = job};
     UMB__TRY(umbb_ply_header_read(job->file.bytes, job->file.size, &ply.header, error));
-    struct umbs_scene_builder *scene = &job->scene;
     ply.data.at = job->file.bytes + ply.header.bytes;
     ply.data.end = job->file.bytes + job->file.size;
-    umbb_faces_init(&ply.faces, scene);
+    umbb_faces_init(&ply.faces, &job->scene);
     enum umb_status status = check_header(&ply, error);
     if (status == UMB_OK) {
         status = read_elements(&ply, error);
     }
+    if (status == UMB_OK) {
+        status = umbb_faces_end_scene(&ply.faces, error);
+    }
     umbb_faces_finish(&ply.faces);
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (scene->triangles.count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "none of %" PRIu64
-                        " faces can be used (not finite, bad index or fewer than 3 corners)",
-                        ply.face_count);
-    }
-    status = umbs_scene_end_mesh(scene, 0, (uint32_t)scene->positions.count,
-                                 (uint32_t)scene->triangles.count, UMBS_NO_INDEX, error);
-    return status == UMB_OK ? umbs_scene_add_instance(scene, 0, NULL, error) : status;
+    return status;
 }

@@ -42,60 +42,41 @@ enum corner_flag {
 #define POOL      (1ULL << 26) /* tests beyond that, for all polygons together */
 #define NO_CORNER UINT32_MAX
 
-static void free_arrays(struct umbb_polygon *polygon)
-{
-    free(polygon->points);
-    free(polygon->flat);
-    free(polygon->previous);
-    free(polygon->next);
-    free(polygon->queue);
-    free(polygon->flags);
-    free(polygon->cells);
-    free(polygon->cell_next);
-    free(polygon->triangles);
-    polygon->points = NULL;
-    polygon->flat = NULL;
-    polygon->previous = polygon->next = polygon->queue = NULL;
-    polygon->flags = NULL;
-    polygon->cells = polygon->cell_next = NULL;
-    polygon->triangles = NULL;
-    polygon->capacity = 0;
-}
-
 enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
                                      struct umb_error *error)
 {
-    if (corners <= polygon->capacity) {
+    struct umbb_polygon *p = polygon;
+    if (corners <= p->capacity) {
         return UMB_OK;
     }
     if (corners > UMBB_POLYGON_CORNERS_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "a face has %zu corners, limit %u", corners,
                         UMBB_POLYGON_CORNERS_MAX);
     }
-    free_arrays(polygon);
-    size_t capacity = corners + corners / 2 + 8;
-    polygon->points = malloc(capacity * sizeof(*polygon->points));
-    polygon->flat = malloc(capacity * sizeof(*polygon->flat));
-    polygon->previous = malloc(capacity * sizeof(*polygon->previous));
-    polygon->next = malloc(capacity * sizeof(*polygon->next));
-    polygon->queue = malloc(capacity * sizeof(*polygon->queue));
-    polygon->flags = malloc(capacity);
-    polygon->cells = malloc(capacity * sizeof(*polygon->cells));
-    polygon->cell_next = malloc(capacity * sizeof(*polygon->cell_next));
-    polygon->triangles = malloc(capacity * sizeof(*polygon->triangles));
-    if (polygon->points == NULL || polygon->flat == NULL || polygon->previous == NULL ||
-        polygon->next == NULL || polygon->queue == NULL || polygon->flags == NULL ||
-        polygon->cells == NULL || polygon->cell_next == NULL || polygon->triangles == NULL) {
-        free_arrays(polygon);
+    const size_t n = corners + corners / 2 + 8;
+    free(p->points);
+    p->capacity = 0;
+    /* One block: the widest items first, so that each array is aligned. */
+    p->points = malloc(n * (sizeof *p->points + sizeof *p->flat + sizeof *p->triangles +
+                            5 * sizeof *p->next + sizeof *p->flags));
+    if (p->points == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face of %zu corners", corners);
     }
-    polygon->capacity = capacity;
+    p->flat = (void *)(p->points + n);
+    p->triangles = (void *)(p->flat + n);
+    p->previous = (void *)(p->triangles + n);
+    p->next = p->previous + n;
+    p->queue = p->next + n;
+    p->cells = p->queue + n;
+    p->cell_next = p->cells + n;
+    p->flags = (void *)(p->cell_next + n);
+    p->capacity = n;
     return UMB_OK;
 }
 
 void umbb_polygon_finish(struct umbb_polygon *polygon)
 {
-    free_arrays(polygon);
+    free(polygon->points);
     memset(polygon, 0, sizeof(*polygon));
 }
 

@@ -18,7 +18,7 @@
 
 /* Working memory, reused from polygon to polygon. Zero it before first use. */
 struct umbb_polygon {
-    double (*points)[3]; /* [capacity], filled by the caller */
+    double (*points)[3]; /* [capacity], filled by the caller; owns the arrays below, too */
     double (*flat)[2];
     uint32_t *previous, *next;
     uint32_t *queue; /* corners that may be ears, a ring */
