@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Files that `umbrage submit` collects for an untrusted scene, and the importer's checks of
- * glTF as a whole. The first byte picks: .obj with a material library (split at a zero byte),
- * .gltf, .glb, or the checks. Whatever the scene names, only regular files beneath its folder are sent.
+ * Files that `umbrage submit` collects for an untrusted scene, and the importer's checks of glTF as
+ * a whole. The first byte picks: .obj with a material library (split at a zero byte), .gltf, .glb,
+ * or the checks. Whatever the scene names, only regular files beneath its folder are sent.
  */
 #define _XOPEN_SOURCE 700 /* realpath, symlink */
 #include <limits.h>

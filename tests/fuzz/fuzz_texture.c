@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
-#include "bake/import/png_alpha.h"
+#include "bake/import/texture_table.h"
 #include "bake/import/texture_table.h"
 #include "common/open_beneath.h"
 #include "scene/scene_alpha.h"

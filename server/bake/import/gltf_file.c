@@ -30,8 +30,8 @@ static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cu
     const char *end = file->bytes + file->size;
     struct umbb_cursor json = {file->bytes, end};
     *chunk = (struct umbb_cursor){end, end};
-    if (file->size < 4 || memcmp(file->bytes, "glTF", 4) != 0) {
-        json.at += file->size >= 3 && memcmp(file->bytes, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
+    if (!umbb_starts_with(file, "glTF")) {
+        json.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
         return json;
     }
     json.at = end;
@@ -56,6 +56,20 @@ static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cu
         json.end--;
     }
     return json;
+}
+
+/* Checks the header of a GLB. */
+static enum umb_status check_glb(const struct umbb_file *file, struct umb_error *error)
+{
+    if (!umbb_starts_with(file, "glTF")) {
+        return UMB_OK;
+    }
+    if (file->size < GLB_HEADER_BYTES || umbb_load_u32(file->bytes + 4) != 2) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the file is GLB of another version than 2");
+    }
+    return umbb_load_u32(file->bytes + 8) <= file->size
+               ? UMB_OK
+               : umb_fail(error, UMB_E_BAD_SCENE, "the file ends before the length it states");
 }
 
 /* Checks the extensions that the file requires: those that change no shape, or that are read. */
@@ -103,6 +117,7 @@ enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_import *job,
                                struct umb_error *error)
 {
     *gltf = (struct umbb_gltf){.job = job};
+    UMB__TRY(check_glb(&job->file, error));
     const struct umbb_cursor text = find_json(&job->file, &gltf->chunk);
     json_error_t fault = {0};
     is_memory_refused = 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lights of glTF nodes (gltf_scene.h). Source: KHR_lights_punctual, Khronos Group 2018. */
-#include "bake/import/gltf_scene.h"
+/* Lights of glTF nodes (gltf.h). Source: KHR_lights_punctual, Khronos Group 2018. */
+#include "bake/import/gltf.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Materials of glTF, as far as they change shadows (gltf_scene.h).
+ * Materials of glTF, as far as they change shadows (gltf.h).
  * Source: glTF 2.0, sections 3.8 and 3.9; KHR_texture_transform, KHR_materials_transmission,
  * KHR_materials_pbrSpecularGlossiness.
  */
-#include "bake/import/gltf_scene.h"
+#include "bake/import/gltf.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Meshes of glTF (gltf_scene.h). Source: glTF 2.0, section 3.7.2. */
-#include "bake/import/gltf_scene.h"
+/* Meshes of glTF (gltf.h). Source: glTF 2.0, section 3.7.2. */
+#include "bake/import/gltf.h"
 
 #include <math.h>
 #include <stdio.h>

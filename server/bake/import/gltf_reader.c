@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/import/gltf_scene.h"
+#include "bake/import/gltf.h"
 #include "base/try.h"
 #include "common/clean_text.h"
 #include "scene/scene_buffer.h"
@@ -49,8 +49,8 @@ static int multiply(transform parent, transform m, double out[3][4])
     return good;
 }
 
-/* Scale, then rotation, then translation. Files round quaternions, those in bytes by a hundredth, so
- * the rotation is normalised. Returns 0 if the rotation is 0. */
+/* Scale, then rotation, then translation. The rotation is normalised, because files round
+ * quaternions, those in bytes by a hundredth. Returns 0 if the rotation is 0. */
 static int compose(const double move[3], const double turn[4], const double size[3],
                    double out[3][4])
 {
@@ -150,8 +150,8 @@ static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *
     return UMB_OK;
 }
 
-/* Adds the node's mesh, once or at all its places. The limit of triangles ends the loop over places;
- * a mesh without triangles would not reach it, so it is left out. */
+/* Adds the node's mesh, once or at all its places. The limit of triangles ends the loop over
+ * places. A mesh without triangles would not reach that limit, so it is left out. */
 static enum umb_status add_instances(struct umbb_gltf_scene *scene, const struct node *node,
                                      transform world, struct umb_error *error)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): set limits, enter the sandbox, map, detect, read, write.
+ * The importer's process (import_child.h): set limits, enter the sandbox, map, read, write.
  *
  * The limit of the address space and the sandbox are in force before a byte of the scene is read.
  * Sanitizers reserve terabytes of address space, so their builds work without both.
@@ -12,6 +12,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -21,6 +22,7 @@
 #include "base/try.h"
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
+#include "scene/scene_file.h"
 #include "common/clean_text.h"
 #include "tool/exit_code.h"
 
@@ -87,17 +89,47 @@ static enum umb_status write_output(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-/* Reads the mapped scene and writes its buffer. */
+/* Reads the mapped scene by the reader of its extension. */
+static enum umb_status read_scene(struct umbb_import *job, const char *name, uint64_t max_triangles,
+                                  struct umb_error *error)
+{
+    static const struct {
+        const char *extension;
+        enum umbs_format format;
+        enum umb_status (*read)(struct umbb_import *job, struct umb_error *error);
+    } known[] = {
+        {".gltf", UMBS_FORMAT_GLTF, umbb_gltf_read}, {".glb", UMBS_FORMAT_GLTF, umbb_gltf_read},
+        {".obj", UMBS_FORMAT_OBJ, umbb_obj_read},    {".ply", UMBS_FORMAT_PLY, umbb_ply_read},
+        {".stl", UMBS_FORMAT_STL, umbb_stl_read},
+    };
+    const char *extension = strrchr(name, '.');
+    if (umbb_starts_with(&job->file, UMBS_SCENE_FILE_MAGIC)) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the file is a scene buffer of umbrage-bake import (UMBSCF1), not a scene; "
+                        "if it is your own, give it by --scene-buffer");
+    }
+    for (size_t i = 0; extension != NULL && i < sizeof known / sizeof known[0]; i++) {
+        if (strcasecmp(extension, known[i].extension) != 0) {
+            continue;
+        }
+        if (job->file.size == 0) {
+            return umb_fail(error, UMB_E_BAD_SCENE, "the file is empty");
+        }
+        umbs_scene_builder_init(&job->scene, known[i].format, known[i].format != UMBS_FORMAT_GLTF,
+                                max_triangles);
+        return known[i].read(job, error);
+    }
+    return umb_fail(error, UMB_E_BAD_SCENE,
+                    "format '%.16s' is not supported (.gltf .glb .obj .ply .stl)",
+                    extension != NULL ? extension : "without extension");
+}
+
 static enum umb_status convert(struct umbb_import *job, const char *name, uint64_t max_triangles,
                                struct umb_error *error)
 {
     int output = UMBS_CHILD_FD_OUTPUT;
     const struct umb_sink sink = {write_output, &output};
-    const struct umbb_format *format;
-    UMB__TRY(umbb_import_detect(name, &job->file, &format, error));
-    umbs_scene_builder_init(&job->scene, format->format, format->format != UMBS_FORMAT_GLTF,
-                            max_triangles);
-    UMB__TRY(format->read(job, error));
+    UMB__TRY(read_scene(job, name, max_triangles, error));
     if (job->scene.dropped_faces > 0) {
         umbs_scene_warn(&job->scene,
                         "%u faces dropped (not finite, bad index or fewer than 3 corners)",

@@ -10,7 +10,8 @@
 #include "base/try.h"
 #include "common/open_beneath.h"
 
-#define NAME_BYTES UMBS_BENEATH_NAME_BYTES
+#define NAME_BYTES       UMBS_BENEATH_NAME_BYTES
+#define TEXT_PROBE_BYTES 4096
 
 enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
                               struct umb_error *error)
@@ -130,6 +131,18 @@ enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *
         status = umbb_file_map_named(folder, decoded, used, max_bytes, file, error);
     }
     return status;
+}
+
+int umbb_starts_with(const struct umbb_file *file, const char *text)
+{
+    const size_t length = strlen(text);
+    return file->size >= length && memcmp(file->bytes, text, length) == 0;
+}
+
+int umbb_is_text(const struct umbb_file *file)
+{
+    const size_t probe = file->size < TEXT_PROBE_BYTES ? file->size : TEXT_PROBE_BYTES;
+    return memchr(file->bytes, '\0', probe) == NULL;
 }
 
 void umbb_file_unmap(struct umbb_file *file)

@@ -46,6 +46,12 @@ UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, 
                                               size_t length, uint64_t max_bytes,
                                               struct umbb_file *file, struct umb_error *error);
 
+/* 1 if the file begins with a text. */
+int umbb_starts_with(const struct umbb_file *file, const char *text);
+
+/* 1 if the file begins without a NUL, as text does. */
+int umbb_is_text(const struct umbb_file *file);
+
 /* Unmaps the file. No effect on a zeroed struct. */
 void umbb_file_unmap(struct umbb_file *file);
 

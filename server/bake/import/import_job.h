@@ -20,27 +20,10 @@ struct umbb_import {
     struct umbs_scene_builder scene;
 };
 
-/* One format of scene files. */
-struct umbb_format {
-    const char *extension;
-    enum umbs_format format;
-    const char *(*fault)(const struct umbb_file *file); /* NULL, or words: "is not JSON" */
-    enum umb_status (*read)(struct umbb_import *job, struct umb_error *error);
-};
-
-/* Finds the format by the extension of `name`, which the content must not contradict. Fails:
- * E_BAD_SCENE. */
-UMB_CHECKED enum umb_status umbb_import_detect(const char *name, const struct umbb_file *file,
-                                               const struct umbb_format **format,
-                                               struct umb_error *error);
-
+/* Readers: of Wavefront OBJ; PLY; STL; glTF and GLB. */
 UMB_CHECKED enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error);
 UMB_CHECKED enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error);
 UMB_CHECKED enum umb_status umbb_stl_read(struct umbb_import *job, struct umb_error *error);
-/* glTF and GLB. */
 UMB_CHECKED enum umb_status umbb_gltf_read(struct umbb_import *job, struct umb_error *error);
-
-/* 1 if the size of the file fits the count of facets of a binary STL. */
-int umbb_stl_is_binary(const struct umbb_file *file);
 
 #endif

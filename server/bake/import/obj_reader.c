@@ -422,6 +422,14 @@ static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
 
 enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
 {
+    static const char *const others[] = {"glTF", "ply\n", "ply\r", "{", "<"};
+    int is_obj = umbb_is_text(&job->file);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        is_obj &= !umbb_starts_with(&job->file, others[i]);
+    }
+    if (!is_obj) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the file is not OBJ text");
+    }
     struct obj obj = {.job = job, .materials = {.scene = &job->scene}};
     umbb_faces_init(&obj.faces, &job->scene);
     umbb_texture_table_init(&obj.textures, job);

@@ -79,15 +79,6 @@ static int take_value(struct ply *ply, enum umbb_ply_type type, double *value)
     return 1;
 }
 
-static enum umb_status bad_item(const struct umbb_ply_element *element, uint64_t item,
-                                struct umb_error *error)
-{
-    return umb_fail(error, UMB_E_BAD_SCENE,
-                    "element '%s', item %" PRIu64 " of %" PRIu64
-                    ": the file ends or the number is none",
-                    element->name, item + 1, element->count);
-}
-
 /* Takes the count of a list. Returns 0 if it is missing or invalid. */
 static int take_count(struct ply *ply, const struct umbb_ply_property *property, uint64_t *count)
 {
@@ -100,12 +91,12 @@ static int take_count(struct ply *ply, const struct umbb_ply_property *property,
     return 1;
 }
 
-/* Skips one property of one item. */
-static int skip_property(struct ply *ply, const struct umbb_ply_property *property)
+/* Skips a list of one item. */
+static int skip_list(struct ply *ply, const struct umbb_ply_property *property)
 {
-    uint64_t count = 1;
+    uint64_t count;
     double ignored;
-    if (property->is_list && !take_count(ply, property, &count)) {
+    if (!take_count(ply, property, &count)) {
         return 0;
     }
     if (ply->header.encoding != UMBB_PLY_ASCII) {
@@ -124,77 +115,57 @@ static int skip_property(struct ply *ply, const struct umbb_ply_property *proper
     return 1;
 }
 
-static enum umb_status skip_element(struct ply *ply, const struct umbb_ply_element *element,
-                                    struct umb_error *error)
+static enum umb_status add_vertex(struct ply *ply, const double values[UMBB_PLY_CORNERS],
+                                  struct umb_error *error)
 {
-    for (uint64_t i = 0; element->property_count > 0 && i < element->count; i++) {
-        for (uint32_t k = 0; k < element->property_count; k++) {
-            if (!skip_property(ply, &element->properties[k])) {
-                return bad_item(element, i, error);
-            }
-        }
+    float uv[2] = {(float)values[UMBB_PLY_U], (float)values[UMBB_PLY_V]};
+    if (!isfinite(uv[0]) || !isfinite(uv[1])) {
+        uv[0] = uv[1] = 0.0F;
     }
-    return UMB_OK;
+    return umbs_scene_add_vertex(&ply->job->scene, &values[UMBB_PLY_X], ply->has_uvs ? uv : NULL,
+                                 error);
 }
 
-static enum umb_status read_vertices(struct ply *ply, const struct umbb_ply_element *element,
-                                     struct umb_error *error)
+/* Reads the corners of a face. Out: good: 0 if the list cannot be read. */
+static enum umb_status add_face(struct ply *ply, const struct umbb_ply_property *property,
+                                int *good, struct umb_error *error)
 {
-    for (uint64_t i = 0; i < element->count; i++) {
+    uint64_t count;
+    *good = take_count(ply, property, &count);
+    for (uint64_t i = 0; *good && i < count; i++) {
+        double value;
+        *good = take_value(ply, property->type, &value);
+        int is_index = *good && value >= 0.0 && value < (double)UINT32_MAX && floor(value) >= value;
+        UMB__TRY(
+            umbb_face_corner(&ply->faces, is_index ? (uint64_t)value : UMBB_BAD_CORNER, error));
+    }
+    return *good ? umbb_face_end(&ply->faces, error) : UMB_OK;
+}
+
+/* Reads the items of an element, or skips them. */
+static enum umb_status read_element(struct ply *ply, const struct umbb_ply_element *element,
+                                    int is_used, struct umb_error *error)
+{
+    const int is_vertex = is_used && strcmp(element->name, "vertex") == 0;
+    for (uint64_t i = 0; element->property_count > 0 && i < element->count; i++) {
         double values[UMBB_PLY_CORNERS + 1] = {0};
         for (uint32_t k = 0; k < element->property_count; k++) {
             const struct umbb_ply_property *property = &element->properties[k];
-            int good = property->is_list ? skip_property(ply, property)
+            int good = 1;
+            if (is_used && property->role == UMBB_PLY_CORNERS) {
+                UMB__TRY(add_face(ply, property, &good, error));
+            } else {
+                good = property->is_list ? skip_list(ply, property)
                                          : take_value(ply, property->type, &values[property->role]);
+            }
             if (!good) {
-                return bad_item(element, i, error);
+                return umb_fail(error, UMB_E_BAD_SCENE,
+                                "element '%s', item %" PRIu64 " of %" PRIu64
+                                ": the file ends or the number is none",
+                                element->name, i + 1, element->count);
             }
         }
-        float uv[2] = {(float)values[UMBB_PLY_U], (float)values[UMBB_PLY_V]};
-        if (!isfinite(uv[0]) || !isfinite(uv[1])) {
-            uv[0] = uv[1] = 0.0F;
-        }
-        UMB__TRY(umbs_scene_add_vertex(&ply->job->scene, &values[UMBB_PLY_X],
-                                       ply->has_uvs ? uv : NULL, error));
-    }
-    return UMB_OK;
-}
-
-static enum umb_status read_corners(struct ply *ply, const struct umbb_ply_element *element,
-                                    const struct umbb_ply_property *property, uint64_t item,
-                                    struct umb_error *error)
-{
-    uint64_t count;
-    if (!take_count(ply, property, &count)) {
-        return bad_item(element, item, error);
-    }
-    for (uint64_t i = 0; i < count; i++) {
-        double value;
-        if (!take_value(ply, property->type, &value)) {
-            return bad_item(element, item, error);
-        }
-        int good = value >= 0.0 && value < (double)UINT32_MAX && floor(value) >= value;
-        UMB__TRY(umbb_face_corner(&ply->faces, good ? (uint64_t)value : UMBB_BAD_CORNER, error));
-    }
-    return umbb_face_end(&ply->faces, error);
-}
-
-static enum umb_status read_faces(struct ply *ply, const struct umbb_ply_element *element,
-                                  struct umb_error *error)
-{
-    for (uint64_t i = 0; i < element->count; i++) {
-        for (uint32_t k = 0; k < element->property_count; k++) {
-            const struct umbb_ply_property *property = &element->properties[k];
-            enum umb_status status = UMB_OK;
-            if (property->role == UMBB_PLY_CORNERS) {
-                status = read_corners(ply, element, property, i, error);
-            } else if (!skip_property(ply, property)) {
-                status = bad_item(element, i, error);
-            }
-            if (status != UMB_OK) {
-                return status;
-            }
-        }
+        UMB__TRY(is_vertex ? add_vertex(ply, values, error) : UMB_OK);
     }
     return UMB_OK;
 }
@@ -255,31 +226,24 @@ static enum umb_status check_header(struct ply *ply, struct umb_error *error)
     return check_counts(ply, error);
 }
 
-/* Reads all elements in order; faces that come first wait for the vertices. */
+/* Reads the elements in order; faces that come first are skipped until the vertices are known. */
 static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 {
     const struct umbb_ply_element *vertex = umbb_ply_find(&ply->header, "vertex");
     const struct umbb_ply_element *face = umbb_ply_find(&ply->header, "face");
-    struct umbb_cursor waiting = {NULL, NULL};
-    enum umb_status status = UMB_OK;
-    int vertices_read = 0;
-    for (uint32_t i = 0; status == UMB_OK && i < ply->header.element_count; i++) {
-        const struct umbb_ply_element *element = &ply->header.elements[i];
-        if (element == vertex) {
-            status = read_vertices(ply, element, error);
-            vertices_read = 1;
-        } else if (element == face && vertices_read) {
-            return read_faces(ply, element, error); /* the rest of the file is not needed */
-        } else {
-            waiting = element == face ? ply->data : waiting;
-            status = skip_element(ply, element, error);
-        }
-        if (status == UMB_OK && waiting.at != NULL && vertices_read) {
-            ply->data = waiting;
-            return read_faces(ply, face, error);
-        }
+    struct umbb_cursor faces = {NULL, NULL};
+    for (const struct umbb_ply_element *at = ply->header.elements; at != vertex; at++) {
+        faces = at == face ? ply->data : faces;
+        UMB__TRY(read_element(ply, at, 0, error));
     }
-    return status;
+    UMB__TRY(read_element(ply, vertex, 1, error));
+    if (faces.at != NULL) {
+        ply->data = faces;
+    }
+    for (const struct umbb_ply_element *at = vertex + 1; faces.at == NULL && at != face; at++) {
+        UMB__TRY(read_element(ply, at, 0, error));
+    }
+    return read_element(ply, face, 1, error); /* the rest of the file is not needed */
 }
 
 enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)

@@ -3,7 +3,7 @@
  * libpng leaves a function by longjmp when it finds damage. All that it changes lives in one struct
  * behind a pointer, so none of it is in a register at that moment.
  */
-#include "bake/import/png_alpha.h"
+#include "bake/import/texture_table.h"
 
 #include <png.h>
 #include <setjmp.h>

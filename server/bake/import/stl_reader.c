@@ -16,7 +16,8 @@
 #define HEADER_BYTES 84 /* text, then the count of facets */
 #define FACET_BYTES  50
 
-int umbb_stl_is_binary(const struct umbb_file *file)
+/* 1 if the size of the file fits the count of facets of a binary STL. */
+static int is_binary(const struct umbb_file *file)
 {
     const size_t facets = file->size >= HEADER_BYTES ? file->size - HEADER_BYTES : 1;
     return facets % FACET_BYTES == 0 &&
@@ -80,10 +81,16 @@ static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_fil
 
 enum umb_status umbb_stl_read(struct umbb_import *job, struct umb_error *error)
 {
+    const int binary = is_binary(&job->file);
     struct umbb_faces faces;
+    if (!binary && !(umbb_starts_with(&job->file, "solid") && umbb_is_text(&job->file))) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the file is neither text STL nor binary STL whose size fits its count of "
+                        "facets");
+    }
     umbb_faces_init(&faces, &job->scene);
-    enum umb_status status = umbb_stl_is_binary(&job->file) ? read_binary(&faces, &job->file, error)
-                                                            : read_text(&faces, &job->file, error);
+    enum umb_status status =
+        binary ? read_binary(&faces, &job->file, error) : read_text(&faces, &job->file, error);
     if (status == UMB_OK) {
         status = umbb_faces_end_scene(&faces, error);
     }

@@ -5,15 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/import/png_alpha.h"
 #include "common/clean_text.h"
 
 /* A texture requested before. */
 struct known {
-    char *name; /* owned */
-    size_t length;
-    int luminance;
-    uint32_t wrap_s, wrap_t, nearest;
+    struct umbb_image image; /* owns its name, has no bytes */
     uint32_t index;
 };
 
@@ -27,18 +23,17 @@ void umbb_texture_table_finish(struct umbb_texture_table *table)
 {
     struct known *known = table->known.data;
     for (size_t i = 0; i < table->known.count; i++) {
-        free(known[i].name);
+        free((char *)(uintptr_t)known[i].image.name);
     }
     free(known);
     memset(table, 0, sizeof *table);
 }
 
-static int is_same(const struct known *known, const struct umbb_image *image)
+static int is_same(const struct umbb_image *a, const struct umbb_image *b)
 {
-    return known->length == image->name_length && known->luminance == image->luminance &&
-           known->wrap_s == image->wrap_s && known->wrap_t == image->wrap_t &&
-           known->nearest == image->nearest &&
-           memcmp(known->name, image->name, image->name_length) == 0;
+    return a->name_length == b->name_length && a->luminance == b->luminance &&
+           a->wrap_s == b->wrap_s && a->wrap_t == b->wrap_t && a->nearest == b->nearest &&
+           memcmp(a->name, b->name, a->name_length) == 0;
 }
 
 static int is_jpeg(const unsigned char *bytes, size_t size)
@@ -152,7 +147,7 @@ enum umb_status umbb_texture_get(struct umbb_texture_table *table, const struct 
     const struct known *known = table->known.data;
     *index = UMBS_NO_INDEX;
     for (size_t i = 0; i < table->known.count; i++) {
-        if (is_same(&known[i], image)) {
+        if (is_same(&known[i].image, image)) {
             *index = known[i].index;
             return UMB_OK;
         }
@@ -172,13 +167,9 @@ enum umb_status umbb_texture_get(struct umbb_texture_table *table, const struct 
         return status;
     }
     memcpy(name, image->name, image->name_length);
-    *room = (struct known){.name = name,
-                           .length = image->name_length,
-                           .luminance = image->luminance,
-                           .wrap_s = image->wrap_s,
-                           .wrap_t = image->wrap_t,
-                           .nearest = image->nearest,
-                           .index = *index};
+    *room = (struct known){*image, *index};
+    room->image.name = name;
+    room->image.bytes = NULL;
     table->known.count++;
     return UMB_OK;
 }
