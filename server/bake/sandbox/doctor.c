@@ -4,6 +4,7 @@
 #include "bake/sandbox/doctor.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <sched.h>
 #include <stdio.h>
 #include <string.h>
@@ -179,6 +180,13 @@ static unsigned try_series(const struct series *series, const struct umbb_ground
     return allowed;
 }
 
+static void make_absolute(const char *file, char path[UMBB_GROUND_PATH])
+{
+    char folder[UMBB_GROUND_PATH / 2] = "";
+    const int is_below = file[0] != '/' && getcwd(folder, sizeof folder) != NULL;
+    (void)snprintf(path, UMBB_GROUND_PATH, "%s%s%s", folder, is_below ? "/" : "", file);
+}
+
 /* Out: files that can be read. */
 static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground,
                               struct umbu_json *json)
@@ -188,8 +196,10 @@ static unsigned try_forbidden(const struct request *request, const struct umbb_g
         begin_table("forbidden", "bake, files of --forbid", json);
     }
     for (size_t i = 0; request->forbid[i] != NULL; i++) {
-        umbb_bake_acts_forbid(request->forbid[i]);
-        const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
+        char path[UMBB_GROUND_PATH];
+        make_absolute(request->forbid[i], path);
+        const struct umbb_act act = {"read", UMBB_IN_BAKE, path, .flags = O_RDONLY | O_NONBLOCK};
+        const int verdict = umbb_doctor_try(&act, UMBB_CAGE_BAKE, ground);
         allowed += verdict != UMBB_ACT_REFUSED;
         print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
     }
@@ -252,7 +262,6 @@ static int examine(const struct request *request, const struct umbb_ground *grou
     print_machine(json);
     print_layers(&layers, &bake, json);
     if (importer && !umbb_sandbox_exempt()) {
-        umbb_bake_acts_on(ground);
         allowed = try_all(request, ground, baker, json);
         code = allowed > 0 ? 1 : code;
     }

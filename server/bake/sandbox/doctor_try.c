@@ -58,7 +58,7 @@ static void attempt(const struct umbb_act *act, enum umbb_cage cage,
         _exit(EXIT_NO_CAGE);
     }
     errno = 0;
-    const long result = act->attempt();
+    const long result = umbb_act_attempt(act, ground);
     _exit(result >= 0 ? UMBB_ACT_ALLOWED : is_refusal(errno) ? UMBB_ACT_REFUSED : UMBB_ACT_FAILED);
 }
 
