@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_PROCESS_H
 #define UMBRAGE_SERVER_SCENE_SCENE_PROCESS_H
 /*
- * The importer's process as its parent sees it: started with limits, watched, always reaped; and
- * the memfd that it fills. Linux only.
+ * The importer's process as its parent sees it: started with limits, watched, always reaped. Linux
+ * only.
  *
  * The parent sets limits before the program starts, so that no bug of the importer can skip them:
  * CPU seconds, size of a written file, descriptors, no core, death with the parent's thread, no new
@@ -50,14 +50,5 @@ struct umbs_process_end {
  */
 UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,
                                              struct umbs_process_end *end, struct umb_error *error);
-
-/* Makes an empty memfd that can be sealed. Fails: E_IO. */
-UMB_CHECKED enum umb_status umbs_memfd_create(int *fd, struct umb_error *error);
-
-/* Seals a memfd against every change. Fails: E_IO (it is still mapped for writing). */
-UMB_CHECKED enum umb_status umbs_memfd_seal(int fd, struct umb_error *error);
-
-/* Opens a folder only to look names up in it. Fails: E_NO_INPUT. */
-UMB_CHECKED enum umb_status umbs_folder_open(const char *path, int *fd, struct umb_error *error);
 
 #endif
