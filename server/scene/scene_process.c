@@ -27,9 +27,11 @@
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
 
-/* The importer's: input, output, one sibling at a time, sanitizer's own. */
+/* Limit of the importer's descriptors: input, output, one file of the scene at a time, and some
+ * that sanitizers open. */
 #define CHILD_FDS_MAX 32U
-/* Delay until a child's end is noticed while another process holds its pipe. */
+/* Longest delay in milliseconds until the end of a child is noticed, if another process still holds
+ * its pipe. */
 #define POLL_STEP_MS 50
 
 /* Pipes and sockets between the importer and its parent; [0] is the parent's end. */
@@ -88,8 +90,8 @@ struct watched {
     const struct umbs_process *process;
     struct lines *lines;
     struct umbs_process_end *end;
-    size_t talked;       /* Number of bytes in end->talk */
-    uint32_t files_left; /* Number of times that it may still ask for a file */
+    size_t talked;       /* number of bytes in end->talk */
+    uint32_t files_left; /* number of files that the child may still ask for */
 };
 
 /* Waits a moment for messages or requests, and handles them. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faces into triangles (face_builder.h). Degenerate triangles pass: the bake drops and counts
+/* Cuts faces into triangles (face_builder.h). Degenerate triangles stay: the bake drops and counts
  * them. */
 #include "bake/import/face_builder.h"
 

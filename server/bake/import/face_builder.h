@@ -16,7 +16,7 @@ struct umbb_faces {
     struct umbs_scene_builder *scene; /* borrowed */
     struct umbs_array corners;        /* uint32_t: vertices of the face so far */
     int bad;                          /* 1: the current face cannot be used */
-    uint64_t count;                   /* faces so far, with those that were dropped */
+    uint64_t count;                   /* number of faces so far, dropped ones included */
     struct umbb_polygon polygon;
 };
 

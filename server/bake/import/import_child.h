@@ -17,7 +17,7 @@
  *
  * Exit codes: 0 the buffer is complete; 65 the scene cannot be used; 74 reading or writing failed;
  * 75 over a limit of memory, size or triangles; 69 no sandbox, so nothing was read; 2 called
- * wrongly. SIGSYS: it made a call that the sandbox forbids (bake/sandbox/sandbox.h).
+ * wrongly. Signal SIGSYS: the sandbox forbids a call that was made (bake/sandbox/sandbox.h).
  *
  * Formats, by extension and content: .gltf .glb .obj .ply .stl. The readers are our own and keep
  * doubles; JSON goes through Jansson, images through libpng. World space: metres; y up for glTF, z

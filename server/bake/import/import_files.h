@@ -10,14 +10,14 @@
 #include "umbrage/status.h"
 
 struct umbb_file {
-    const char *bytes; /* never NULL once mapped, not NUL-terminated */
+    const char *bytes; /* content, not NUL-terminated; never NULL once mapped */
     size_t size;
-    void *map; /* NULL if size is 0 */
+    void *map; /* memory to unmap; NULL if size is 0 */
 };
 
 /*
- * Source of the files that a scene names: a folder itself (umbs_open_beneath), or a process that
- * opens them for one without that right (umbs_broker_open).
+ * Source of the files that a scene names: a folder (umbs_open_beneath), or the parent process,
+ * which opens them for an importer that may open nothing (umbs_broker_open).
  */
 struct umbb_folder {
     int handle;

@@ -59,28 +59,28 @@ enum umb_status umbb_material_get(struct umbb_material_table *table, const char 
     return UMB_OK;
 }
 
-/* State of one material from its lines so far. */
+/* Properties of one material from its lines so far. */
 struct current {
     uint32_t index;
     double dissolve; /* from d or Tr, 0..1 */
     int has_d;       /* 1: d was given; it overrides Tr, on whose meaning exporters disagree */
     int has_map;
-    struct umbb_cursor map; /* rest of the map's line */
+    struct umbb_cursor map; /* rest of the line of map_d */
 };
 
-/* Options of a map and the most words each takes; numbers end earlier. */
+/* Options of a map. An option of several words takes fewer where the next word is no number. */
 static const struct {
     const char *name;
-    int words;
-    int changes; /* 1: it changes what the map shows in an unsupported way */
+    int words;   /* largest number of words after the name */
+    int changes; /* 1: the option moves, scales or replaces the image, which is not supported */
 } map_options[] = {
     {"-blendu", 1, 0}, {"-blendv", 1, 0}, {"-boost", 1, 0}, {"-cc", 1, 0}, {"-texres", 1, 0},
     {"-type", 1, 0},   {"-clamp", 1, 0},  {"-bm", 1, 0},    {"-mm", 2, 1}, {"-imfchan", 1, 1},
     {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
 };
 
-/* Sets a material's alpha. A line without a valid value is ignored; with a warning if it has a
- * number. */
+/* Sets a material's alpha. A line without a number is ignored; a number outside of 0 to 1 is
+ * ignored with a warning. */
 static void set_alpha(struct umbb_material_table *table, struct current *current,
                       struct umbb_cursor *line, int is_d)
 {

@@ -2,13 +2,13 @@
 /*
  * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; all other statements are skipped.
  *
- * One pass over the mapped text. A vertex of the scene is a pair (v, vt). The pairs of one v form a
- * chain, numbered in the order of first use, so only seams of the texture split a vertex. Triangles
- * are grouped by material at the end, each group a mesh. All meshes share one range of vertices,
- * and each has one instance.
+ * The reader makes one pass over the mapped text. A vertex of the scene is a pair (v, vt), numbered
+ * at its first use. The pairs of one v form a chain, so only seams of the texture split a vertex.
+ * At the end triangles are grouped by material. Each group is a mesh with one instance, and all
+ * meshes share one range of vertices.
  *
- * A line `v` that cannot be read still counts (as not finite), or every later face would be wrong.
- * Indices refer to statements before the face; forward references are bad indices.
+ * An unreadable `v` line still adds a vertex, which is not finite; without it the numbers of all
+ * later vertices would shift. A face may only refer to statements before it.
  * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995.
  */
 #include <math.h>
@@ -21,11 +21,11 @@
 #include "base/try.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
-#define LIBRARIES_MAX  64U        /* mtllib names read: each may be as large as the scene */
-#define CHAIN_MAX      64         /* longest search of a chain: no quadratic time */
+#define LIBRARIES_MAX  64U        /* limit of mtllib names; each may be as large as the scene */
+#define CHAIN_MAX      64         /* limit of steps along a chain, against quadratic time */
 #define NONE           UMBS_NO_INDEX
 
-/* A v line, and the first scene vertex made of it. */
+/* Position of a v line, and the first scene vertex made of it. */
 struct corner_point {
     double position[3];
     uint32_t first; /* scene vertex or NONE */
@@ -37,7 +37,7 @@ struct made_of {
     uint32_t next; /* scene vertex of the same v, or NONE */
 };
 
-/* A run: the triangles from `first` on, up to the next run, have this material. */
+/* Run of triangles of one material: from `first` up to the next run. */
 struct run {
     uint32_t first;
     uint32_t material;
@@ -435,7 +435,7 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     umbb_texture_table_init(&obj.textures, job);
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        /* Without textures it is not needed: makes room for the sort. */
+        /* Without textures the pairs are not needed; freeing them makes room for the sort. */
         if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;

@@ -32,12 +32,12 @@ enum umbb_ply_type {
 /* Meaning of a property. */
 enum umbb_ply_role {
     UMBB_PLY_OTHER = 0,
-    UMBB_PLY_X, /* vertex */
+    UMBB_PLY_X, /* coordinates of a vertex, then its texture coordinates */
     UMBB_PLY_Y,
     UMBB_PLY_Z,
     UMBB_PLY_U,
     UMBB_PLY_V,
-    UMBB_PLY_CORNERS, /* face, a list */
+    UMBB_PLY_CORNERS, /* list of a face: numbers of its vertices */
 };
 
 struct umbb_ply_property {
@@ -48,7 +48,7 @@ struct umbb_ply_property {
 };
 
 struct umbb_ply_element {
-    char name[16]; /* may be cut */
+    char name[16]; /* cut after 15 bytes */
     uint64_t count;
     uint32_t property_count;
     struct umbb_ply_property properties[UMBB_PLY_PROPERTIES_MAX];
@@ -58,7 +58,7 @@ struct umbb_ply_header {
     enum umbb_ply_encoding encoding;
     uint32_t element_count;
     struct umbb_ply_element elements[UMBB_PLY_ELEMENTS_MAX];
-    size_t bytes; /* size of the header: the data starts here */
+    size_t bytes; /* size of the header; the data follows it */
 };
 
 /* Reads the header. Fails: E_BAD_SCENE, naming the line. Trust: safe on hostile bytes. */

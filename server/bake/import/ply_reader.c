@@ -161,7 +161,7 @@ static enum umb_status read_element(struct ply *ply, const struct umbb_ply_eleme
             if (!good) {
                 return umb_fail(error, UMB_E_BAD_SCENE,
                                 "element '%s', item %" PRIu64 " of %" PRIu64
-                                ": the file ends or the number is none",
+                                ": the file ends, or this is not a number",
                                 element->name, i + 1, element->count);
             }
         }

@@ -8,13 +8,13 @@
  * polygon no other corner can become an ear by it. The queue also spreads the cuts over the
  * polygon, which makes fewer needles than a fan.
  *
- * Only a corner that is not strictly convex can be the first inside an ear. Of those only the ones
- * in the grid cells under the ear's bounding box are tested. The grid is lazy: a corner that has
+ * Only a corner that is not strictly convex can be the first inside an ear, so only such corners
+ * are in the grid. An ear is tested against the cells under its bounding box. A corner that has
  * become convex or was cut off leaves its cell at the next visit to the cell.
  *
- * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
- * takes any corner. Each ear shortens the ring by one. Polygons that are not simple need many such
- * searches; when the budget of tests is used up, the rest becomes a fan.
+ * The clipping ends on any input: each ear shortens the ring by one corner. When no ear is left,
+ * the rule is relaxed step by step, and the last rule takes any corner. Polygons that are not
+ * simple need many such searches. When the budget of tests is used up, the rest becomes a fan.
  */
 #include "bake/import/polygon_clip.h"
 
@@ -33,13 +33,13 @@ enum corner_flag {
     CORNER_REFLEX = 1, /* or straight: not strictly convex */
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
-    /* A neighbour was cut off since it was queued: goes to the end of the queue. */
+    /* A neighbour was cut off since the corner was queued: the corner goes to the end. */
     CORNER_AGAIN = 8,
     CORNER_IN_CELL = 16,
 };
 
-#define ALLOWANCE 128U         /* tests a corner; a rough coast of 65536 corners takes 67 */
-#define POOL      (1ULL << 26) /* tests beyond that, for all polygons together */
+#define ALLOWANCE 128U         /* number of tests for each corner; a rough coast needs 67 */
+#define POOL      (1ULL << 26) /* number of further tests for all polygons together */
 #define NO_CORNER UINT32_MAX
 
 enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
@@ -195,7 +195,7 @@ static void spend(struct umbb_polygon *polygon)
     polygon->budget -= polygon->budget > 0;
 }
 
-/* Whether point p keeps the triangle a, b, c, which turns left, from being an ear. */
+/* Returns 1 if point p keeps a triangle, whose corners turn left, from being an ear. */
 static int is_inside(const double *const triangle[3], const double *p, enum ear_rule rule)
 {
     if (same_point(p, triangle[0]) || same_point(p, triangle[1]) || same_point(p, triangle[2])) {
@@ -207,7 +207,7 @@ static int is_inside(const double *const triangle[3], const double *p, enum ear_
     return rule == EAR_CLEAR ? ab >= 0 && bc >= 0 && ca >= 0 : ab > 0 && bc > 0 && ca > 0;
 }
 
-/* Tests the corners of one cell, and removes those that no longer belong there. */
+/* Tests the corners of one cell against a triangle, and takes convex corners out of the cell. */
 static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
                               const double *const triangle[3], enum ear_rule rule)
 {
@@ -228,7 +228,7 @@ static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
     return 0;
 }
 
-/* Whether another corner of the ring keeps this one from being an ear. */
+/* Returns 1 if another corner of the ring keeps this one from being an ear. */
 static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
     const double *const ear[3] = {polygon->flat[polygon->previous[corner]], polygon->flat[corner],
@@ -275,7 +275,7 @@ static uint32_t dequeue(struct umbb_polygon *polygon)
     return corner;
 }
 
-/* Determines a corner's kind again. */
+/* Finds out anew whether a corner is reflex or an ear. */
 static void examine(struct umbb_polygon *polygon, uint32_t corner)
 {
     uint8_t *flags = &polygon->flags[corner];

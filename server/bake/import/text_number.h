@@ -38,8 +38,8 @@ struct umbb_cursor umbb_trim(struct umbb_cursor line);
  * Takes the next token as a number, correctly rounded as by strtod in the C locale, with its "inf"
  * and "nan".
  *
- * Out:   value. Returns 1, or 0 if there is no token or it is not a number; the token is taken
- * anyway.
+ * Out:   value. Returns 1, or 0 if there is no token or the token is not a number. The token is
+ *        taken in either case.
  */
 int umbb_take_double(struct umbb_cursor *cursor, double *value);
 

@@ -11,20 +11,20 @@
  */
 #include "bake/import/import_job.h"
 
-/* Most image names read for one scene, whether usable or not. */
+/* Limit of image names in one scene, usable or not. */
 #define UMBB_IMAGES_MAX 4096U
 
 struct umbb_texture_table {
     struct umbb_import *job; /* borrowed: its scene receives the textures */
-    struct umbs_array known; /* struct known, in the order of first use */
-    uint64_t texels;         /* decoded so far */
+    struct umbs_array known; /* array of struct known, in the order of first use */
+    uint64_t texels;         /* number of texels decoded so far */
 };
 
 /* An image, as a scene refers to it. */
 struct umbb_image {
-    const char *name; /* the scene's name for it: a file's name, or any unique one */
+    const char *name; /* file name, or a name that no other image of the scene has */
     size_t name_length;
-    const void *bytes; /* the encoded image; NULL: in the file of that name */
+    const void *bytes; /* encoded image; NULL: the image is in the file of that name */
     size_t size;
     int luminance;                    /* see umbb_png_alpha */
     uint32_t wrap_s, wrap_t, nearest; /* see umbs_texture */

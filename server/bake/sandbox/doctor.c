@@ -77,7 +77,7 @@ static long long limit_of(int resource)
     return value.rlim_cur == RLIM_INFINITY ? -1 : (long long)value.rlim_cur;
 }
 
-/* In: json: NULL = text, here and below. */
+/* Prints facts about the machine. In: json: writer of JSON; NULL, here and below: prints text. */
 static void print_machine(struct umbu_json *json)
 {
     struct utsname kernel;
@@ -152,17 +152,17 @@ static void end_table(struct umbu_json *json)
     }
 }
 
-/* A table of acts, those of one place, in one cage. */
+/* Acts of one place, tried in one cage and printed as a table. */
 struct series {
-    const char *title; /* the name in JSON */
-    const char *words; /* the line above the acts */
+    const char *title; /* name in JSON */
+    const char *words; /* line above the acts */
     const struct umbb_act *acts;
     size_t count;
     unsigned place;
     enum umbb_cage cage;
 };
 
-/* Out: acts that are not denied. */
+/* Returns the number of acts that are not denied. */
 static unsigned try_series(const struct series *series, const struct umbb_ground *ground,
                            struct umbu_json *json)
 {
@@ -187,7 +187,7 @@ static void make_absolute(const char *file, char path[UMBB_GROUND_PATH])
     (void)snprintf(path, UMBB_GROUND_PATH, "%s%s%s", folder, is_below ? "/" : "", file);
 }
 
-/* Out: files that can be read. */
+/* Returns the number of files that can be read. */
 static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground,
                               struct umbu_json *json)
 {
@@ -207,7 +207,7 @@ static unsigned try_forbidden(const struct request *request, const struct umbb_g
     return allowed;
 }
 
-/* Out: needs that are not met. */
+/* Returns the number of needs that are not met. */
 static unsigned try_needs(const struct umbb_ground *ground, struct umbu_json *json)
 {
     unsigned broken = 0;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The forbidden acts (doctor_acts.h). They run in a separate process that is discarded, so nothing
- * needs undoing. An act that could do harm if it were allowed (a signal, a changed mount) has
- * harmless arguments. If a right is checked before the arguments, a bad argument suffices: any
- * error but a refusal counts as allowed (doctor.c).
+ * The forbidden acts (doctor_acts.h). Each runs in a separate process that ends afterwards, so
+ * nothing needs undoing. An act that could do harm if it were allowed (a signal, a changed mount)
+ * has harmless arguments. A bad argument is enough where the kernel checks the right first: any
+ * error but a refusal counts as allowed (doctor_try.c).
  */
 #define _GNU_SOURCE /* clone flags, pipe2, syscall */
 #include "bake/sandbox/doctor_acts.h"

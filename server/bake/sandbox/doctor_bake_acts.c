@@ -4,7 +4,7 @@
  * that a bake needs (doctor_acts.h). Each runs in a separate process. An action that is allowed
  * changes only the doctor's temporary folder.
  */
-#define _GNU_SOURCE /* O_TMPFILE and the like on old headers */
+#define _GNU_SOURCE /* O_DIRECTORY */
 #include "bake/sandbox/doctor_acts.h"
 
 #include <errno.h>

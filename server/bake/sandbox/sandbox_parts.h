@@ -16,7 +16,8 @@ struct umbb_path_rule {
     enum umbb_path_use use;
 };
 
-/* Enters the importer's filter. Returns 1 if the calling process is now inside, else 0 and errno. */
+/* Enters the importer's filter. Returns 1 if the calling process is now inside, else 0 and errno.
+ * */
 int umbb_filter_enter(void);
 
 /* Enters the bake's filter; returns as umbb_filter_enter. In: importer: number of its process, 0:
