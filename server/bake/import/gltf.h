@@ -9,10 +9,9 @@
  *     umbb_gltf_get(&accessor, i, numbers)             i below accessor.count
  *     umbb_gltf_close(&gltf);                          also closes accessors
  *
- * gltf_reader.c walks the scene, gltf_meshes.c reads meshes, gltf_materials.c materials,
- * gltf_lights.c lights. Any member of the JSON may be missing or of a wrong type. Jansson's getters
- * return NULL or 0 for such a member, so callers need no checks of types.
- * Source: Khronos glTF 2.0 specification, sections 3.6 and 4.4.
+ * gltf_reader.c walks the nodes, gltf_meshes.c reads meshes and materials. Any member of the JSON
+ * may be missing or of a wrong type. Jansson's getters return NULL or 0 for such a member, so
+ * callers need no checks of types. Source: Khronos glTF 2.0 specification, sections 3.6 and 4.4.
  * Trust: all functions are safe on hostile files.
  */
 #include <jansson.h>
@@ -179,16 +178,6 @@ struct umbb_gltf_scene {
 };
 
 /*
- * Finds a material, and reads it at its first use: alpha mode, cut-off, factor and texture,
- * transmission, sides.
- *
- * Fails: E_BAD_SCENE (no such material, texture, image or sampler), E_LIMIT, E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umbb_gltf_get_material(struct umbb_gltf_scene *scene, int64_t number,
-                                                   const struct umbb_gltf_material **material,
-                                                   struct umb_error *error);
-
-/*
  * Finds a mesh, and reads it at its first use: a mesh of the builder for each primitive with
  * triangles. Points and lines cast no shadow.
  *
@@ -197,16 +186,5 @@ UMB_CHECKED enum umb_status umbb_gltf_get_material(struct umbb_gltf_scene *scene
 UMB_CHECKED enum umb_status umbb_gltf_get_mesh(struct umbb_gltf_scene *scene, int64_t number,
                                                const struct umbb_gltf_mesh **mesh,
                                                struct umb_error *error);
-
-/*
- * Appends the light of a node, if it has one (KHR_lights_punctual).
- *
- * In:    name: of the node. world: the node's transform, finite. A light shines along the node's
- *        -z; the node's scale does not change the light.
- * Fails: E_BAD_SCENE (no such light), E_LIMIT, E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umbb_gltf_add_light(struct umbb_gltf_scene *scene, const json_t *node,
-                                                const char *name, const double world[3][4],
-                                                struct umb_error *error);
 
 #endif

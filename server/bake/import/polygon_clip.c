@@ -137,16 +137,6 @@ static int same_point(const double a[2], const double b[2])
     return a[0] == b[0] && a[1] == b[1];
 }
 
-static double smallest(double a, double b, double c)
-{
-    return fmin(fmin(a, b), c);
-}
-
-static double largest(double a, double b, double c)
-{
-    return fmax(fmax(a, b), c);
-}
-
 /* The row or column of cells that contains a coordinate. */
 static uint32_t cell_at(const struct umbb_polygon *polygon, double value, int axis)
 {
@@ -235,8 +225,9 @@ static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_ru
                                   polygon->flat[polygon->next[corner]]};
     uint32_t first[2], last[2];
     for (int axis = 0; axis < 2; axis++) {
-        first[axis] = cell_at(polygon, smallest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
-        last[axis] = cell_at(polygon, largest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
+        const double a = ear[0][axis], b = ear[1][axis], c = ear[2][axis];
+        first[axis] = cell_at(polygon, fmin(fmin(a, b), c), axis);
+        last[axis] = cell_at(polygon, fmax(fmax(a, b), c), axis);
     }
     for (uint32_t row = first[1]; row <= last[1]; row++) {
         for (uint32_t column = first[0]; column <= last[0]; column++) {
@@ -337,13 +328,6 @@ static void emit(struct umbb_polygon *polygon, uint32_t at, uint32_t a, uint32_t
     polygon->triangles[at][2] = c;
 }
 
-static void fan(struct umbb_polygon *polygon, uint32_t count)
-{
-    for (uint32_t i = 0; i + 2 < count; i++) {
-        emit(polygon, i, 0, i + 1, i + 2);
-    }
-}
-
 /* Cuts the ring of `left` corners from `start` on into a fan. */
 static void fan_ring(struct umbb_polygon *polygon, uint32_t at, uint32_t start, uint32_t left)
 {
@@ -401,21 +385,18 @@ static void clip_within_budget(struct umbb_polygon *polygon, uint32_t count)
 
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
 {
-    if (count == 3 || !flatten(polygon, count)) {
-        fan(polygon, count);
-        return;
-    }
     uint32_t reflex_count = 0;
     for (uint32_t i = 0; i < count; i++) {
         polygon->previous[i] = i > 0 ? i - 1 : count - 1;
         polygon->next[i] = i + 1 < count ? i + 1 : 0;
     }
-    for (uint32_t i = 0; i < count; i++) {
+    const int has_area = count > 3 && flatten(polygon, count);
+    for (uint32_t i = 0; has_area && i < count; i++) {
         polygon->flags[i] = corner_turn(polygon, i) > 0.0 ? 0 : CORNER_REFLEX;
         reflex_count += polygon->flags[i] != 0;
     }
-    if (count == 4 && reflex_count == 0) {
-        fan(polygon, count);
+    if (!has_area || (count == 4 && reflex_count == 0)) {
+        fan_ring(polygon, 0, 0, count);
         return;
     }
     clip_within_budget(polygon, count);
