@@ -23,6 +23,7 @@
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
 #include "scene/scene_file.h"
+#include "common/child_process.h"
 #include "common/clean_text.h"
 #include "tool/exit_code.h"
 
@@ -52,22 +53,6 @@ static int parse_argument(const char *text, uint64_t *value)
     }
     *value = (uint64_t)number;
     return 1;
-}
-
-static int limit_memory(uint64_t bytes)
-{
-    struct rlimit value;
-    if (umbb_sandbox_exempt()) {
-        return 1;
-    }
-    if (getrlimit(RLIMIT_AS, &value) != 0) {
-        return 0;
-    }
-    if (value.rlim_max == RLIM_INFINITY || bytes < value.rlim_max) {
-        value.rlim_max = bytes;
-    }
-    value.rlim_cur = value.rlim_max;
-    return setrlimit(RLIMIT_AS, &value) == 0;
 }
 
 static enum umb_status write_output(void *user, const void *bytes, size_t count)
@@ -167,7 +152,7 @@ int umbb_import_child(int argc, char **argv)
         return EXIT_USAGE;
     }
     const char *name = argv[UMBS_CHILD_ARG_NAME];
-    if (!limit_memory(max_memory)) {
+    if (!umbb_sandbox_exempt() && umbs_child_limit(RLIMIT_AS, max_memory, max_memory) != 0) {
         say(name, "the importer cannot limit its memory");
         return EXIT_READ;
     }
