@@ -5,7 +5,7 @@
 
 #include "bake/bake_options.h"
 #include "bake/bake_run.h"
-#include "bake/import/import_child.h"
+#include "bake/import/import_job.h"
 #include "bake/sandbox/doctor.h"
 #include "common/standard_streams.h"
 #include "tool/exit_code.h"

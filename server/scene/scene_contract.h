@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_SCENE_SCENE_CONTRACT_H
 /*
  * The contract between the importer's process and the process that starts it: numbers of
- * descriptors and arguments. server/bake/import/import_child.h describes the program.
+ * descriptors and arguments. server/bake/import/import_job.h describes the program.
  */
 
 #define UMBS_CHILD_COMMAND "import-child" /* argv[1] */

@@ -67,21 +67,31 @@ static uint32_t sparse_index(const struct umbb_gltf_accessor *accessor, uint32_t
     return (uint32_t)load(&accessor->sparse_index, at, 0);
 }
 
-static const char *const outside = "lies outside of its buffer";
+/* One accessor of the JSON, and its use. */
+struct source {
+    const struct umbb_gltf_use *use;
+    int64_t number;
+};
 
-/* Opens the replacements of an accessor. Out: fault: words, or NULL. */
-static enum umb_status open_sparse(struct umbb_gltf *gltf, const json_t *sparse,
-                                   struct umbb_gltf_accessor *accessor, const char **fault,
+static enum umb_status bad(struct source source, const char *fault, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_BAD_SCENE, "accessors[%lld] of %s %s", (long long)source.number,
+                    source.use->name, fault);
+}
+
+/* Opens the replacements of an accessor. */
+static enum umb_status open_sparse(struct umbb_gltf *gltf, struct source source,
+                                   const json_t *sparse, struct umbb_gltf_accessor *accessor,
                                    struct umb_error *error)
 {
     const json_t *indices = json_object_get(sparse, "indices");
     const int64_t count = umbb_gltf_index(sparse, "count");
-    int fits = 0, values_fit = 0;
+    int fits, values_fit;
     if (count < 1 || count > accessor->count ||
         !find_component(umbb_gltf_index(indices, "componentType"),
                         UMBB_GLTF_UNSIGNED | UMBB_GLTF_UINT32, &accessor->sparse_index.component)) {
-        *fault = "has a sparse count or sparse indices of a type that is not read";
-        return UMB_OK;
+        return bad(source, "has a sparse count or sparse indices of a type that is not read",
+                   error);
     }
     accessor->sparse_count = (uint32_t)count;
     accessor->sparse_value.component = accessor->elements.component;
@@ -89,23 +99,24 @@ static enum umb_status open_sparse(struct umbb_gltf *gltf, const json_t *sparse,
         open_run(gltf, indices, accessor->sparse_count, 1, &accessor->sparse_index, &fits, error));
     UMB__TRY(open_run(gltf, json_object_get(sparse, "values"), accessor->sparse_count,
                       accessor->width, &accessor->sparse_value, &values_fit, error));
-    *fault = fits && values_fit ? NULL : outside;
-    for (uint32_t i = 0; *fault == NULL && i < accessor->sparse_count; i++) {
+    if (!fits || !values_fit) {
+        return bad(source, "has sparse elements outside of their buffer", error);
+    }
+    for (uint32_t i = 0; i < accessor->sparse_count; i++) {
         const uint32_t index = sparse_index(accessor, i);
         if (index >= accessor->count || (i > 0 && index <= sparse_index(accessor, i - 1))) {
-            *fault = "has sparse indices that do not ascend below its count";
+            return bad(source, "has sparse indices that do not ascend below its count", error);
         }
     }
     return UMB_OK;
 }
 
-/* Opens an accessor's elements and replacements. Out: fault: words, or NULL. */
-static enum umb_status open_elements(struct umbb_gltf *gltf, int64_t number,
-                                     const struct umbb_gltf_use *use,
-                                     struct umbb_gltf_accessor *accessor, const char **fault,
-                                     struct umb_error *error)
+enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t number,
+                                   const struct umbb_gltf_use *use,
+                                   struct umbb_gltf_accessor *accessor, struct umb_error *error)
 {
     static const char *const widths[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+    const struct source source = {use, number};
     const json_t *json;
     UMB__TRY(umbb_gltf_item(gltf, "accessors", number, &json, error));
     const char *type = json_string_value(json_object_get(json, "type"));
@@ -120,32 +131,22 @@ static enum umb_status open_elements(struct umbb_gltf *gltf, int64_t number,
                         (long long)number, use->name, use->must);
     }
     if (count < 1 || count >= UINT32_MAX) {
-        *fault = "has no count from 1 to 4294967294";
-        return UMB_OK;
+        return bad(source, "has no count from 1 to 4294967294", error);
     }
     accessor->count = (uint32_t)count;
-    *fault = NULL;
     if (json_object_get(json, "bufferView") != NULL) {
         int fits;
         UMB__TRY(
             open_run(gltf, json, accessor->count, use->width, &accessor->elements, &fits, error));
-        *fault = fits ? NULL : outside;
+        if (!fits) {
+            return bad(source, "lies outside of its buffer", error);
+        }
     } else if (sparse == NULL || accessor->count > ZEROS_MAX) {
-        *fault = "has no bufferView, which is supported for sparse of up to 1048576 elements";
+        return bad(source,
+                   "has no bufferView, which is supported for sparse of up to 1048576 elements",
+                   error);
     }
-    return sparse != NULL && *fault == NULL ? open_sparse(gltf, sparse, accessor, fault, error)
-                                            : UMB_OK;
-}
-
-enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t number,
-                                   const struct umbb_gltf_use *use,
-                                   struct umbb_gltf_accessor *accessor, struct umb_error *error)
-{
-    const char *fault = NULL;
-    UMB__TRY(open_elements(gltf, number, use, accessor, &fault, error));
-    return fault == NULL ? UMB_OK
-                         : umb_fail(error, UMB_E_BAD_SCENE, "accessors[%lld] of %s %s",
-                                    (long long)number, use->name, fault);
+    return sparse != NULL ? open_sparse(gltf, source, sparse, accessor, error) : UMB_OK;
 }
 
 /* Position of an element among the replaced ones, or sparse_count. */

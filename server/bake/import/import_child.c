@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): set limits, enter the sandbox, map, read, write.
+ * The importer's process (import_job.h): set limits, enter the sandbox, map, read, write.
  *
  * The limit of the address space and the sandbox are in force before a byte of the scene is read.
  * Sanitizers reserve terabytes of address space, so their builds work without both.
  */
-#include "bake/import/import_child.h"
 
 #include <errno.h>
 #include <jansson.h>

@@ -171,26 +171,31 @@ static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struc
     return umbb_face_end(&obj->faces, error);
 }
 
+/* Starts a run at the next triangle. */
+static enum umb_status add_run(struct obj *obj, uint32_t material, struct umb_error *error)
+{
+    struct run *run = umbs_array_reserve(&obj->runs, 1, sizeof(*run));
+    if (run == NULL) {
+        return no_memory(error);
+    }
+    *run = (struct run){(uint32_t)obj->job->scene.triangles.count, material};
+    obj->runs.count++;
+    return UMB_OK;
+}
+
 static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
                                     struct umb_error *error)
 {
     struct umbb_cursor name = umbb_trim(line);
-    struct run next = {.first = (uint32_t)obj->job->scene.triangles.count};
-    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at),
-                               &next.material, error));
-    struct run *runs = obj->runs.data;
-    if (obj->runs.count > 0 && (runs[obj->runs.count - 1].material == next.material ||
-                                runs[obj->runs.count - 1].first == next.first)) {
-        runs[obj->runs.count - 1].material = next.material;
+    uint32_t material;
+    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at), &material,
+                               error));
+    struct run *last = (struct run *)obj->runs.data + obj->runs.count - 1;
+    if (last->material == material || last->first == obj->job->scene.triangles.count) {
+        last->material = material;
         return UMB_OK;
     }
-    struct run *room = umbs_array_reserve(&obj->runs, 1, sizeof(*room));
-    if (room == NULL) {
-        return no_memory(error);
-    }
-    *room = next;
-    obj->runs.count++;
-    return UMB_OK;
+    return add_run(obj, material, error);
 }
 
 /* Reads one library, or warns: a scene without its materials still casts shadows. */
@@ -295,9 +300,8 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     const struct umbb_file *file = &obj->job->file;
     struct umbb_cursor text = {file->bytes, file->bytes + file->size};
     struct umbb_cursor line;
-    if (file->size >= 3 && memcmp(file->bytes, "\xef\xbb\xbf", 3) == 0) {
-        text.at += 3;
-    }
+    text.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
+    UMB__TRY(add_run(obj, NONE, error));
     while (umbb_take_line(&text, &line)) {
         obj->line_number++;
         if (line.end > line.at && (line.end[-1] == '\\' || line.end[-1] == '\r')) {
@@ -313,31 +317,15 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The material of run i, and its end; the run before the first usemtl has none. */
-static struct run get_run(const struct obj *obj, size_t i, uint32_t *end)
-{
-    const struct run *runs = obj->runs.data;
-    struct run run = {0, NONE};
-    if (i > 0) {
-        run = runs[i - 1];
-    }
-    *end = i < obj->runs.count ? runs[i].first : (uint32_t)obj->job->scene.triangles.count;
-    return run;
-}
-
-static int has_texture(const struct obj *obj, uint32_t material)
-{
-    const struct umbs_material *materials = obj->job->scene.materials.data;
-    return material != NONE && materials[material].texture != UMBS_NO_INDEX;
-}
-
 /* The group of a triangle: 0 for none, else its material's. A triangle without coordinates for its
  * material's texture counts as without material: it is opaque. */
 static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
 {
+    const struct umbs_material *materials = obj->job->scene.materials.data;
     const struct made_of *made = obj->made.data;
     int is_bare = material == NONE;
-    for (int k = 0; k < 3 && has_texture(obj, material); k++) {
+    const int has_texture = !is_bare && materials[material].texture != UMBS_NO_INDEX;
+    for (int k = 0; k < 3 && has_texture; k++) {
         is_bare |= made[triangle[k]].uv == NONE;
     }
     return is_bare ? 0 : (size_t)material + 1;
@@ -348,12 +336,12 @@ static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3]
 {
     struct umbs_scene_builder *scene = &obj->job->scene;
     const uint32_t(*triangles)[3] = scene->triangles.data;
-    uint32_t end, bare = 0;
-    for (size_t i = 0; i <= obj->runs.count; i++) {
-        struct run run = get_run(obj, i, &end);
-        for (uint32_t k = run.first; k < end; k++) {
-            const size_t at = group_of(obj, run.material, triangles[k]);
-            bare += at == 0 && run.material != NONE;
+    const struct run *runs = obj->runs.data; /* the last one is the end */
+    uint32_t bare = 0;
+    for (size_t i = 0; i + 1 < obj->runs.count; i++) {
+        for (uint32_t k = runs[i].first; k < runs[i + 1].first; k++) {
+            const size_t at = group_of(obj, runs[i].material, triangles[k]);
+            bare += at == 0 && runs[i].material != NONE;
             starts[at + 1]++;
         }
     }
@@ -366,10 +354,9 @@ static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3]
     for (size_t i = 1; i < scene->materials.count + 2; i++) {
         starts[i] += starts[i - 1];
     }
-    for (size_t i = 0; i <= obj->runs.count; i++) {
-        struct run run = get_run(obj, i, &end);
-        for (uint32_t k = run.first; k < end; k++) {
-            const size_t at = group_of(obj, run.material, triangles[k]);
+    for (size_t i = 0; i + 1 < obj->runs.count; i++) {
+        for (uint32_t k = runs[i].first; k < runs[i + 1].first; k++) {
+            const size_t at = group_of(obj, runs[i].material, triangles[k]);
             memcpy(sorted[starts[at]++], triangles[k], sizeof(*sorted));
         }
     }
@@ -417,6 +404,7 @@ static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
                                                  "%zu vertices and no faces", obj->points.count);
     }
     UMB__TRY(umbb_faces_check(&obj->faces, error));
+    UMB__TRY(add_run(obj, NONE, error));
     return end_meshes(obj, error);
 }
 
