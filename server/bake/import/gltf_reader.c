@@ -115,9 +115,8 @@ enum {
 
 /* Places of a node's mesh: rows of accessors. */
 struct places {
-    uint32_t count; /* 0: the node has none */
-    int has[COLUMN_COUNT];
-    struct umbb_gltf_accessor columns[COLUMN_COUNT];
+    uint32_t count;                                  /* 0: the node has none */
+    struct umbb_gltf_accessor columns[COLUMN_COUNT]; /* count 0: the node lacks the column */
 };
 
 static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *node,
@@ -145,7 +144,6 @@ static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *
                             "node",
                             places->count, column->count);
         }
-        places->has[i] = 1;
         places->count = column->count;
     }
     return UMB_OK;
@@ -172,7 +170,7 @@ static enum umb_status add_instances(struct umbb_gltf_scene *scene, const struct
         double values[COLUMN_COUNT][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
         double local[3][4], place[3][4];
         for (int k = 0; k < COLUMN_COUNT; k++) {
-            if (places.has[k]) {
+            if (places.columns[k].count > 0) {
                 umbb_gltf_get(&places.columns[k], i, values[k]);
             }
         }

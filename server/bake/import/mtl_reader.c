@@ -120,16 +120,13 @@ static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
             struct umbb_cursor next = at;
             double number;
             const char *value;
-            const int is_number = umbb_take_double(&next, &number);
-            if (k > 0 && !is_number) {
+            if (k > 0 && !umbb_take_double(&next, &number)) {
                 break;
             }
-            next = at;
-            const size_t size = umbb_take_token(&next, &value);
+            const size_t size = umbb_take_token(&at, &value);
             if (strcmp(map_options[i].name, "-clamp") == 0 && umbb_is_word(value, size, "on")) {
                 *wrap = UMBS_WRAP_CLAMP;
             }
-            at = next;
         }
         *line = at;
         return 1;

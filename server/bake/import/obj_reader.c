@@ -248,37 +248,23 @@ static enum umb_status read_libraries(struct obj *obj, struct umbb_cursor line,
     return status;
 }
 
-static int takes_word(struct umbb_cursor *line, const char *word)
-{
-    size_t length = strlen(word);
-    if ((size_t)(line->end - line->at) <= length || memcmp(line->at, word, length) != 0 ||
-        (line->at[length] != ' ' && line->at[length] != '\t')) {
-        return 0;
-    }
-    line->at += length + 1;
-    return 1;
-}
-
 static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
 {
-    if (!umbb_skip_blanks(&line)) {
-        return UMB_OK;
-    }
-    switch (*line.at) {
-    case 'v':
-        if (takes_word(&line, "v")) {
-            return read_vertex(obj, line, error);
+    static const struct {
+        const char *word;
+        enum umb_status (*read)(struct obj *, struct umbb_cursor, struct umb_error *);
+    } statements[] = {
+        {"v", read_vertex},         {"vt", read_uv}, {"f", read_face}, {"usemtl", use_material},
+        {"mtllib", read_libraries},
+    };
+    const char *word;
+    const size_t length = umbb_take_token(&line, &word);
+    for (size_t i = 0; line.at < line.end && i < sizeof statements / sizeof statements[0]; i++) {
+        if (umbb_is_word(word, length, statements[i].word)) {
+            return statements[i].read(obj, line, error);
         }
-        return takes_word(&line, "vt") ? read_uv(obj, line, error) : UMB_OK;
-    case 'f':
-        return takes_word(&line, "f") ? read_face(obj, line, error) : UMB_OK;
-    case 'u':
-        return takes_word(&line, "usemtl") ? use_material(obj, line, error) : UMB_OK;
-    case 'm':
-        return takes_word(&line, "mtllib") ? read_libraries(obj, line, error) : UMB_OK;
-    default:
-        return UMB_OK;
     }
+    return UMB_OK;
 }
 
 /* Joins a line that ends in a backslash with those after it; '\' and '\n' count as blanks. */
