@@ -11,12 +11,6 @@
 #include "base/try.h"
 #include "scene/scene_buffer.h"
 
-void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene)
-{
-    memset(faces, 0, sizeof(*faces));
-    faces->scene = scene;
-}
-
 void umbb_faces_finish(struct umbb_faces *faces)
 {
     if (faces->polygon.rough > 0) {

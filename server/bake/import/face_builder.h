@@ -12,6 +12,7 @@
 
 #define UMBB_BAD_CORNER UINT64_MAX
 
+/* Zero it, but for `scene`, before its first use. */
 struct umbb_faces {
     struct umbs_scene_builder *scene; /* borrowed */
     struct umbs_array corners;        /* uint32_t: vertices of the face so far */
@@ -19,8 +20,6 @@ struct umbb_faces {
     uint64_t count;                   /* number of faces so far, dropped ones included */
     struct umbb_polygon polygon;
 };
-
-void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene);
 
 /* Frees the object. Faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
 void umbb_faces_finish(struct umbb_faces *faces);

@@ -363,9 +363,7 @@ static enum umb_status read_scene(struct umbb_gltf_scene *scene, struct umb_erro
 
 enum umb_status umbb_gltf_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct umbb_gltf_scene scene = {0};
-    umbb_faces_init(&scene.faces, &job->scene);
-    umbb_texture_table_init(&scene.textures, job);
+    struct umbb_gltf_scene scene = {.faces = {.scene = &job->scene}, .textures = {.job = job}};
     enum umb_status status = umbb_gltf_open(&scene.file, job, error);
     if (status == UMB_OK) {
         status = read_scene(&scene, error);

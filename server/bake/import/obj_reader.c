@@ -404,9 +404,10 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     if (!is_obj) {
         return umb_fail(error, UMB_E_BAD_SCENE, "the file is not OBJ text");
     }
-    struct obj obj = {.job = job, .materials = {.scene = &job->scene}};
-    umbb_faces_init(&obj.faces, &job->scene);
-    umbb_texture_table_init(&obj.textures, job);
+    struct obj obj = {.job = job,
+                      .faces = {.scene = &job->scene},
+                      .materials = {.scene = &job->scene},
+                      .textures = {.job = job}};
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
         /* Without textures the pairs are not needed; freeing them makes room for the sort. */

@@ -451,9 +451,10 @@ static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 
 enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct ply ply = {.job = job, .data = {job->file.bytes, job->file.bytes + job->file.size}};
+    struct ply ply = {.job = job,
+                      .faces = {.scene = &job->scene},
+                      .data = {job->file.bytes, job->file.bytes + job->file.size}};
     UMB__TRY(read_header(&ply, error));
-    umbb_faces_init(&ply.faces, &job->scene);
     enum umb_status status = check_header(&ply, error);
     if (status == UMB_OK) {
         status = read_elements(&ply, error);

@@ -82,13 +82,12 @@ static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_fil
 enum umb_status umbb_stl_read(struct umbb_import *job, struct umb_error *error)
 {
     const int binary = is_binary(&job->file);
-    struct umbb_faces faces;
+    struct umbb_faces faces = {.scene = &job->scene};
     if (!binary && !(umbb_starts_with(&job->file, "solid") && umbb_is_text(&job->file))) {
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "the file is neither text STL nor binary STL whose size fits its count of "
                         "facets");
     }
-    umbb_faces_init(&faces, &job->scene);
     enum umb_status status =
         binary ? read_binary(&faces, &job->file, error) : read_text(&faces, &job->file, error);
     if (status == UMB_OK) {

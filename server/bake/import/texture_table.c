@@ -181,12 +181,6 @@ struct known {
     uint32_t index;
 };
 
-void umbb_texture_table_init(struct umbb_texture_table *table, struct umbb_import *job)
-{
-    memset(table, 0, sizeof *table);
-    table->job = job;
-}
-
 void umbb_texture_table_finish(struct umbb_texture_table *table)
 {
     struct known *known = table->known.data;

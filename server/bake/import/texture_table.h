@@ -14,6 +14,7 @@
 /* Limit of image names in one scene, usable or not. */
 #define UMBB_IMAGES_MAX 4096U
 
+/* Zero it, but for `job`, before its first use. */
 struct umbb_texture_table {
     struct umbb_import *job; /* borrowed: its scene receives the textures */
     struct umbs_array known; /* array of struct known, in the order of first use */
@@ -30,7 +31,6 @@ struct umbb_image {
     uint32_t wrap_s, wrap_t, nearest; /* see umbs_texture */
 };
 
-void umbb_texture_table_init(struct umbb_texture_table *table, struct umbb_import *job);
 void umbb_texture_table_finish(struct umbb_texture_table *table);
 
 /*
