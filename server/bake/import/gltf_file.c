@@ -3,6 +3,7 @@
 #include "bake/import/gltf.h"
 
 #include <math.h>
+#include <setjmp.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,15 +13,32 @@
 #define GLB_HEADER_BYTES 12
 #define GLB_CHUNK_BYTES  8 /* header of a chunk */
 
-/* 1 once Jansson was refused memory. Its lexer drops characters then, and may parse on without
- * them. One importer runs in a process, so one flag is enough. */
-static int is_memory_refused;
+/* Way out of Jansson's parser. One importer runs in a process, so one is enough. */
+static jmp_buf refusal;
 
+/* Leaves the parser where memory is refused: its lexer would drop characters, among them the end of
+ * a string, and read on behind its buffer. */
 static void *take_memory(size_t size)
 {
     void *memory = malloc(size);
-    is_memory_refused |= memory == NULL;
+    if (memory == NULL) {
+        longjmp(refusal, 1);
+    }
     return memory;
+}
+
+/* Parses the text. Returns 0 if memory is refused; the memory so far stays allocated then, because
+ * the importer is about to end. Out: json: NULL, with a fault, if the text is no JSON. */
+static int parse(struct umbb_cursor text, json_t **json, json_error_t *fault)
+{
+    if (setjmp(refusal) != 0) {
+        return 0;
+    }
+    json_set_alloc_funcs(take_memory, free);
+    *json = json_loadb(text.at, (size_t)(text.end - text.at),
+                       JSON_REJECT_DUPLICATES | JSON_DECODE_INT_AS_REAL | JSON_ALLOW_NUL, fault);
+    json_set_alloc_funcs(malloc, free);
+    return 1;
 }
 
 /* Finds the JSON: the file without a byte order mark, or the first chunk of a GLB, which some
@@ -120,14 +138,10 @@ enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_import *job,
     UMB__TRY(check_glb(&job->file, error));
     const struct umbb_cursor text = find_json(&job->file, &gltf->chunk);
     json_error_t fault = {0};
-    is_memory_refused = 0;
-    json_set_alloc_funcs(take_memory, free);
-    gltf->json =
-        json_loadb(text.at, (size_t)(text.end - text.at),
-                   JSON_REJECT_DUPLICATES | JSON_DECODE_INT_AS_REAL | JSON_ALLOW_NUL, &fault);
+    const int is_parsed = parse(text, &gltf->json, &fault);
     const size_t buffers = json_array_size(json_object_get(gltf->json, "buffers"));
     gltf->buffers = calloc(buffers + 1, sizeof *gltf->buffers);
-    if (is_memory_refused || gltf->buffers == NULL) {
+    if (!is_parsed || gltf->buffers == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the JSON");
     }
     if (gltf->json == NULL) {
