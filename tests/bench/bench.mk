@@ -13,7 +13,7 @@ BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o
 $(BUILD)/tests/bench/bench_query.o: INC_tests += -DUMB_BENCH_NANOVDB
 endif
 BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
-BENCH_SYS = -lembree3 -lassimp -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
+BENCH_SYS = -lembree3 -ljansson -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
 $(BUILD)/tests/bench/place_floor_avx2.o: AVX2_FLAGS += -O3

@@ -44,7 +44,7 @@ PARTS = {
 
 LIBRARIES = {
     "embree3/*": ["server/rays/*", "server/bake/*", "server/study/*"],
-    "assimp/*": ["server/bake/import/*"],
+    "jansson.h": ["server/bake/import/*"],
     "png.h": ["server/bake/import/*", "server/study/*"],
     "curl/*": ["client/cli/*"],
     "uv.h": ["client/rpc/*", "server/daemon/*"],
