@@ -4,10 +4,11 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 #include "query/perspective.h"
-#include "query/query_parts.h"
+#include "query/stages.h"
 
 enum {
     CHUNK = 1024
@@ -27,32 +28,14 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Finds the look-up of point i by the arithmetic of the kernels. Returns its frustum. */
-static uint32_t place_of(const struct umb__query *q, const struct umb_points *points, size_t i,
-                         double voxel[3])
-{
-    if (q->face_count > 0) {
-        struct umb__sighting s;
-        umb__perspective_map(q, points, i, &s);
-        memcpy(voxel, s.voxel, sizeof s.voxel);
-        return q->first_face + s.face;
-    }
-    double p[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    (void)umb__move(q, points, i, p);
-    umb__to_voxel(q, p, voxel);
-    return q->frustum;
-}
-
 /* Finds what point i misses: its window, looked up in the graph. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
     static const struct umb_partial_view no_view;
     struct umb__space space;
     double voxel[3];
-    const uint32_t frustum = place_of(&b->q, b->points, i, voxel);
+    uint32_t frustum;
+    (void)umb__look_up_at(&b->q, b->points, i, voxel, &frustum);
     const struct umb_frustum_info *f = &b->p->canonical.content.frusta[frustum];
     const double size = (double)(1U << f->log2_size), half = b->q.taps / 2;
     uint32_t low[3], high[3];
@@ -118,26 +101,13 @@ enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_
     if (!p->built) {
         return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
     }
-    if (settings->filter == UMB_FILTER_PENUMBRA) {
-        return umb_fail(
-            error, UMB_E_UNSUPPORTED,
-            "filter: penumbra: more light may widen one, so that a partial asset cannot "
-            "tell what it knows; ask the whole");
+    const char *refusal = umb__filter_of(settings->filter)->partial;
+    if (refusal != NULL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "%s", refusal);
     }
-    if (settings->filter == UMB_FILTER_FOOTPRINT) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "filter: footprint: a partial asset tells of windows only; ask the whole");
-    }
-    enum umb_status status = umb_query_prepare(&p->lower, &floats, &b.lower, error);
-    if (status == UMB_OK) {
-        status = umb_query_prepare(&p->upper, &floats, &b.upper, error);
-    }
-    if (status == UMB_OK) {
-        status = umb_points_check(points, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_query_prepare(&p->lower, &floats, &b.lower, error));
+    UMB__TRY(umb_query_prepare(&p->upper, &floats, &b.upper, error));
+    UMB__TRY(umb_points_check(points, error));
     memcpy(&b.q, b.lower.opaque, sizeof b.q);
     for (size_t first = 0; first < points->count; first += CHUNK) {
         const size_t rest = points->count - first;

@@ -5,8 +5,7 @@
  * centre. So a tent costs one gather and a few counts in registers, not one box for each nested
  * mask.
  */
-#include "query/query_parts.h"
-#include "query/voxel_tree.h"
+#include "query/stages.h"
 
 /* Rows of a window: bit i of rows[j] is texel (first x + i, first y + j). */
 struct rows {
@@ -91,11 +90,7 @@ static bool is_uniform(const struct umb__place *place, const struct umb__window 
 static uint32_t tent(const struct umb__query *q, const double v[3], uint32_t total,
                      struct umb_query_stats *stats)
 {
-    const struct umb__tree tree = {.grid = q->grid,
-                                   .nodes = q->nodes,
-                                   .bricks = q->bricks,
-                                   .log2_size = q->log2_size,
-                                   .grid_log2 = q->grid_log2};
+    const struct umb__tree tree = umb__tree_of(q);
     struct umb__window w = umb__window_at(q, v, stats);
     struct umb_volume_stats read = {0};
     if (w.all_lit) {
@@ -115,22 +110,14 @@ static uint32_t tent(const struct umb__query *q, const double v[3], uint32_t tot
     return lit;
 }
 
-void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
-                      size_t count, struct umb_answers *answers)
+static void kernel_tent(const struct umb__query *query, const struct umb_points *points,
+                        size_t first, size_t count, struct umb_answers *answers)
 {
     uint32_t m = (uint32_t)(query->taps + 1) / 2, total = m * m * m * m;
-    double offset[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        offset[axis] = points->origin[axis] - query->origin[axis];
-    }
     for (size_t i = first; i < first + count; i++) {
-        double p[3], v[3];
+        double v[3];
         uint32_t lit = 0;
-        for (unsigned axis = 0; axis < 3; axis++) {
-            p[axis] = offset[axis] + umb__coordinate(points, i, axis);
-        }
-        if (umb__move(query, points, i, p)) {
-            umb__to_voxel(query, p, v);
+        if (umb__voxel_at(query, points, i, v)) {
             lit = tent(query, v, total, &answers->stats);
         } else {
             answers->stats.facing_away++;
@@ -139,3 +126,6 @@ void umb__kernel_tent(const struct umb__query *query, const struct umb_points *p
     }
     answers->stats.points += count;
 }
+
+const struct umb__filter umb__filter_tent = {.info = {.name = "tent", .is_window = 1},
+                                             .kernel = kernel_tent};

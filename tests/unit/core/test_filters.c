@@ -127,12 +127,31 @@ static void footprints_take_the_nearest_odd_number_of_texels(void **state)
     volume_fixture_close(&f);
 }
 
+static void the_table_of_filters_has_their_names_in_order(void **state)
+{
+    (void)state;
+    char names[128] = "";
+    size_t length = 0;
+    for (int i = 0; i < UMB_FILTERS; i++) {
+        const struct umb_filter_info *info = umb_filter_get_info((enum umb_filter)i);
+        assert_ptr_equal(umb_filter_name((enum umb_filter)i), info->name);
+        length += (size_t)snprintf(names + length, sizeof names - length, "%s%s", i > 0 ? "|" : "",
+                                   info->name);
+        assert_true(info->is_window || !info->has_curve);
+    }
+    assert_string_equal(names, UMB_FILTER_NAMES);
+    assert_string_equal(umb_filter_get_info((enum umb_filter)UMB_FILTERS)->name, "unknown");
+    assert_string_equal(umb_filter_name((enum umb_filter) - 1), "unknown");
+    assert_false(umb_filter_get_info((enum umb_filter)UMB_FILTERS)->is_window);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tents_weigh_the_texels_that_plain_loops_weigh),
         cmocka_unit_test(a_tent_of_one_texel_is_a_box_of_one_texel),
         cmocka_unit_test(footprints_take_the_nearest_odd_number_of_texels),
+        cmocka_unit_test(the_table_of_filters_has_their_names_in_order),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
