@@ -120,7 +120,7 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     UMB__TRY(truth_check(render, error));
     enum umb_status status = umbt_camera_make(&options->camera, &subject, options->size[0],
                                               options->size[1], &render->camera, error);
-    if (status == UMB_OK && options->settings.filter == UMB_FILTER_FOOTPRINT) {
+    if (status == UMB_OK && umb_filter_get_info(options->settings.filter)->has_footprints) {
         const double rows = (double)options->size[1] * options->aa;
         status = umbt_source_look(&render->source, render->camera.eye,
                                   2.0 * render->camera.tan_y / rows, error);

@@ -31,7 +31,7 @@ static const struct umbu_option OPTIONS[] = {
     {"filter", "NAME",
      "box, tent, penumbra (half shadows of a light with an extent), or footprint (what each pixel "
      "covers of a surface)",
-     UMBU_CHOICE("box|tent|penumbra|footprint"), AT(settings.filter), .standard = "box"},
+     UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box"},
     {"light-size", "DEG", "for penumbras: the light's angular diameter",
      UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,
      AT(settings.light_extent), .otherwise = "the asset's"},
@@ -83,15 +83,16 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed,
                                         struct umb_error *error)
 {
     struct umb_query_settings *settings = &options->settings;
+    const struct umb_filter_info *filter = umb_filter_get_info(settings->filter);
     settings->format = UMB_ANSWER_F32;
     if (settings->taps == 0) {
-        settings->taps = settings->filter >= UMB_FILTER_PENUMBRA ? 1 : 9; /* these two grow */
+        settings->taps = filter->is_window ? 9 : 1; /* the least width of other filters */
     }
     if (!umbu_given(parsed, "truth")) {
-        options->truth = settings->filter == UMB_FILTER_PENUMBRA ? UMBT_TRUTH_DISC
-                         : options->samples > 0                  ? UMBT_TRUTH_AREA
-                         : settings->taps > 1                    ? UMBT_TRUTH_TEXELS
-                                                                 : UMBT_TRUTH_SURFACE;
+        options->truth = filter->has_extent     ? UMBT_TRUTH_DISC
+                         : options->samples > 0 ? UMBT_TRUTH_AREA
+                         : settings->taps > 1   ? UMBT_TRUTH_TEXELS
+                                                : UMBT_TRUTH_SURFACE;
     }
     if (options->samples > 0 && options->truth != UMBT_TRUTH_AREA &&
         options->truth != UMBT_TRUTH_DISC) {
