@@ -85,8 +85,8 @@ static const struct umbu_option OPTIONS[] = {
     {"pixel", "RAD", "with --eye: the angle of a pixel in radians", UMBU_ABOVE(0, 1),
      AT(settings.pixel_rad), .needs = "eye"},
     {"filter", "NAME",
-     "box, tent, penumbra (half shadows of a light with an extent) or footprint (the surface that "
-     "a pixel covers); of these two --taps is the least width",
+     "box, tent, gaussian, penumbra (half shadows of a light with an extent) or footprint (the "
+     "surface that a pixel covers); of these two --taps is the least width",
      UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box", .needs = "points",
      .fields = "filter"},
     {"light-size", "DEG", "for penumbras: the light's angular diameter",

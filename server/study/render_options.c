@@ -29,8 +29,8 @@ static const struct umbu_option OPTIONS[] = {
     {"taps", "N", "filter width in texels", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.taps),
      .otherwise = "9; of penumbras and footprints 1"},
     {"filter", "NAME",
-     "box, tent, penumbra (half shadows of a light with an extent), or footprint (what each pixel "
-     "covers of a surface)",
+     "box, tent, gaussian, penumbra (half shadows of a light with an extent), or footprint (what "
+     "each pixel covers of a surface)",
      UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box"},
     {"light-size", "DEG", "for penumbras: the light's angular diameter",
      UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,

@@ -9,6 +9,7 @@ static const struct umb__filter box = {.info = {.name = "box", .is_window = 1, .
 static const struct umb__filter *const FILTERS[UMB_FILTERS] = {
     [UMB_FILTER_BOX] = &box,
     [UMB_FILTER_TENT] = &umb__filter_tent,
+    [UMB_FILTER_GAUSSIAN] = &umb__filter_gaussian,
 #ifndef UMB_WITHOUT_PENUMBRA
     [UMB_FILTER_PENUMBRA] = &umb__filter_penumbra,
 #endif

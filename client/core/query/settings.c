@@ -133,7 +133,7 @@ static enum umb_status check_static(const struct umb__plan *plan, struct umb_err
     }
     return umb_fail(error, UMB_E_UNSUPPORTED,
                     "%s: the asset was baked under the static rule, which leaves out what lies "
-                    "off the surfaces; it takes level 0 and the box or the tent filter",
+                    "off the surfaces; it takes level 0 and filters that read the window alone",
                     is_window ? "level" : "filter");
 }
 

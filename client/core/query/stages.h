@@ -41,7 +41,8 @@ struct umb__filter {
 /* Returns a filter; one named "unknown" for any other number. */
 const struct umb__filter *umb__filter_of(enum umb_filter filter);
 
-extern const struct umb__filter umb__filter_tent, umb__filter_penumbra, umb__filter_footprint;
+extern const struct umb__filter umb__filter_tent, umb__filter_gaussian;
+extern const struct umb__filter umb__filter_penumbra, umb__filter_footprint;
 
 /* A stage. */
 struct umb__stage {
