@@ -33,7 +33,7 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
 {
     static const struct umb_partial_view no_view;
     struct umb__space space;
-    double voxel[3];
+    double voxel[3] = {0};
     uint32_t frustum;
     (void)umb__look_up_at(&b->q, b->points, i, voxel, &frustum);
     const struct umb_frustum_info *f = &b->p->canonical.content.frusta[frustum];

@@ -84,24 +84,26 @@ static void place_rows(const struct umb__query *q, const double v[3], const stru
     }
 }
 
-/* Returns the sum of the weights of the lit texels. In: weights: by distance; NULL: a tent's. */
+/* Returns the sum of the weights of the lit texels. In: row: that of all texels of a row. */
 UMB__INLINE uint32_t weigh(const struct umb__query *q, const struct rows *rows,
-                           const uint16_t *weights)
+                           const uint16_t *weights, uint32_t row)
 {
-    int32_t half = q->taps / 2;
+    const int32_t half = q->taps / 2;
+    const uint64_t all = ((uint64_t)1 << q->taps) - 1;
+    uint64_t before = 0;
     uint32_t sum = 0, row_sum = 0;
     for (int32_t j = 0; j < q->taps; j++) {
-        if (j == 0 || rows->bits[j] != rows->bits[j - 1]) { /* rows are often alike */
-            row_sum = 0;
-            for (int32_t k = 0; k <= half; k++) {
-                uint64_t within = (((uint64_t)2 << (2 * k)) - 1) << (half - k);
-                const uint32_t step = weights != NULL ? (uint32_t)weights[k] - weights[k + 1] : 1;
-                row_sum += step * (uint32_t)__builtin_popcountll(rows->bits[j] & within);
+        const uint64_t bits = rows->bits[j] & all;
+        if (bits != before) { /* Rows are often alike, or all lit */
+            row_sum = bits == all ? row : 0;
+            for (int32_t k = 0; k <= half && bits != all; k++) {
+                const uint64_t within = (((uint64_t)2 << (2 * k)) - 1) << (half - k);
+                const uint32_t step = (uint32_t)weights[k] - weights[k + 1];
+                row_sum += step * (uint32_t)__builtin_popcountll(bits & within);
             }
+            before = bits;
         }
-        int32_t from_centre = j < half ? half - j : j - half;
-        sum +=
-            row_sum * (weights != NULL ? weights[from_centre] : (uint32_t)(half + 1 - from_centre));
+        sum += row_sum * weights[j < half ? half - j : j - half];
     }
     return sum;
 }
@@ -115,9 +117,10 @@ static bool is_uniform(const struct umb__place *place, const struct umb__window 
 
 /* Returns the weight of the lit texels around a moved point. */
 UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], const uint16_t *weights,
-                             uint32_t total, struct umb_query_stats *stats)
+                             uint32_t row, struct umb_query_stats *stats)
 {
     const struct umb__tree tree = umb__tree_of(q);
+    const uint32_t total = row * row;
     struct umb__window w = umb__window_at(q, v, stats);
     struct umb_volume_stats read = {0};
     if (w.all_lit) {
@@ -130,23 +133,23 @@ UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], cons
         struct rows clipped = {{0}}, whole;
         gather(&tree, &w, first, &read, &clipped);
         place_rows(q, v, &w, &clipped, &whole);
-        lit = weigh(q, &whole, weights);
+        lit = weigh(q, &whole, weights, row);
     }
     stats->nodes += read.nodes;
     stats->bricks += read.bricks;
     return lit;
 }
 
-/* Answers a batch. In: total: the sum of the weights of all texels. */
-UMB__INLINE void run(const struct umb__query *query, const struct umb_points *points, size_t first,
-                     size_t count, const uint16_t *weights, uint32_t total,
-                     struct umb_answers *answers)
+/* Answers a batch. In: weights: by distance, 0 behind the last; row: the sum of those of a row. */
+static void run(const struct umb__query *query, const struct umb_points *points, size_t first,
+                size_t count, const uint16_t *weights, uint32_t row, struct umb_answers *answers)
 {
+    const uint32_t total = row * row;
     for (size_t i = first; i < first + count; i++) {
         double v[3];
         uint32_t lit = 0;
         if (umb__voxel_at(query, points, i, v)) {
-            lit = look_up(query, v, weights, total, &answers->stats);
+            lit = look_up(query, v, weights, row, &answers->stats);
         } else {
             answers->stats.facing_away++;
         }
@@ -159,14 +162,17 @@ static void run_tent(const struct umb__query *query, const struct umb_points *po
                      size_t count, struct umb_answers *answers)
 {
     const uint32_t m = (uint32_t)(query->taps + 1) / 2;
-    run(query, points, first, count, NULL, m * m * m * m, answers);
+    uint16_t weights[HALF_MAX + 2] = {0};
+    for (uint32_t k = 0; k < m; k++) {
+        weights[k] = (uint16_t)(m - k);
+    }
+    run(query, points, first, count, weights, m * m, answers);
 }
 
 static void run_gaussian(const struct umb__query *query, const struct umb_points *points,
                          size_t first, size_t count, struct umb_answers *answers)
 {
-    run(query, points, first, count, GAUSSIAN[query->taps / 2], GAUSSIAN_ROW * GAUSSIAN_ROW,
-        answers);
+    run(query, points, first, count, GAUSSIAN[query->taps / 2], GAUSSIAN_ROW, answers);
 }
 
 const struct umb__filter umb__filter_tent = {.info = {.name = "tent", .is_window = 1},

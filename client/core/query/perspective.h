@@ -33,7 +33,7 @@ void umb__perspective_face(const struct umb__query *query, uint32_t face,
                            struct umb__query *face_query);
 
 /* Computes the voxel-space position at which point i is looked up under any light, and the frustum.
- * Returns false if its normal faces away. */
+ * Returns false if its normal faces away; voxel may then not be set. */
 bool umb__look_up_at(const struct umb__query *query, const struct umb_points *points, size_t i,
                      double voxel[3], uint32_t *frustum);
 

@@ -211,15 +211,17 @@ static inline void umb__position(const struct umb__query *q, const struct umb_po
 }
 
 /* Computes the voxel-space position at which point i is looked up under a directional light.
- * Returns false if its normal faces away; v is then that of the point itself. */
+ * Returns false if its normal faces away; v is then not set. */
 static inline bool umb__voxel_at(const struct umb__query *q, const struct umb_points *points,
                                  size_t i, double v[3])
 {
     double p[3];
     umb__position(q, points, i, p);
-    const bool facing = umb__move(q, points, i, p);
+    if (!umb__move(q, points, i, p)) {
+        return false;
+    }
     umb__to_voxel(q, p, v);
-    return facing;
+    return true;
 }
 
 static inline struct umb__tree umb__tree_of(const struct umb__query *q)
