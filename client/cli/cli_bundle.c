@@ -14,7 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define PATH_SIZE     4096
 #define SCENE_BYTES   ((size_t)1 << 30)  /* of a scene that is looked through */

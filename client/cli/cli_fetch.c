@@ -17,7 +17,7 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/progress.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/jobs.h"
 #include "umbrage/region.h"
 

@@ -13,7 +13,7 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "cli_paging_view.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 struct frames_settings {
     const char *target, *path, *depth, *output;

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define FEW 64 /* a daemon counts segments of fewer intervals as of so many */
 /* Stretches that such segments may have together, unless one has more. */

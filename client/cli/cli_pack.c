@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include "tool/json.h"
 #include "tool/output.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/region.h"
 
 struct pack_settings {

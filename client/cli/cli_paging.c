@@ -17,7 +17,7 @@
 #include "tool/output.h"
 #include "tool/clock.h"
 #include "cli_paging_options.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
 

@@ -8,7 +8,7 @@
 
 #include "tool/output.h"
 #include "cli_paging_view.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 enum {
     BATCH = 65536

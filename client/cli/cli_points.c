@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 #include "tool/base.h"
 #include "cli_common.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define SHOWN 60   /* bytes of a bad line in the message */
 #define RANGE 4096 /* points that a sample reads at once */

@@ -18,7 +18,7 @@
 #include "tool/progress.h"
 #include "cli_query_dial.h"
 #include "tool/clock.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
 

@@ -10,7 +10,7 @@
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_volume_asset.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 struct job {
     const struct umbc_query_options *options;

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_call_size.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 #include "umbrage/volume_queries.h"
 
 /* Records of a file that are answered between two looks at the clock; of boxes it is one. */

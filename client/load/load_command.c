@@ -6,7 +6,7 @@
 #include <unistd.h>
 #include "tool/output.h"
 #include "load/load_print.h"
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 /* Everything of one load test; large, so that it lives on the heap. */
 struct test {

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tool/try.h"
+#include "tool/tool_try.h"
 
 #define FIRST_RATE 100
 #define RATE_MAX   1e6

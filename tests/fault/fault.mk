@@ -4,6 +4,8 @@
 FAULT_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/fault/inject*.c))
 FAULT_TESTS := $(sort $(wildcard tests/fault/test_*.py))
 FAULT_NEEDS := $(BUILD)/inject.so $(BUILD)/open_jobs $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study scenegen)
+fault-needs: $(FAULT_NEEDS)
+.PHONY: fault-needs
 
 # The functions are defined under both names, so neither may be renamed to the other; and calls of
 # malloc may not be folded by what the compiler knows of it.

@@ -86,7 +86,7 @@ fuzz-ci: ## fuzz a turn of the targets of FUZZ_CI (FUZZ_NOW=all: all) for T_CI s
 
 # The same build, so that one compilation serves both.
 sanitize-clang: ## unit tests, past crashers and a serving daemon by clang under ASan and UBSan
-	@if $(HAS_FUZZER); then $(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) sanitize-one; \
+	@if $(HAS_FUZZER); then UMBRAGE_SHORT=1 $(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) sanitize-one; \
 	elif command -v clang >/dev/null; then $(MAKE) --no-print-directory -j$(CORES) CC=clang BUILD=build/clang check; \
 	else echo "skipped: clang is not installed (make deps-full installs it)"; fi
 

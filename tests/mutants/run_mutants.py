@@ -110,7 +110,7 @@ def targets_of(tests):
     if len(targets) < len(tests):
         targets += PROGRAMS
     if any(test.startswith("tests/fault/") for test in tests):
-        targets.append(f"{BUILD}/inject.so")
+        targets.append("fault-needs")
     if "tests/system/test_job_sandbox.py" in tests:
         targets.append(f"{BUILD}/intruder.so")
     return sorted(set(targets))

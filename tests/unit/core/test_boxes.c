@@ -72,7 +72,7 @@ static void expect_plain_counts(voxel_fn lit, uint32_t log2_size, int turned, ui
     struct volume_fixture f;
     volume_fixture_open(&f, lit, log2_size, turned, 0);
     print_message("seed %llu\n", (unsigned long long)seed);
-    for (size_t i = 0; i < fixture_cases(300); i++) {
+    for (size_t i = 0; i < (size_t)case_count(short_count(300, 75)); i++) {
         struct umb_box box = random_box(&f, &seed);
         struct umb_box_answer got;
         struct umb_box_answers answers = {.boxes = &got};
@@ -150,7 +150,7 @@ static void voxel_boxes_count_exactly_and_are_clipped_to_the_frustum(void **stat
     struct volume_fixture f;
     uint64_t seed = 24;
     volume_fixture_open(&f, fixture_noise, 7, 0, 0);
-    for (size_t i = 0; i < fixture_cases(300); i++) {
+    for (size_t i = 0; i < (size_t)case_count(short_count(300, 75)); i++) {
         struct umb_voxel_box box;
         struct umb_box_answer got, want = {0, 0};
         struct umb_box_answers answers = {.boxes = &got};
@@ -349,7 +349,7 @@ static void columns_end_at_their_first_shadowed_voxel(void **state)
     volume_fixture_open(&f, fixture_hills, 7, 1, 0);
     const double *step = f.frustum.voxel_step[2];
     double step_m = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-    for (size_t i = 0; i < fixture_cases(20000); i++) {
+    for (size_t i = 0; i < (size_t)case_count(short_count(20000, 5000)); i++) {
         double v[3], p[3];
         uint32_t want = 0;
         for (unsigned k = 0; k < 3; k++) {

@@ -146,12 +146,4 @@ static inline void fixture_voxel_of(const struct volume_fixture *f, const double
     }
 }
 
-/* Cases of a random test: few by default, UMBRAGE_CASES says how many. */
-static inline size_t fixture_cases(size_t few)
-{
-    const char *text = getenv("UMBRAGE_CASES");
-    unsigned long long value = text ? strtoull(text, NULL, 10) : 0;
-    return value ? (size_t)value : few;
-}
-
 #endif
