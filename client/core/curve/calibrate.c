@@ -322,10 +322,8 @@ enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light, dou
 {
     struct job job = {.asset = asset, .light = light};
     memset(calibration, 0, sizeof *calibration);
-    enum umb_status status = find_rows(&job, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(find_rows(&job, error));
+    enum umb_status status = UMB_OK;
     job.easy.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.easy.positions);
     job.hard.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.hard.positions);
     if (job.easy.positions && job.hard.positions) {
@@ -353,17 +351,12 @@ enum umb_status umb_calibrate_points(const struct umb_asset *asset, uint32_t lig
     struct job job = {.asset = asset, .light = light};
     double row_ns[UMB_CURVE_ROWS_MAX];
     memset(calibration, 0, sizeof *calibration);
-    enum umb_status status = find_rows(&job, error);
-    if (status == UMB_OK && points->count == 0) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
-    }
-    if (status != UMB_OK) {
-        return status;
+    UMB__TRY(find_rows(&job, error));
+    if (points->count == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
     }
     struct row_timer timer = {asset, light, job.rows, job.count, points, now_s};
-    status = time_rows(&timer, row_ns, error);
-    if (status == UMB_OK) {
-        conclude(job.rows, job.count, row_ns, calibration);
-    }
-    return status;
+    UMB__TRY(time_rows(&timer, row_ns, error));
+    conclude(job.rows, job.count, row_ns, calibration);
+    return UMB_OK;
 }
