@@ -277,18 +277,6 @@ static void conclude(const struct umb_curve_row *rows, size_t count,
     }
 }
 
-/* Interpolates the times of the points drawn here to the hardness of the curve's points. */
-static void conclude_drawn(const struct job *job, struct umb_calibration *calibration)
-{
-    const double far = hardness(job);
-    double row_ns[UMB_CURVE_ROWS_MAX];
-    for (size_t i = 0; i < job->count; i++) {
-        const double easy = job->easy.ns[i], hard = job->hard.ns[i];
-        row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
-    }
-    conclude(job->rows, job->count, row_ns, calibration);
-}
-
 static enum umb_status time_sample(struct job *job, struct sample *sample, double (*now_s)(void),
                                    struct umb_error *error)
 {
@@ -317,28 +305,36 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
+/* Times points drawn here, and interpolates the times to the hardness of the curve's points. */
+static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
+                                  struct umb_calibration *calibration, struct umb_error *error)
+{
+    if (!job->easy.positions || !job->hard.positions) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused",
+                        POINTS);
+    }
+    draw_points(job);
+    UMB__TRY(time_sample(job, &job->easy, now_s, error));
+    UMB__TRY(time_sample(job, &job->hard, now_s, error));
+    const double far = hardness(job);
+    double row_ns[UMB_CURVE_ROWS_MAX];
+    for (size_t i = 0; i < job->count; i++) {
+        const double easy = job->easy.ns[i], hard = job->hard.ns[i];
+        row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
+    }
+    conclude(job->rows, job->count, row_ns, calibration);
+    return UMB_OK;
+}
+
 enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light, double (*now_s)(void),
                               struct umb_calibration *calibration, struct umb_error *error)
 {
     struct job job = {.asset = asset, .light = light};
     memset(calibration, 0, sizeof *calibration);
     UMB__TRY(find_rows(&job, error));
-    enum umb_status status = UMB_OK;
     job.easy.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.easy.positions);
     job.hard.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.hard.positions);
-    if (job.easy.positions && job.hard.positions) {
-        draw_points(&job);
-        status = time_sample(&job, &job.easy, now_s, error);
-    } else {
-        status =
-            umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused", POINTS);
-    }
-    if (status == UMB_OK) {
-        status = time_sample(&job, &job.hard, now_s, error);
-    }
-    if (status == UMB_OK) {
-        conclude_drawn(&job, calibration);
-    }
+    const enum umb_status status = time_drawn(&job, now_s, calibration, error);
     umb__free(asset->alloc, job.easy.positions);
     umb__free(asset->alloc, job.hard.positions);
     return status;

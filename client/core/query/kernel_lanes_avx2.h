@@ -48,7 +48,7 @@ static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
                        _mm256_cvtps_pd(_mm_loadu_ps(f + 8)), axis);
 }
 
-/* The same of doubles. */
+/* Loads three doubles a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 {
     const double *d = (const double *)(const void *)at;

@@ -43,7 +43,7 @@ static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
     }
 }
 
-/* The same of doubles. */
+/* Loads three doubles a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 {
     const __m512i every_third = _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 18, 21);

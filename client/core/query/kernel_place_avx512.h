@@ -199,7 +199,7 @@ static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
     axis[2] = _mm512_castsi512_ps(_mm512_alignr_epi32(z_bits, z_bits, 2));
 }
 
-/* A bit a point, of a bit a lane. */
+/* Returns a mask of points, one bit each, from a mask of lanes. */
 static inline __mmask16 umb__in_order(__mmask16 lanes)
 {
     const __m512i back = umb__mixed_back();
@@ -471,14 +471,14 @@ UMB__INLINE void umb__wide_place_block(const struct umb__wide_placer *placer, si
     }
 }
 
-/* Queries of one tap. */
+/* Places the points of queries of one tap. */
 static inline void umb__wide_place_points(const struct umb__wide_placer *placer, size_t first,
                                           struct umb__block *block, struct umb_query_stats *stats)
 {
     umb__wide_place_block(placer, first, false, block, stats);
 }
 
-/* Queries of any number. */
+/* Places the points of queries of any number of taps. */
 static inline void umb__wide_place_windows(const struct umb__wide_placer *placer, size_t first,
                                            struct umb__block *block, struct umb_query_stats *stats)
 {

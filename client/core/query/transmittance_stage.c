@@ -27,7 +27,8 @@ static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32
     return true;
 }
 
-/* Sums the loss of point i, out of `*all`. In: wide: with the bias of this stage. */
+/* Returns the light that point i loses, in units of which *all is the whole light. In: wide: with
+ * the bias of this stage. */
 static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *points, size_t i,
                         uint64_t *all)
 {
@@ -51,7 +52,8 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* Makes the query whose points are moved for the boxes of this stage: of voxels, at any level. */
+/* Makes the query that moves points for the boxes of this stage. Boxes are of voxels, even where
+ * look-ups stop at a level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;
