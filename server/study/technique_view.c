@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
-#include "maps/map_poisson.h"
+#include "maps/map_parts.h"
 #include "tool/threads.h"
 #include "study/shading.h"
 #include "study/study_vec.h"

@@ -99,7 +99,18 @@ static inline int umb__hex_value(char c)
     return -1;
 }
 
-/* Takes `count * size` bytes from the front of a range; false if it has fewer. */
+/* Returns true if `count` bytes are all zero. */
+static inline bool umb__all_zero(const uint8_t *bytes, uint64_t count)
+{
+    uint8_t any = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        any |= bytes[i];
+    }
+    return any == 0;
+}
+
+/* Takes `count * size` bytes from the front of the range [*at, end). Returns false if the range has
+ * fewer. */
 static inline bool umb__take(const uint8_t **at, const uint8_t *end, uint64_t count, uint64_t size,
                              const uint8_t **out)
 {

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_BASE_COMPAT_H
 #define UMBRAGE_CORE_BASE_COMPAT_H
-/* What compilers say of themselves, each in its own way, and GNU extensions that some lack. */
+/* Differences between compilers: how they report sanitizers, and attributes that some lack. */
 
 #ifndef __has_attribute
 #define __has_attribute(name) 0
 #endif
 
-/* 1 in a build under ThreadSanitizer, and in one under any sanitizer that keeps shadow memory: such
- * a program needs terabytes of address space and lives under no limit of it. gcc defines macros,
- * clang features. */
+/* UMB__TSAN is 1 in a build under ThreadSanitizer, UMB__SANITIZED in a build under any sanitizer
+ * that keeps shadow memory. Such a program needs terabytes of address space and cannot run under a
+ * limit of it. gcc reports sanitizers by macros, clang by features. */
 #ifdef __has_feature
 #define UMB__FEATURE(name) __has_feature(name)
 #else

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See memory.h. */
-#define _GNU_SOURCE /* madvise and MADV_HUGEPAGE: no POSIX names for these */
+/* Allocation; see memory.h. */
+#define _GNU_SOURCE /* For madvise and MADV_HUGEPAGE, which POSIX does not have */
 #include "base/memory.h"
 
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 #include <sys/mman.h>
 
 #define CACHE_LINE 64U
-#define LARGE_PAGE ((uintptr_t)2 << 20) /* x86-64; a system of other sizes rounds or refuses */
+#define LARGE_PAGE ((uintptr_t)2 << 20) /* Bytes on x86-64; other systems round or refuse */
 
 void umb_free(void *block)
 {

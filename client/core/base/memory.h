@@ -17,21 +17,22 @@ void *umb__resize(const struct umb_alloc *alloc, void *block, size_t bytes);
 void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /*
- * Allocates an array that queries read at random: asks the system for large pages, which it may
- * ignore. A look-up in 200 MB of small pages misses the TLB at every node. With malloc (alloc NULL)
- * the array begins at a cache line.
+ * Allocates an array that queries read at random: advises the system to use large pages, since a
+ * look-up in 200 MB of small pages misses the TLB at every node. With malloc (alloc NULL) the array
+ * begins at a cache line.
  */
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size);
 
-/* As umb__alloc, zeroed. */
+/* Returns count * size zeroed bytes, or NULL (also if the product overflows). */
 void *umb__alloc_zeroed(const struct umb_alloc *alloc, size_t count, size_t size);
 
 /* Frees a block of umb__alloc; NULL is allowed. */
 void umb__free(const struct umb_alloc *alloc, void *block);
 
 /*
- * Grows *array (elements of `size` bytes) so that `needed` elements fit; capacity at least doubles.
- * Returns false and changes nothing if memory is short.
+ * Grows *array so that `needed` elements of `size` bytes fit. In: array: address of a pointer of
+ * any type. In and out: capacity: number of elements; doubles at least. Returns false and changes
+ * nothing if memory is short.
  */
 bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, size_t needed,
                size_t size);

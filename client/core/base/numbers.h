@@ -4,8 +4,8 @@
 /*
  * Variable-length numbers.
  *
- * A single number has seven bits a byte, the lowest first; bit 7 is set in all bytes but the last.
- * It is below 2^32 and in its shortest form: the last byte is 0 only if it is the first.
+ * A single number is below 2^32. It has seven bits a byte, the lowest first; bit 7 is set in all
+ * bytes but the last. It is as short as possible: its last byte is 0 only for the number 0.
  *
  * A list of numbers below one limit begins with the lowest eight bits of each number, a byte each.
  * Then come the bits beyond eight that the limit needs, one number after the other from the lowest
@@ -18,7 +18,7 @@
 
 #define UMB__NUMBER_BYTES_MAX 5U
 
-/* Reads the next number; false if it is cut off, longer than needed, or beyond 32 bits. */
+/* Reads the next number. Returns false if it is cut off, longer than needed, or beyond 32 bits. */
 static inline bool umb__take_number(const uint8_t **at, const uint8_t *end, uint32_t *value)
 {
     uint64_t sum = 0;
@@ -58,9 +58,9 @@ static inline uint8_t *umb__put_number(uint8_t *at, uint32_t value)
 
 /* A list of numbers below a limit. */
 struct umb__number_list {
-    const uint8_t *bytes; /* [umb__list_bytes] */
+    const uint8_t *bytes; /* [umb__list_bytes(count, high_bits)] */
     uint64_t count;
-    unsigned high_bits; /* of each, beyond eight */
+    unsigned high_bits; /* Bits of each number beyond eight */
 };
 
 /* Returns the bits beyond eight of numbers below a limit: 0 to 25. */
@@ -73,7 +73,7 @@ static inline unsigned umb__list_high_bits(uint64_t limit)
     return bits;
 }
 
-/* In: count below 2^58. */
+/* Returns the bytes of a list. In: count: below 2^58. */
 static inline uint64_t umb__list_bytes(uint64_t count, unsigned high_bits)
 {
     return count + (count * high_bits + 7) / 8;

@@ -2,20 +2,20 @@
 #ifndef UMBRAGE_CORE_BASE_OPEN_STATUS_H
 #define UMBRAGE_CORE_BASE_OPEN_STATUS_H
 /*
- * Status for the errno of a failed open of an input. Scripts distinguish a missing file, a file
- * without permission, and a machine without free descriptors.
+ * Status codes for the errno of a failed open of an input. So scripts can tell a missing file, a
+ * file without permission, and a machine without free descriptors apart.
  */
 #include <errno.h>
 #include "umbrage/status.h"
 
-/* Pure. Returns a failure for any errno; E_IO for those without a status of their own. */
+/* Returns the failure for an errno; E_IO for an errno without a status of its own. Pure. */
 static inline enum umb_status umb__open_status(int system_error)
 {
     switch (system_error) {
     case ENOENT:
     case ENOTDIR:
     case EISDIR:
-    case ENXIO: /* a socket, a pipe */
+    case ENXIO: /* A socket, or a pipe without a reader */
         return UMB_E_NO_INPUT;
     case EACCES:
     case EPERM:

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A cache line before every block records how it was allocated.
+ * An allocator for arrays that grow to gigabytes; see page_alloc.h. A cache line before every block
+ * records how the block was allocated.
  *
- * The kernel moves the table of a whole large page at once if old and new address are both
- * multiples of one. So the new place is reserved with a surplus, which is then returned.
+ * The kernel moves a whole large page at once if old and new address are both multiples of its
+ * size. So the new address space is reserved with a surplus of one large page, and the surplus on
+ * both sides is then returned.
  */
-#define _GNU_SOURCE /* mremap, madvise: no POSIX names for these */
+#define _GNU_SOURCE /* For mremap and madvise, which POSIX does not have */
 #include "base/page_alloc.h"
 
 #include <stdint.h>
@@ -15,10 +17,10 @@
 
 #define LARGE_PAGE ((size_t)2 << 20)
 
-/* Before a block. */
+/* The cache line before a block. */
 struct header {
     size_t mapped; /* Length of the mapping, from the header on; 0: malloc */
-    size_t asked;  /* bytes of the block */
+    size_t asked;  /* Bytes of the block */
     unsigned char rest[64 - 2 * sizeof(size_t)];
 };
 
@@ -27,7 +29,7 @@ static struct header *header_of(void *block)
     return (struct header *)block - 1;
 }
 
-/* In: header: or NULL. */
+/* Resizes a block of malloc. In: header: of the block, or NULL. */
 static void *small_resize(struct header *header, size_t bytes)
 {
     header = bytes > SIZE_MAX - sizeof *header ? NULL : realloc(header, sizeof *header + bytes);
@@ -48,7 +50,7 @@ static size_t mapping_bytes(size_t bytes)
                : (bytes + sizeof(struct header) + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
 }
 
-/* Reserves address space of whole large pages; NULL if there is none. */
+/* Reserves `bytes` of address space that begin at a large page; NULL if there is none. */
 static void *space_take(size_t bytes, int protection)
 {
     const int flags = MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE;
@@ -93,9 +95,9 @@ static void *map_resize(struct header *header, size_t bytes)
         }
         moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
         if (moved == MAP_FAILED) {
-            /* The new space is not unmapped here. Kernels mostly unmap it before they find out that
-             * memory is short, and another thread may have mapped there by now. Only at the limit
-             * of mappings it is left, addresses without memory. */
+            /* The new space must not be unmapped here: kernels mostly unmap it before they find out
+             * that memory is short, and another thread may use these addresses by now. Only when
+             * the limit of mappings is reached, the addresses stay reserved, without memory. */
             return NULL;
         }
     }
@@ -125,7 +127,7 @@ static void *resize(void *user, void *block, size_t bytes)
     }
     void *larger = map_new(bytes);
     if (larger != NULL && header != NULL) {
-        memcpy(larger, block, header->asked); /* less than what is large */
+        memcpy(larger, block, header->asked); /* The old block is smaller */
         free(header);
     }
     return larger;

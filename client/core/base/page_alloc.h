@@ -4,14 +4,15 @@
 /*
  * An allocator for arrays that grow to gigabytes.
  *
- * A large block is a mapping of its own on large pages. When it grows, the system moves its page
- * tables to another address. Nothing is copied, no page is cleared twice, and an old and a new
- * block never both take memory. (realloc moves pages as well, but to an address where large pages
- * are split.)
+ * A large block is a mapping of its own on large pages. When the block grows, the system moves its
+ * pages to another address. Nothing is copied, no page is cleared twice, and an old and a new block
+ * never take memory at the same time. (realloc moves pages as well, but to an address where large
+ * pages are split.)
  *
  * Large blocks begin a cache line behind the start of a large page, and are zero when new. They
- * take whole large pages of address space, of which the system backs the touched ones. Small blocks
- * come from malloc; where the system cannot move pages, all do. Threads: any.
+ * take whole large pages of address space; the system backs a page with memory when it is first
+ * touched. Small blocks come from malloc, and so do large ones where the system cannot move pages.
+ * Threads: any.
  */
 #include "umbrage/alloc.h"
 

@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_CORE_BASE_RESERVED_H
 #define UMBRAGE_CORE_BASE_RESERVED_H
 /*
- * The words of public structs that later versions use (umbrage/version.h). Functions refuse words
- * that are not 0: they are settings that this version does not know, or a struct that was not
- * started with zeros, which a later version would misread.
+ * The check of `reserved` of public structs, words that later versions may use (umbrage/version.h).
+ * A word that is not 0 is a setting that this version does not know, or the caller did not start
+ * the struct with zeros, and a later version would misread it.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* True, with E_ARGUMENT in error, if a word of object->reserved is not 0. In:
- * name: of the struct, in messages. */
+/* Returns true, with E_ARGUMENT in error, if a word of object->reserved is not 0. In: name: name
+ * of the struct in messages. */
 #define UMB__UNKNOWN(object, name, error)                                                          \
     umb__unknown((object)->reserved, sizeof(object)->reserved / sizeof(uint64_t), name, error)
 

@@ -8,42 +8,32 @@
 
 #include "base/utf8.h"
 
-struct status_row {
-    enum umb_status status;
-    const char *name;
-    const char *text;
-};
-
-static const struct status_row status_rows[] = {
-#define STATUS_ROW(name, value, text) {UMB_##name, #name, text},
-    UMB_STATUS_LIST(STATUS_ROW)
-#undef STATUS_ROW
-};
-
-static const struct status_row *find_row(enum umb_status status)
-{
-    for (size_t i = 0; i < sizeof status_rows / sizeof status_rows[0]; i++) {
-        if (status_rows[i].status == status) {
-            return &status_rows[i];
-        }
-    }
-    return NULL;
-}
-
 const char *umb_status_name(enum umb_status status)
 {
-    const struct status_row *row = find_row(status);
-    return row ? row->name : "E_UNKNOWN";
+    switch (status) {
+#define NAME_CASE(name, value, text)                                                               \
+    case UMB_##name:                                                                               \
+        return #name;
+        UMB_STATUS_LIST(NAME_CASE)
+#undef NAME_CASE
+    }
+    return "E_UNKNOWN";
 }
 
 const char *umb_status_text(enum umb_status status)
 {
-    const struct status_row *row = find_row(status);
-    return row ? row->text : "unknown status";
+    switch (status) {
+#define TEXT_CASE(name, value, text)                                                               \
+    case UMB_##name:                                                                               \
+        return text;
+        UMB_STATUS_LIST(TEXT_CASE)
+#undef TEXT_CASE
+    }
+    return "unknown status";
 }
 
-/* The only function that makes messages, so that none has terminal control characters or broken
- * UTF-8 from a file name or a peer's text. */
+/* Fills in an error. All messages are made here, so that none has terminal control characters or
+ * broken UTF-8 from a file name or a peer's text. */
 static void set_error(struct umb_error *error, enum umb_status status, int system_error,
                       const char *format, va_list arguments)
 {

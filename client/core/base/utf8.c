@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-/* The bounds of the second byte depend on the first (Unicode, table 3-7); those of later bytes do
- * not. */
+/* Returns the length of a character of two to four bytes, or 0. The bounds of the second byte
+ * depend on the first (Unicode, table 3-7); those of later bytes do not. */
 static size_t multibyte_length(const uint8_t *bytes, size_t size)
 {
     uint8_t first = bytes[0];
@@ -57,7 +57,7 @@ bool umb__utf8_valid(const uint8_t *bytes, size_t size)
     return true;
 }
 
-/* C0 and DEL as one byte; C1 (U+0080 to U+009F) as two. */
+/* Returns true for control characters: C0 and DEL of one byte, C1 (U+0080 to U+009F) of two. */
 static bool is_control(const uint8_t *bytes, size_t length)
 {
     return (length == 1 && (bytes[0] < 0x20 || bytes[0] == 0x7f)) ||

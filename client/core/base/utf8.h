@@ -20,11 +20,11 @@ size_t umb__utf8_length(const uint8_t *bytes, size_t size);
 bool umb__utf8_valid(const uint8_t *bytes, size_t size);
 
 /*
- * Copies text for display: malformed bytes become '?', control characters (C0, DEL, and C1, which
- * terminals obey too) blanks; every other byte keeps its place. The copy is cut at a character that
- * fits, and always NUL-terminated. Returns the length written.
+ * Copies text for display. Malformed bytes become '?', and control characters become blanks: C0,
+ * DEL, and C1, which terminals obey too. Every other byte keeps its place. The copy is cut between
+ * two characters if it is too long, and always NUL-terminated. Returns the length written.
  *
- * In: capacity: bytes at out, at least 1. out may be bytes itself.
+ * In: capacity: bytes at out, at least 1. out: may be bytes itself.
  */
 size_t umb__utf8_printable(const uint8_t *bytes, size_t size, char *out, size_t capacity);
 

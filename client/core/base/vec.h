@@ -15,7 +15,7 @@ static inline double umb__affine(const double row[4], const double p[3])
     return row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3];
 }
 
-/* out must not be a or b. */
+/* Computes a x b. In: out: not a or b. */
 static inline void umb__cross(const double a[3], const double b[3], double out[3])
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
@@ -23,7 +23,7 @@ static inline void umb__cross(const double a[3], const double b[3], double out[3
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* out may be a or b. */
+/* Computes a - b. In: out: may be a or b. */
 static inline void umb__subtract(const double a[3], const double b[3], double out[3])
 {
     for (int k = 0; k < 3; k++) {
@@ -52,6 +52,21 @@ static inline int umb__unit(double a[3])
     }
     umb__scale(1.0 / length, a);
     return 1;
+}
+
+/* Finds two unit vectors across the unit vector `w` and each other: u is also across the world axis
+ * that w leans on least. */
+static inline void umb__across(const double w[3], double u[3], double v[3])
+{
+    double helper[3] = {0.0, 0.0, 0.0};
+    int least = 0;
+    for (int i = 1; i < 3; i++) {
+        least = fabs(w[i]) < fabs(w[least]) ? i : least;
+    }
+    helper[least] = 1.0;
+    umb__cross(helper, w, u);
+    (void)umb__unit(u); /* The length of u is at least sqrt(2/3) */
+    umb__cross(w, u, v);
 }
 
 #endif

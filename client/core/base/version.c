@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The version that the core was compiled as. */
+/* The version of the compiled core. */
 #include "umbrage/version.h"
 
 uint32_t umb_version(void)

@@ -4,10 +4,11 @@
 
 #include "base/memory.h"
 #include "base/reserved.h"
+#include "base/try.h"
 #include "base/utf8.h"
 #include "format/asset_parts.h"
-#include "format/receiver_mask.h"
 #include "format/pack_read.h"
+#include "format/receiver_mask.h"
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)64 << 30)
 
@@ -16,8 +17,8 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
 }
 
-/* Copies the parts of the head that outlive the file, and points head to the copies. Checked values
- * so stay valid even if another process overwrites a mapped file. */
+/* Copies the parts of the head that outlive the file, and points head to the copies. So checked
+ * values stay valid even if another process overwrites a mapped file. */
 static enum umb_status keep_head(struct umb_asset *asset, struct umb__head *head,
                                  struct umb_error *error)
 {
@@ -47,40 +48,17 @@ static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes
                                    struct umb_error *error)
 {
     struct umb__octree octree;
-    enum umb_status status = umb__pack_read(bytes, head, &asset->canonical, full, max_memory,
-                                            asset->alloc, &octree, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    status =
+    UMB__TRY(umb__pack_read(bytes, head, &asset->canonical, full, max_memory, asset->alloc, &octree,
+                            error));
+    const enum umb_status status =
         umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped, error);
     umb__octree_finish(&octree);
-    asset->view = asset->mapped.view;
     return status;
 }
 
-static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes, size_t size,
-                                  const struct umb_open_options *options, struct umb_error *error)
+static enum umb_status open_mapped(struct umb_asset *asset, const uint8_t *bytes,
+                                   const struct umb__head *head, int full, struct umb_error *error)
 {
-    int full = !(options && options->trust == UMB_TRUST_VALIDATED);
-    uint64_t max_memory =
-        options && options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY;
-    max_memory = max_memory < SIZE_MAX / 2 ? max_memory : SIZE_MAX / 2; /* sizes fit size_t */
-    struct umb__head head;
-    enum umb_status status = umb__head_parse(bytes, size, &head, error);
-    if (status == UMB_OK) {
-        status = keep_head(asset, &head, error);
-    }
-    if (status == UMB_OK) {
-        status = umb__canonical_decode(head.canonical, head.canonical_length, asset->alloc,
-                                       &asset->canonical, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (head.encoding == UMB_ENCODING_PACKED) {
-        return open_packed(asset, bytes, &head, full, max_memory, error);
-    }
     if ((uintptr_t)bytes % 64 != 0) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "bytes: at an address %u bytes beyond a multiple of 64, a mapped asset "
@@ -88,66 +66,75 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
                         (unsigned)((uintptr_t)bytes % 64));
     }
     asset->mapped.alloc = asset->alloc;
-    status = umb__mapped_view(bytes, &head, &asset->canonical.content, full, &asset->mapped, error);
-    asset->view = asset->mapped.view;
-    return status;
+    return umb__mapped_view(bytes, head, &asset->canonical.content, full, &asset->mapped, error);
 }
 
-static struct umb_asset *new_asset(const struct umb_open_options *options)
+static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes, size_t size,
+                                  const struct umb_open_options *options, struct umb_error *error)
+{
+    const int full = !(options && options->trust == UMB_TRUST_VALIDATED);
+    uint64_t max_memory =
+        options && options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY;
+    max_memory = max_memory < SIZE_MAX / 2 ? max_memory : SIZE_MAX / 2; /* Sizes fit size_t */
+    struct umb__head head;
+    UMB__TRY(umb__head_parse(bytes, size, &head, error));
+    UMB__TRY(keep_head(asset, &head, error));
+    UMB__TRY(umb__canonical_decode(head.canonical, head.canonical_length, asset->alloc,
+                                   &asset->canonical, error));
+    UMB__TRY(head.encoding == UMB_ENCODING_PACKED
+                 ? open_packed(asset, bytes, &head, full, max_memory, error)
+                 : open_mapped(asset, bytes, &head, full, error));
+    asset->view = asset->mapped.view;
+    return UMB_OK;
+}
+
+static enum umb_status open_file(struct umb_asset *asset, const char *path,
+                                 const struct umb_open_options *options, struct umb_error *error)
+{
+    UMB__TRY(umb_file_open(path, &asset->file, error));
+    UMB__TRY(open_bytes(asset, asset->file.bytes, asset->file.size, options, error));
+    if (asset->encoding == UMB_ENCODING_PACKED) {
+        umb_file_close(&asset->file); /* The asset is expanded: the file is no longer needed */
+    }
+    return UMB_OK;
+}
+
+/* Opens a file, or bytes if path is NULL. */
+static enum umb_status open_any(const char *path, const void *bytes, size_t size,
+                                const struct umb_open_options *options, struct umb_asset **out,
+                                struct umb_error *error)
 {
     const struct umb_alloc *alloc = options ? options->alloc : NULL;
-    struct umb_asset *asset = umb__alloc_zeroed(alloc, 1, sizeof *asset);
-    if (asset) {
-        asset->alloc = alloc;
+    *out = NULL;
+    if (options && UMB__UNKNOWN(options, "options", error)) {
+        return UMB_E_ARGUMENT;
     }
-    return asset;
+    struct umb_asset *asset = umb__alloc_zeroed(alloc, 1, sizeof *asset);
+    if (!asset) {
+        return no_memory(error);
+    }
+    asset->alloc = alloc;
+    const enum umb_status status = path ? open_file(asset, path, options, error)
+                                        : open_bytes(asset, bytes, size, options, error);
+    if (status != UMB_OK) {
+        umb_asset_close(asset);
+        return status;
+    }
+    *out = asset;
+    return UMB_OK;
 }
 
 enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
                                      const struct umb_open_options *options, struct umb_asset **out,
                                      struct umb_error *error)
 {
-    *out = NULL;
-    if (options && UMB__UNKNOWN(options, "options", error)) {
-        return UMB_E_ARGUMENT;
-    }
-    struct umb_asset *asset = new_asset(options);
-    if (!asset) {
-        return no_memory(error);
-    }
-    enum umb_status status = open_bytes(asset, bytes, size, options, error);
-    if (status != UMB_OK) {
-        umb_asset_close(asset);
-        return status;
-    }
-    *out = asset;
-    return UMB_OK;
+    return open_any(NULL, bytes, size, options, out, error);
 }
 
 enum umb_status umb_asset_open_file(const char *path, const struct umb_open_options *options,
                                     struct umb_asset **out, struct umb_error *error)
 {
-    *out = NULL;
-    if (options && UMB__UNKNOWN(options, "options", error)) {
-        return UMB_E_ARGUMENT;
-    }
-    struct umb_asset *asset = new_asset(options);
-    if (!asset) {
-        return no_memory(error);
-    }
-    enum umb_status status = umb_file_open(path, &asset->file, error);
-    if (status == UMB_OK) {
-        status = open_bytes(asset, asset->file.bytes, asset->file.size, options, error);
-    }
-    if (status == UMB_OK && asset->encoding == UMB_ENCODING_PACKED) {
-        umb_file_close(&asset->file); /* Expanded: the file is no longer needed */
-    }
-    if (status != UMB_OK) {
-        umb_asset_close(asset);
-        return status;
-    }
-    *out = asset;
-    return UMB_OK;
+    return open_any(path, NULL, 0, options, out, error);
 }
 
 void umb_asset_close(struct umb_asset *asset)

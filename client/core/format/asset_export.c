@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the mapped layout back to the octree. A wide node is split into two octree levels, and equal
- * halves are merged again; grid cells are joined upwards in the same way. The result is the
- * canonical tree, so packing it gives the bytes it came from.
+ * From the mapped layout back to the octree. Each wide node becomes nodes of two octree levels, and
+ * equal nodes are merged again; grid cells are joined upwards in the same way. The result is the
+ * canonical tree, so packing it gives the bytes that the asset was made from.
  */
 #include <string.h>
 
@@ -16,14 +16,15 @@ struct exporter {
     const struct umb_asset *asset;
     struct umb__pool pool;
     struct umb_error *error;
-    uint32_t *brick_of; /* Octree number of each brick of the view, + MADE; 0 = not yet made */
-    uint32_t *node_of;  /* Octree number for each word where a wide node starts, + MADE */
+    uint32_t *brick_of; /* Reference to each brick of the view, plus MADE; 0: not made yet */
+    /* Reference for each word where a wide node starts, plus MADE; 0: not made */
+    uint32_t *node_of;
 };
 
 /*
- * Offset of a stored reference (mod 2^32): shadowed and lit, the two highest numbers, become 1 and
- * 2, and 0 means "not yet". Uniform results are stored too: in a hostile file a uniform subtree may
- * be shared 64 times a level, and would be walked 64^8 times.
+ * Number added, modulo 2^32, to each reference in brick_of and node_of: the two highest numbers,
+ * shadowed and lit, become 1 and 2, and 0 means "not made yet". Uniform results are stored too: in
+ * a hostile file a uniform subtree may be shared 64 times a level, and would be walked 64^8 times.
  */
 #define MADE 3U
 
@@ -39,12 +40,9 @@ static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_
         *ref = e->brick_of[number] - MADE;
         return UMB_OK;
     }
-    enum umb_status status =
-        umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error);
-    if (status == UMB_OK) {
-        e->brick_of[number] = *ref + MADE;
-    }
-    return status;
+    UMB__TRY(umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error));
+    e->brick_of[number] = *ref + MADE;
+    return UMB_OK;
 }
 
 static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t word,
@@ -66,33 +64,26 @@ static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t 
     }
     const uint64_t *node = e->asset->view.nodes + word;
     uint32_t children[8];
-    enum umb_status status = UMB_OK;
-    for (unsigned c = 0; c < 8 && status == UMB_OK; c++) {
+    for (unsigned c = 0; c < 8; c++) {
         uint32_t inner[8];
-        for (unsigned g = 0; g < 8 && status == UMB_OK; g++) {
-            unsigned x = (c & 1) * 2 + (g & 1), y = (c >> 1 & 1) * 2 + (g >> 1 & 1);
-            unsigned bit = x + 4 * y + 16 * ((c >> 2) * 2 + (g >> 2));
+        for (unsigned g = 0; g < 8; g++) {
+            const unsigned bit = umb__wide_bit(c, g);
             inner[g] = uniform(node[1] >> bit & 1);
             if (node[0] >> bit & 1) {
-                status = export_number(e, level - 2, umb__wide_child(node, bit), &inner[g]);
+                UMB__TRY(export_number(e, level - 2, umb__wide_child(node, bit), &inner[g]));
             }
         }
-        if (status == UMB_OK) {
-            status = umb__pool_node(&e->pool, level - 1, inner, &children[c], e->error);
-        }
+        UMB__TRY(umb__pool_node(&e->pool, level - 1, inner, &children[c], e->error));
     }
-    if (status == UMB_OK) {
-        status = umb__pool_node(&e->pool, level, children, ref, e->error);
-    }
-    if (status == UMB_OK) {
-        e->node_of[word] = *ref + MADE;
-    }
-    return status;
+    UMB__TRY(umb__pool_node(&e->pool, level, children, ref, e->error));
+    e->node_of[word] = *ref + MADE;
+    return UMB_OK;
 }
 
+/* A cube of grid cells. */
 struct part {
     uint32_t level;
-    uint32_t x, y, z; /* in cells */
+    uint32_t x, y, z; /* First cell */
 };
 
 /* Joins grid cells upwards into the node of `part`. */

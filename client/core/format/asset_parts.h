@@ -6,8 +6,8 @@
 
 struct umb_asset {
     const struct umb_alloc *alloc;
-    struct umb__canonical canonical; /* content and counts */
-    struct umb__view view;           /* what queries read */
+    struct umb__canonical canonical; /* Content and counts */
+    struct umb__view view;           /* Arrays that queries read */
     struct umb__mapped mapped;       /* Owner of the view's arrays if the file was packed */
     uint8_t *canonical_bytes;        /* Canonical block as it stands in the file */
     uint64_t canonical_length;

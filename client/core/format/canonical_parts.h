@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
 #define UMBRAGE_CORE_FORMAT_CANONICAL_PARTS_H
-/* Parts that writer and reader of the canonical block share: its entries, their order and flags. */
+/* Entries of the canonical block, their order and flags; shared by its writer and its reader. */
 #include <stdbool.h>
 #include "format/canonical.h"
 #include "format/layout.h"
@@ -28,22 +28,23 @@ static const uint32_t umb__entry_tags[ENTRY_COUNT] = {
     UMB__TAG_OCCLUDER_DEPTH, UMB__TAG_TRANSMITTANCE, UMB__TAG_RECEIVER_MASK,
 };
 
-/* Optional entries: without bytes they are left out. */
+/* Returns true for entries that are left out if they have no bytes. */
 static inline bool umb__entry_is_optional(size_t entry)
 {
     return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH || entry == ENTRY_TRANSMITTANCE ||
            entry == ENTRY_RECEIVER_MASK;
 }
 
-/* Entries that a reader must understand. A reader without translucent casters would answer that
- * their shadows are lit, and one without the static rule would answer in undefined space. A reader
- * without the curve or the occluder depth answers less, but nothing wrong. */
+/* Returns an entry's flags: whether a reader must understand it. A reader that ignores translucent
+ * casters would answer that their shadows are lit, and one that ignores the static rule would
+ * answer in undefined space. A reader that ignores the curve or the occluder depth answers less,
+ * but nothing wrong. */
 static inline uint32_t umb__entry_flags(size_t entry)
 {
     return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH ? 0 : UMB__MUST_UNDERSTAND;
 }
 
-/* Entries begin at multiples of 8. */
+/* Returns an entry's length with its padding: entries begin at multiples of 8. */
 static inline uint64_t umb__entry_padded(uint64_t length)
 {
     return (length + 7) & ~(uint64_t)7;

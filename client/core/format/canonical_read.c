@@ -11,20 +11,18 @@
 #include "format/occluder_depth.h"
 #include "format/receiver_mask.h"
 
-static bool all_zero(const uint8_t *bytes, uint64_t count)
+static enum umb_status no_memory(struct umb_error *error)
 {
-    uint8_t any = 0;
-    for (uint64_t i = 0; i < count; i++) {
-        any |= bytes[i];
-    }
-    return any == 0;
+    return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
 }
 
+/* Bytes of each entry; NULL for an optional entry that is left out. */
 struct entries {
     const uint8_t *bytes[ENTRY_COUNT];
     uint64_t lengths[ENTRY_COUNT];
 };
 
+/* Finds all entries. Fails: E_CORRUPT, E_VERSION (an entry that this version does not know). */
 static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struct entries *entries,
                                     struct umb_error *error)
 {
@@ -41,7 +39,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
                             "canonical block: entry %.4s of %llu bytes is cut", (const char *)head,
                             (unsigned long long)size);
         }
-        if (!all_zero(body + size, umb__entry_padded(size) - size)) {
+        if (!umb__all_zero(body + size, umb__entry_padded(size) - size)) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "canonical block: entry %.4s: padding is not zero", (const char *)head);
         }
@@ -77,7 +75,7 @@ static enum umb_status find_entries(const uint8_t *bytes, uint64_t length, struc
     return UMB_OK;
 }
 
-/* Checks that fields reserved for later versions are zero. */
+/* Returns true if the fields reserved for later versions are zero. */
 static bool reserved_are_zero(const struct entries *entries)
 {
     const uint8_t *light = entries->bytes[ENTRY_LIGHTS], *frustum = entries->bytes[ENTRY_FRUSTA];
@@ -105,7 +103,8 @@ static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_a
     return text;
 }
 
-/* False if the bytes behind the name's NUL are not zero; equal content must have equal bytes. */
+/* Reads a light. Returns false if the bytes behind the name's NUL are not zero: equal content must
+ * have equal bytes. */
 static bool read_light(const uint8_t *at, struct umb_light_info *light)
 {
     light->kind = (enum umb_light_kind)umb__load32(at);
@@ -118,7 +117,7 @@ static bool read_light(const uint8_t *at, struct umb_light_info *light)
     light->extent = umb__load_f64(at + 64);
     memcpy(light->name, at + 72, UMB_NAME_SIZE);
     size_t length = strnlen(light->name, UMB_NAME_SIZE);
-    return all_zero(at + 72 + length, UMB_NAME_SIZE - length);
+    return umb__all_zero(at + 72 + length, UMB_NAME_SIZE - length);
 }
 
 static void read_frustum(const uint8_t *at, struct umb_frustum_info *frustum)
@@ -179,7 +178,8 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     return UMB_OK;
 }
 
-/* Node numbers have 32 bits, and one number means "none". */
+/* Reads the counts of nodes: below 2^32 - 1, since node numbers have 32 bits and one of them means
+ * "none". */
 static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *canonical,
                                    struct umb_error *error)
 {
@@ -194,7 +194,7 @@ static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *can
     return UMB_OK;
 }
 
-/* In: canonical: its frusta checked. */
+/* Checks and expands the transmittance. In: canonical: frusta checked. */
 static enum umb_status read_transmittance(const struct entries *entries,
                                           const struct umb_alloc *alloc,
                                           struct umb__canonical *canonical, struct umb_error *error)
@@ -209,15 +209,16 @@ static enum umb_status read_transmittance(const struct entries *entries,
                                      &canonical->trans, error));
     content->transmittance = umb__alloc(alloc, (size_t)length, 1);
     if (!content->transmittance) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+        return no_memory(error);
     }
     memcpy(content->transmittance, bytes, (size_t)length);
     content->transmittance_bytes = length;
     return UMB_OK;
 }
 
-static enum umb_status read_near(const struct entries *entries, const struct umb_alloc *alloc,
-                                 struct umb__content *content, struct umb_error *error)
+static enum umb_status read_receiver_mask(const struct entries *entries,
+                                          const struct umb_alloc *alloc,
+                                          struct umb__content *content, struct umb_error *error)
 {
     const uint8_t *bytes = entries->bytes[ENTRY_RECEIVER_MASK];
     const size_t words = content->frustum_count * UMB__RECEIVER_MASK_WORDS;
@@ -226,7 +227,7 @@ static enum umb_status read_near(const struct entries *entries, const struct umb
     }
     content->receiver_mask_cells = umb__alloc(alloc, words, sizeof *content->receiver_mask_cells);
     if (!content->receiver_mask_cells) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+        return no_memory(error);
     }
     for (size_t i = 0; i < words; i++) {
         content->receiver_mask_cells[i] = umb__load64(bytes + 8 * i);
@@ -234,33 +235,43 @@ static enum umb_status read_near(const struct entries *entries, const struct umb
     return UMB_OK;
 }
 
-static enum umb_status read_entries(const struct entries *entries, const struct umb_alloc *alloc,
-                                    struct umb__canonical *canonical, struct umb_error *error)
+/* Counts the records of all entries, and allocates their arrays and the texts. False: out of
+ * memory. */
+static bool allocate(const struct entries *entries, const struct umb_alloc *alloc,
+                     struct umb__canonical *canonical)
 {
     struct umb__content *content = &canonical->content;
-    const uint8_t *scene = entries->bytes[ENTRY_SCENE];
-    for (size_t i = 0; i < 3; i++) {
-        content->origin[i] = umb__load_f64(scene + 8 * i);
-        content->bounds.min[i] = umb__load_f64(scene + 24 + 8 * i);
-        content->bounds.max[i] = umb__load_f64(scene + 48 + 8 * i);
-    }
-    memcpy(content->scene_hash, scene + 72, UMB_ID_BYTES);
     content->light_count = (uint32_t)(entries->lengths[ENTRY_LIGHTS] / UMB__LIGHT_SIZE);
     content->frustum_count = (uint32_t)(entries->lengths[ENTRY_FRUSTA] / UMB__FRUSTUM_SIZE);
+    content->curve_count = (uint32_t)(entries->lengths[ENTRY_CURVE] / UMB__CURVE_SIZE);
     content->lights = umb__alloc_zeroed(alloc, content->light_count, sizeof *content->lights);
     content->frusta = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *content->frusta);
     canonical->roots = umb__alloc_zeroed(alloc, content->frustum_count, sizeof *canonical->roots);
-    content->curve_count = (uint32_t)(entries->lengths[ENTRY_CURVE] / UMB__CURVE_SIZE);
     if (content->curve_count > 0) {
         content->curve = umb__alloc_zeroed(alloc, content->curve_count, sizeof *content->curve);
     }
     content->plan = read_text(entries->bytes[ENTRY_PLAN], entries->lengths[ENTRY_PLAN], alloc);
     content->settings =
         read_text(entries->bytes[ENTRY_SETTINGS], entries->lengths[ENTRY_SETTINGS], alloc);
-    if (!content->lights || !content->frusta || !canonical->roots || !content->plan ||
-        !content->settings || (content->curve_count > 0 && !content->curve)) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "canonical block: no memory");
+    return content->lights && content->frusta && canonical->roots && content->plan &&
+           content->settings && (content->curve_count == 0 || content->curve);
+}
+
+static void read_scene(const uint8_t *at, struct umb__content *content)
+{
+    for (size_t i = 0; i < 3; i++) {
+        content->origin[i] = umb__load_f64(at + 8 * i);
+        content->bounds.min[i] = umb__load_f64(at + 24 + 8 * i);
+        content->bounds.max[i] = umb__load_f64(at + 48 + 8 * i);
     }
+    memcpy(content->scene_hash, at + 72, UMB_ID_BYTES);
+}
+
+/* Reads lights, frusta, roots and the curve into their arrays. */
+static enum umb_status read_records(const struct entries *entries, struct umb__canonical *canonical,
+                                    struct umb_error *error)
+{
+    struct umb__content *content = &canonical->content;
     for (uint32_t i = 0; i < content->light_count; i++) {
         if (!read_light(entries->bytes[ENTRY_LIGHTS] + (size_t)i * UMB__LIGHT_SIZE,
                         &content->lights[i])) {
@@ -283,38 +294,38 @@ static enum umb_status read_entries(const struct entries *entries, const struct 
     for (uint32_t i = 0; i < content->curve_count; i++) {
         read_curve(entries->bytes[ENTRY_CURVE] + (size_t)i * UMB__CURVE_SIZE, &content->curve[i]);
     }
-    UMB__TRY(read_counts(entries->bytes[ENTRY_COUNTS], canonical, error));
-    enum umb_status status = umb__occluder_depth_load(
-        entries->bytes[ENTRY_OCCLUDER_DEPTH], entries->lengths[ENTRY_OCCLUDER_DEPTH], alloc,
-        &content->occluder_depth, &content->occluder_depth_words, error);
-    if (status == UMB_OK) {
-        status = read_near(entries, alloc, content, error);
+    return UMB_OK;
+}
+
+static enum umb_status decode(const uint8_t *bytes, uint64_t length, const struct umb_alloc *alloc,
+                              struct umb__canonical *canonical, struct umb_error *error)
+{
+    struct entries entries;
+    struct umb__content *content = &canonical->content;
+    UMB__TRY(find_entries(bytes, length, &entries, error));
+    UMB__TRY(check_lengths(&entries, error));
+    if (!allocate(&entries, alloc, canonical)) {
+        return no_memory(error);
     }
-    if (status == UMB_OK) {
-        status = umb__content_check(content, error);
-    }
-    if (status == UMB_OK) {
-        status = read_transmittance(entries, alloc, canonical, error);
-    }
-    if (status == UMB_OK) {
-        umb__content_derive(content);
-    }
-    return status;
+    read_scene(entries.bytes[ENTRY_SCENE], content);
+    UMB__TRY(read_records(&entries, canonical, error));
+    UMB__TRY(read_counts(entries.bytes[ENTRY_COUNTS], canonical, error));
+    UMB__TRY(umb__occluder_depth_load(
+        entries.bytes[ENTRY_OCCLUDER_DEPTH], entries.lengths[ENTRY_OCCLUDER_DEPTH], alloc,
+        &content->occluder_depth, &content->occluder_depth_words, error));
+    UMB__TRY(read_receiver_mask(&entries, alloc, content, error));
+    UMB__TRY(umb__content_check(content, error));
+    UMB__TRY(read_transmittance(&entries, alloc, canonical, error));
+    umb__content_derive(content);
+    return UMB_OK;
 }
 
 enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t length,
                                       const struct umb_alloc *alloc,
                                       struct umb__canonical *canonical, struct umb_error *error)
 {
-    struct entries entries;
     memset(canonical, 0, sizeof *canonical);
-    enum umb_status status = find_entries(bytes, length, &entries, error);
-    if (status == UMB_OK) {
-        status = check_lengths(&entries, error);
-    }
-    if (status == UMB_OK) {
-        status = read_entries(&entries, alloc, canonical, error);
-    }
+    const enum umb_status status = decode(bytes, length, alloc, canonical, error);
     if (status != UMB_OK) {
         umb__canonical_finish(canonical, alloc);
     }

@@ -91,9 +91,10 @@ static void write_entry(uint8_t *at, enum umb__entry entry, const struct umb__ca
         break;
     case ENTRY_ROOTS:
         for (uint32_t i = 0; i < content->frustum_count; i++) {
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE, canonical->roots[i].state);
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 4, canonical->roots[i].page);
-            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 8, canonical->roots[i].position);
+            const struct umb__packed_root *root = &canonical->roots[i];
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE, root->state);
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 4, root->page);
+            umb__store32(at + (size_t)i * UMB__ROOT_SIZE + 8, root->position);
         }
         break;
     case ENTRY_CURVE:
@@ -136,7 +137,7 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
     return UMB_OK;
 }
 
-/* Returns the bytes of an entry with its head; 0 for an entry that is left out. */
+/* Returns the bytes of an entry of `length` bytes with its head; 0 if the entry is left out. */
 static uint64_t entry_length(size_t entry, uint64_t length)
 {
     return length == 0 && umb__entry_is_optional(entry)
@@ -144,7 +145,7 @@ static uint64_t entry_length(size_t entry, uint64_t length)
                : UMB__ENTRY_HEAD + umb__entry_padded(length);
 }
 
-/* Lengths of all entries, and of the whole. */
+/* Computes the length of each entry without its head, and of the whole block. */
 static enum umb_status measure(const struct umb__content *content, uint64_t lengths[ENTRY_COUNT],
                                uint64_t *length, struct umb_error *error)
 {
@@ -160,19 +161,16 @@ static enum umb_status measure(const struct umb__content *content, uint64_t leng
     lengths[ENTRY_TRANSMITTANCE] = content->transmittance_bytes;
     lengths[ENTRY_RECEIVER_MASK] =
         content->receiver_mask_cells ? frusta * UMB__RECEIVER_MASK_WORDS * 8 : 0;
-    enum umb_status status = text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error);
-    if (status == UMB_OK) {
-        status = text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error);
-    }
+    UMB__TRY(text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error));
+    UMB__TRY(text_length(content->settings, "settings", &lengths[ENTRY_SETTINGS], error));
     *length = 0;
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
         *length += entry_length(i, lengths[i]);
     }
-    if (status == UMB_OK && *length > UMB__CANONICAL_MAX) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "canonical block: %llu bytes, at most %u",
+    return *length <= UMB__CANONICAL_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "canonical block: %llu bytes, at most %u",
                           (unsigned long long)*length, UMB__CANONICAL_MAX);
-    }
-    return status;
 }
 
 enum umb_status umb__content_head_bytes(const struct umb__content *content, uint64_t *bytes,

@@ -10,7 +10,7 @@
 #include "umbrage/file.h"
 #include "umbrage/workers.h"
 
-/* One row of an accuracy curve: sums over the points that the bake queried (umbrage/curve.h). */
+/* One row of an accuracy curve (umbrage/curve.h): sums over the points that the bake queried. */
 struct umb__curve_record {
     uint32_t light;
     uint32_t level, taps; /* Setting of the row; level is 0 or taps is 1 */
@@ -20,31 +20,30 @@ struct umb__curve_record {
     uint64_t squares;     /* Sum of squared differences, in units of 1 / 2^20, each rounded down */
 };
 
-#define UMB__CURVE_POINTS_MAX (1U << 20)
-#define UMB__CURVE_SQUARE     (1U << 20)
+#define UMB__CURVE_POINTS_MAX (1U << 20) /* Points of one row */
+#define UMB__CURVE_SQUARE     (1U << 20) /* Units of `squares` for a difference of 1 */
 
 struct umb__content {
     uint32_t light_count;
     uint32_t frustum_count;
     struct umb_light_info *lights;   /* [light_count] */
     struct umb_frustum_info *frusta; /* [frustum_count]; voxel_step is derived, not stored */
-    double origin[3];                /* metres, world space */
-    struct umb_box bounds;           /* metres, world space */
+    double origin[3];                /* Scene origin, metres, world space */
+    struct umb_box bounds;           /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES];
-    uint64_t bytes_2014; /* Bytes of these voxels in the encoding of Sintorn et al. 2014;
-                                       0 = not computed */
-    char *plan;          /* NUL-terminated UTF-8, one line an effect */
-    char *settings;      /* NUL-terminated key=value lines */
-    char *notes;         /* outside the identity */
+    uint64_t bytes_2014; /* Bytes of these voxels in the encoding of Sintorn et al. 2014; 0: not
+                            computed */
+    char *plan;          /* Bake plan: NUL-terminated UTF-8, one line an effect */
+    char *settings;      /* Bake settings: NUL-terminated key=value lines */
+    char *notes;         /* Notes, outside the identity; or NULL */
     struct umb__curve_record *curve; /* [curve_count] ascending by light, level, taps; or NULL */
     uint32_t curve_count;
-    uint32_t *occluder_depth;      /* [occluder_depth_words] format/occluder_depth.h, or NULL */
-    uint64_t occluder_depth_words; /* 0 if not kept */
-    uint8_t *transmittance;        /* [transmittance_bytes] format/transmittance.h, or NULL */
+    uint32_t *occluder_depth; /* [occluder_depth_words] format/occluder_depth.h, or NULL */
+    uint64_t occluder_depth_words;
+    uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
-    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] format/receiver_mask.h: baked under the static
-     * rule; or NULL */
-    uint64_t *receiver_mask_cells;
+    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS]
+                                      format/receiver_mask.h; NULL: not the static rule */
 };
 
 /* Returns 1 if the rays of a frustum start in one point (spot, point), 0 if they are parallel. */
@@ -56,14 +55,14 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
 
 /* The linear part of a perspective frustum, as umb__content_check proves it. */
 struct umb__perspective {
-    double axis[3];    /* world vector that changes W by 1, X and Y not at all */
-    double scale;      /* W = scale Z + offset: above 0 */
-    double offset;     /* and W is above 0 at the far side, where Z is the number of voxels */
-    double step[3][3]; /* voxel_step of struct umb_frustum_info */
+    double axis[3];       /* World vector that changes W by 1, and X and Y not at all */
+    double scale, offset; /* Coefficients of W = scale Z + offset; scale is above 0, and so is W at
+                             the far side, where Z is the number of voxels */
+    double step[3][3];    /* Content of voxel_step of struct umb_frustum_info */
 };
 
-/* Out: 1, or 0 if the frustum cannot be inverted, its depth does not follow W, or its far side is
- * not ahead of the light. */
+/* Computes the linear part of a perspective frustum. Returns 0 if the frustum cannot be inverted,
+ * its depth does not follow W, or its far side is not ahead of the light; else 1. */
 int umb__perspective_derive(const struct umb_frustum_info *frustum,
                             struct umb__perspective *perspective);
 
@@ -94,11 +93,11 @@ UMB_CHECKED enum umb_status umb__pack_write(const struct umb__content *content,
                                             const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES],
                                             struct umb_error *error);
 
-/* Arguments of umb__pack_write, and its helpers. */
+/* Arguments of umb__pack_run. */
 struct umb__pack_job {
     const struct umb__content *content;
     const struct umb__octree *octree; /* With workers, its allocator must be thread-safe */
-    const struct umb_sha256 *sha256;  /* with workers, called from several threads */
+    const struct umb_sha256 *sha256;  /* Hash; with workers, called from several threads */
     const struct umb_sink *sink;
     const struct umb_workers *workers; /* Helper threads; NULL: the calling thread does
                                           everything */

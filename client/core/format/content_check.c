@@ -7,7 +7,9 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "base/utf8.h"
+#include "base/vec.h"
 #include "format/canonical.h"
 #include "format/occluder_depth.h"
 #include "format/layout.h"
@@ -25,9 +27,9 @@ static bool all_finite(const double *values, size_t count)
 }
 
 /*
- * Inverts three rows' linear parts: step[i] is the world vector that changes row i by one and the
- * other two not at all. The cofactor form keeps about 15 digits for the well-conditioned
- * (orthogonal rows) matrices of light frames.
+ * Inverts a matrix of three rows: step[i] is the world vector that changes row i by one and the
+ * other two rows not at all. Cofactors keep about 15 digits for the matrices of light frames, whose
+ * rows are orthogonal. Returns false if the matrix is singular.
  */
 static bool invert_rows(const double *const rows[3], double step[3][3])
 {
@@ -38,8 +40,7 @@ static bool invert_rows(const double *const rows[3], double step[3][3])
             cofactor[i][j] = rows[a][c] * rows[b][d] - rows[a][d] * rows[b][c];
         }
     }
-    double determinant =
-        rows[0][0] * cofactor[0][0] + rows[0][1] * cofactor[0][1] + rows[0][2] * cofactor[0][2];
+    const double determinant = umb__dot(rows[0], cofactor[0]);
     if (!isfinite(determinant) || determinant == 0.0) {
         return false;
     }
@@ -57,19 +58,19 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     const double(*m)[4] = frustum->world_to_voxel;
     const double *w = m[3];
     const double *const rows[3] = {m[0], m[1], w};
-    const double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    const double square = umb__dot(w, w);
     double(*step)[3] = perspective->step;
     if (!(square > 0) || !invert_rows(rows, step)) {
         return 0;
     }
     memcpy(perspective->axis, step[2], sizeof perspective->axis);
-    const double rate = (m[2][0] * w[0] + m[2][1] * w[1] + m[2][2] * w[2]) / square;
+    const double rate = umb__dot(m[2], w) / square;
     if (!(rate > 0)) {
         return 0;
     }
     for (int k = 0; k < 3; k++) {
         step[2][k] = w[k] / square / rate;
-        /* Depth must follow W alone; doubles leave about 1e-16. */
+        /* Depth must follow W alone; the rounding of doubles leaves about 1e-16. */
         if (!(fabs(m[2][k] - rate * w[k]) <= 1e-9 * fabs(rate) * sqrt(square))) {
             return 0;
         }
@@ -81,7 +82,7 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     return all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
 }
 
-/* World vectors of one voxel; those of a perspective frustum where W = 1, and along its axis. */
+/* Computes voxel_step of struct umb_frustum_info; false if the frustum's transform is unsound. */
 static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
 {
     struct umb__perspective perspective;
@@ -127,9 +128,8 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
         }
     }
     const double *d = light->direction;
-    double length = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    double wanted = light->kind == UMB_LIGHT_POINT ? 0.0 : 1.0;
-    if (!(fabs(length - wanted) < 1e-6)) {
+    const double wanted = light->kind == UMB_LIGHT_POINT ? 0.0 : 1.0;
+    if (!(fabs(umb__dot(d, d) - wanted) < 1e-6)) {
         return umb_fail(error, UMB_E_CORRUPT,
                         "lights[%u].direction: (%g, %g, %g), must have length %g", i, d[0], d[1],
                         d[2], wanted);
@@ -141,7 +141,10 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
                         i, light->position[0], light->position[1], light->position[2],
                         light->extent);
     }
-    return UMB_OK;
+    return content->receiver_mask_cells == NULL || light->kind == UMB_LIGHT_DIRECTIONAL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT,
+                          "lights[%u]: the static rule is for directional lights", i);
 }
 
 static enum umb_status check_frustum(const struct umb__content *content, uint32_t i,
@@ -211,7 +214,7 @@ static bool record_in_range(const struct umb__content *content,
            record->squares <= points * UMB__CURVE_SQUARE;
 }
 
-/* Returns 1 if a record precedes another. */
+/* Returns true if record a precedes record b: by light, then level, then taps. */
 static bool record_before(const struct umb__curve_record *a, const struct umb__curve_record *b)
 {
     const uint32_t x[3] = {a->light, a->level, a->taps}, y[3] = {b->light, b->level, b->taps};
@@ -252,29 +255,21 @@ enum umb_status umb__content_check(const struct umb__content *content, struct um
         !all_finite(content->bounds.max, 3)) {
         return umb_fail(error, UMB_E_CORRUPT, "scene: origin or bounds not finite");
     }
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < content->light_count && status == UMB_OK; i++) {
-        status = check_light(content, i, error);
-        if (status == UMB_OK && content->receiver_mask_cells != NULL &&
-            content->lights[i].kind != UMB_LIGHT_DIRECTIONAL) {
-            status = umb_fail(error, UMB_E_CORRUPT,
-                              "lights[%u]: the static rule is for directional lights", i);
-        }
+    for (uint32_t i = 0; i < content->light_count; i++) {
+        UMB__TRY(check_light(content, i, error));
     }
-    for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
-        status = check_frustum(content, i, error);
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        UMB__TRY(check_frustum(content, i, error));
     }
-    if (status == UMB_OK) {
-        status = check_curve(content, error);
+    UMB__TRY(check_curve(content, error));
+    if (content->transmittance != NULL) {
+        UMB__TRY(umb__transmittance_check(content->transmittance, content->transmittance_bytes,
+                                          content->frusta, content->frustum_count, error));
     }
-    if (status == UMB_OK && content->transmittance != NULL) {
-        status = umb__transmittance_check(content->transmittance, content->transmittance_bytes,
-                                          content->frusta, content->frustum_count, error);
-    }
-    return status == UMB_OK && content->occluder_depth != NULL
+    return content->occluder_depth != NULL
                ? umb__occluder_depth_check(content->occluder_depth, content->occluder_depth_words,
                                            content->frusta, content->frustum_count, error)
-               : status;
+               : UMB_OK;
 }
 
 void umb__content_derive(struct umb__content *content)
@@ -287,15 +282,15 @@ void umb__content_derive(struct umb__content *content)
 void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3])
 {
     const double(*m)[4] = frustum->world_to_voxel;
-    double reach = 1.0; /* W at the depth of the last voxel */
+    double reach = 1.0; /* W at the depth of the last voxel; 1 for a directional light */
     for (int axis = 2; axis >= 0; axis--) {
         const double *step = frustum->voxel_step[axis];
-        const double length = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        const double length = umb__length(step);
         if (axis == 2 && umb__is_perspective(frustum)) {
-            /* W = (Z - Z0) / rate along the axis, where one voxel is 1 / rate of W. */
+            /* A step along the axis changes Z by `rate` and W by `turn`; Z is `size` at the far
+             * end. */
             const double *w = m[3];
-            const double rate = m[2][0] * step[0] + m[2][1] * step[1] + m[2][2] * step[2];
-            const double turn = w[0] * step[0] + w[1] * step[1] + w[2] * step[2];
+            const double rate = umb__dot(m[2], step), turn = umb__dot(w, step);
             const double size = (double)((uint32_t)1 << frustum->log2_size);
             reach = w[3] + (size - m[2][3]) * turn / rate;
         }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See directory.h. Each entry is loaded once a use, since another process may overwrite a mapped
- * file at any time. */
+/* The directory of a packed file; see directory.h. Each entry is loaded once for each use, since
+ * another process may overwrite a mapped file at any time. */
 #include "format/directory.h"
 
 #include <string.h>
@@ -19,7 +19,7 @@ uint64_t umb__block_offset(const struct umb__head *head, uint32_t block)
                : head->blocks_offset + (uint64_t)(block - 1) * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
 }
 
-/* An entry as it stands in its block. */
+/* Loads a page's entry. In: at: the entry in its block. */
 static struct umb__page_entry load(const uint8_t *at, uint32_t page)
 {
     struct umb__page_entry entry = {
@@ -149,7 +149,8 @@ enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw
     for (uint32_t block = 0; block < head->directory_count; block++) {
         struct umb__block_extent extent;
         UMB__TRY(umb__block_check(head, block, umb__block_view(head, block), &extent, error));
-        /* The first block precedes its pages; all others stand together before theirs. */
+        /* The first block precedes its pages. All other blocks stand together before their
+         * pages. */
         const bool placed = block > 1 || umb__block_offset(head, block) == expected;
         expected += block == 0   ? umb__block_bytes(head->page_count, 0)
                     : block == 1 ? umb__other_blocks_bytes(head->page_count)

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_FORMAT_DIRECTORY_H
 #define UMBRAGE_CORE_FORMAT_DIRECTORY_H
 /*
- * The directory of a packed file: the place of each page, and opening a page from its stored bytes.
- * Entries of pages come in blocks of UMB__BLOCK_PAGES. The head has the check and the hash of each
- * block, so a client proves a page with the head, one block and the page.
+ * The directory of a packed file: an entry for each page, in blocks of UMB__BLOCK_PAGES entries.
+ * The head has the checksum and the hash of each block, so a client proves a page with the head,
+ * one block and the page. Also how a page is opened from its stored bytes.
  */
 #include <stdbool.h>
 #include "format/head.h"
@@ -23,7 +23,7 @@ struct umb__page_entry {
     uint32_t reserved;
 };
 
-/* Returns the number of blocks for so many pages. */
+/* Returns the number of blocks of a directory for `page_count` pages. */
 static inline uint32_t umb__block_count(uint32_t page_count)
 {
     return page_count / UMB__BLOCK_PAGES + (page_count % UMB__BLOCK_PAGES != 0);
@@ -36,7 +36,7 @@ static inline uint32_t umb__block_bytes(uint32_t page_count, uint32_t block)
     return (rest < UMB__BLOCK_PAGES ? rest : UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
 }
 
-/* Returns the length of all blocks but the first. */
+/* Returns the length in bytes of all blocks but the first. */
 static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
 {
     return page_count > UMB__BLOCK_PAGES
@@ -44,19 +44,20 @@ static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
                : 0;
 }
 
-/* Returns where a block begins in the file. */
+/* Returns the offset in bytes of a block in the file. */
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block);
 
-/* In: page: below head->page_count; the entries are there. */
+/* Loads a page's entry. In: head: with its entries. page: below head->page_count. */
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page);
 
-/* Returns a page's SHA-256 in the directory: uint8[UMB_ID_BYTES]. */
+/* Returns the SHA-256 of a page in the directory: uint8[UMB_ID_BYTES]. */
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page);
 
 /* Returns a block's bytes. In: head: of a whole file. */
 const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block);
 
-/* Byte range in the file that the pages of a block take, and their bytes uncompressed. */
+/* The byte range in the file that the pages of a block take, and the bytes of these pages
+ * uncompressed. */
 struct umb__block_extent {
     uint64_t begin, end, raw_bytes;
 };
@@ -74,15 +75,15 @@ UMB_CHECKED enum umb_status umb__block_check(const struct umb__head *head, uint3
                                              struct umb_error *error);
 
 /*
- * Compares a block's hash in the head with that of its pages' hashes.
+ * Compares a block's hash in the head with the hash of its pages' hashes.
  * In: bytes: as for umb__block_check. Fails: E_CORRUPT, E_NO_MEMORY (no digest could be made).
  */
 UMB_CHECKED enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block,
                                              const uint8_t *bytes, const struct umb_sha256 *sha256,
                                              struct umb_error *error);
 
-/* Writes a block's entry of the table; the block's page entries must be complete. False: no
- * digest. */
+/* Writes the entry of a block in the head's table. In: bytes: block with complete entries of pages.
+ * False: no digest. */
 bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
                      uint8_t entry[UMB__BLOCK_ENTRY]);
 
@@ -107,25 +108,23 @@ UMB_CHECKED enum umb_status umb__page_expand(struct ZSTD_DCtx_s *zstd, const uin
                                              const struct umb__page_entry *entry, uint8_t *raw,
                                              struct umb_error *error);
 
-/* Puts the page's number before the message of an error; returns status. */
+/* Puts a page's number before the message of an error; returns status. */
 enum umb_status umb__in_page(struct umb_error *error, uint32_t page, enum umb_status status);
 
 /* Parses an uncompressed page and compares it with its entry. Fails: E_CORRUPT, E_VERSION. */
 UMB_CHECKED enum umb_status umb__page_open(const uint8_t *raw, const struct umb__page_entry *entry,
                                            struct umb__page *page, struct umb_error *error);
 
-/*
- * Computes the identity of a canonical block and its block hashes. False: out of memory. In: alloc:
- * for a list of the hashes.
- */
+/* Computes an asset's id from the canonical block and the hashes of the blocks. In: alloc:
+ * allocator for a list of the hashes. False: out of memory. */
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,
                              const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES]);
 
-/* Number of pages that are hashed together: one for each lane of a vector register. */
+/* Number of pages that are hashed together: the lanes of a vector register. */
 #define UMB__DIGESTS 16U
 
-/* Hashes messages of one part each, by digest_many if the hasher has it. Out: digests: [count];
- * each equal to that of `digest`. */
+/* Hashes messages of one part each, by `digest_many` of the hasher or one by one by `digest`. Out:
+ * digests: [count]. */
 void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
                       const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 

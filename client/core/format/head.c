@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See head.h; offsets in layout.h, normative text in docs/reference/umb-format.md. */
+/* Heads of files; offsets in layout.h, normative text in docs/reference/umb-format.md. */
 #include "format/head.h"
 
 #include <stdbool.h>
@@ -96,7 +96,7 @@ static enum umb_status parse_blocks(const uint8_t *bytes, struct umb__head *head
                                      (unsigned long long)pages);
 }
 
-/* In: front: the bytes may be only the front of the file. */
+/* Parses and checks lengths. In: front: true if the bytes may be only the front of the file. */
 static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, bool front,
                                      struct umb__head *head, struct umb_error *error)
 {
@@ -172,23 +172,20 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_
                                   struct umb_error *error)
 {
     struct umb__head head = {0};
-    enum umb_status status = parse_magic(bytes, size, &head, error);
-    if (status == UMB_OK) {
-        status = parse_lengths(bytes, size, true, &head, error);
-        if (status == UMB_E_TRUNCATED) { /* the very reason to ask */
-            status = UMB_OK;
-        }
+    UMB__TRY(parse_magic(bytes, size, &head, error));
+    const enum umb_status status = parse_lengths(bytes, size, true, &head, error);
+    if (status != UMB_OK &&
+        status != UMB_E_TRUNCATED) { /* Only the file's first bytes are needed */
+        return status;
     }
-    if (status == UMB_OK) {
-        facts->encoding = head.encoding;
-        memcpy(facts->id, bytes + UMB__HEAD_ID, UMB_ID_BYTES);
-        facts->file_bytes = head.file_length;
-        facts->open_bytes = head.head_length;
-        if (head.encoding == UMB_ENCODING_PACKED) {
-            facts->open_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
-        }
+    facts->encoding = head.encoding;
+    memcpy(facts->id, bytes + UMB__HEAD_ID, UMB_ID_BYTES);
+    facts->file_bytes = head.file_length;
+    facts->open_bytes = head.head_length;
+    if (head.encoding == UMB_ENCODING_PACKED) {
+        facts->open_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
     }
-    return status;
+    return UMB_OK;
 }
 
 void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes)

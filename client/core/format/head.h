@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_HEAD_H
 #define UMBRAGE_CORE_FORMAT_HEAD_H
-/* The head of both file kinds. It is parsed and checked here, once. */
+/* The head of a packed or mapped file, its parser and its writer. */
 #include "format/content.h"
 
 /* A parsed head; the pointers lead into the file's bytes. */
@@ -13,7 +13,7 @@ struct umb__head {
     uint64_t canonical_length;
     const uint8_t *directory; /* Table of blocks (packed) or sections (mapped) */
     uint32_t directory_count;
-    uint32_t page_count;       /* packed; else 0 */
+    uint32_t page_count;       /* Number of pages of a packed file, else 0 */
     uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
                                   none */
     const uint8_t *entries[2]; /* Page entries: the first block, and the others as one array. NULL
@@ -24,7 +24,8 @@ struct umb__head {
 };
 
 /*
- * Checks magic, version, lengths against the file's size, zero fields and the head's checksum.
+ * Parses the head of a whole file. Checks magic, version, lengths against the file's size, reserved
+ * fields and the head's checksum.
  * Trust: safe on hostile bytes.
  */
 UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
@@ -39,12 +40,12 @@ UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t s
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
                                               struct umb_file_head *facts, struct umb_error *error);
 
-/*
- * Lays out a head of known parts and completes it with its checksum. `bytes` must hold
- * umb__head_length of the same parts; parts may be NULL where their length is 0.
- */
+/* Returns the length in bytes of a head with these parts. */
 uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
                           uint32_t info_length);
+
+/* Writes a head with its checksum. In: head: parts of length 0 may be NULL. Out: bytes: uint8[
+ * umb__head_length of the same parts]. */
 void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes);
 
 #endif

@@ -22,7 +22,7 @@
  *   48      32    id: SHA-256(canonical block, block hashes)
  *   80      4     pages (packed), else 0
  *   84      4     zero
- *   88      8     where the second block begins, if there is one, else 0
+ *   88      8     offset of the second block, if there is one, else 0
  *   96      24    zero
  *   120     8     XXH3-64 of head bytes [0,120) and [128, head length)
  */
@@ -31,8 +31,8 @@
 #define UMB__MAGIC_PACKED    "\x89UMB\r\n\x1a\n"
 #define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
 #define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
-#define UMB__VERSION_PACKED  2U /* Major versions; the minor one is 0. 1: a flat list of pages */
-#define UMB__VERSION_MAPPED  3U /* 1: nodes of any length, contiguous; 2: no columns */
+#define UMB__VERSION_PACKED  2U /* Major version; 1 had one list of all pages */
+#define UMB__VERSION_MAPPED  3U /* Major version; 1 had nodes without gaps, 2 had no columns */
 #define UMB__VERSION_MINOR   0U
 #define UMB__VERSION_PARTIAL 2U
 
@@ -48,7 +48,7 @@ enum {
     UMB__HEAD_ID = 48,
     UMB__HEAD_PAGES = 80,
     UMB__HEAD_ZERO_1 = 84,
-    UMB__HEAD_BLOCKS = 88, /* Offset of the second block; the further ones follow it */
+    UMB__HEAD_BLOCKS = 88, /* Offset of the second block; further blocks follow it */
     UMB__HEAD_ZERO = 96,
     UMB__HEAD_CHECK = 120,
     UMB__HEAD_SIZE = 128,
@@ -62,11 +62,11 @@ enum {
     UMB__BLOCK_PAGES = 64, /* Pages of a block; the last block may have fewer */
 };
 
-/* Page entry in such a block. */
+/* Page entry in a block. */
 enum {
-    UMB__PAGE_OFFSET = 0,        /* u64, from the start of the file */
-    UMB__PAGE_STORED_LENGTH = 8, /* u32, zstd frame */
-    UMB__PAGE_RAW_LENGTH = 12,   /* u32 */
+    UMB__PAGE_OFFSET = 0,        /* u64, offset of the page in the file */
+    UMB__PAGE_STORED_LENGTH = 8, /* u32, length of the zstd frame */
+    UMB__PAGE_RAW_LENGTH = 12,   /* u32, length uncompressed */
     UMB__PAGE_CHECK = 16,        /* u64, XXH3-64 of the stored bytes */
     UMB__PAGE_LEVEL_HIGH = 24,   /* u8 */
     UMB__PAGE_LEVEL_LOW = 25,    /* u8 */
@@ -80,7 +80,7 @@ enum {
 enum {
     UMB__SECTION_TAG = 0,    /* u32 */
     UMB__SECTION_ZERO = 4,   /* u32 */
-    UMB__SECTION_OFFSET = 8, /* u64, a multiple of 4096 */
+    UMB__SECTION_OFFSET = 8, /* u64, offset in the file, a multiple of 4096 */
     UMB__SECTION_LENGTH = 16,
     UMB__SECTION_CHECK = 24, /* u64, XXH3-64 of the section's bytes */
     UMB__SECTION_ENTRY = 32,
@@ -99,41 +99,38 @@ enum {
 #define UMB__TAG_SETTINGS       UMB__TAG('B', 'A', 'K', 'E')
 #define UMB__TAG_ROOTS          UMB__TAG('R', 'O', 'O', 'T')
 #define UMB__TAG_OCCLUDER_DEPTH UMB__TAG('F', 'R', 'N', 'T')
-#define UMB__TAG_CURVE          UMB__TAG('C', 'U', 'R', 'V') /* only where a curve was measured */
-#define UMB__TAG_TRANSMITTANCE  UMB__TAG('T', 'R', 'N', 'S') /* only with translucent casters */
-#define UMB__TAG_RECEIVER_MASK  UMB__TAG('N', 'E', 'A', 'R') /* only under the static rule */
+#define UMB__TAG_CURVE          UMB__TAG('C', 'U', 'R', 'V') /* Only if a curve was measured */
+#define UMB__TAG_TRANSMITTANCE  UMB__TAG('T', 'R', 'N', 'S') /* Only with translucent casters */
+#define UMB__TAG_RECEIVER_MASK  UMB__TAG('N', 'E', 'A', 'R') /* Only under the static rule */
 
 /* Sections of a mapped file. */
-#define UMB__TAG_TOPS UMB__TAG('T', 'O', 'P', 'S') /* per frustum: struct umb__top of view.h */
-#define UMB__TAG_LEVELS                                                                            \
-    UMB__TAG('L', 'V', 'L', 'S') /* u64 begin of each wide level's nodes, in words */
+#define UMB__TAG_TOPS    UMB__TAG('T', 'O', 'P', 'S') /* One struct umb__top (view.h) a frustum */
+#define UMB__TAG_LEVELS  UMB__TAG('L', 'V', 'L', 'S') /* First word of each wide level, u64 */
 #define UMB__TAG_GRID    UMB__TAG('G', 'R', 'I', 'D')
 #define UMB__TAG_NODES   UMB__TAG('N', 'O', 'D', 'E')
 #define UMB__TAG_BRICKS  UMB__TAG('B', 'R', 'I', 'K')
 #define UMB__TAG_COLUMNS UMB__TAG('C', 'O', 'L', 'S')
 #define UMB__TAG_PIECES  UMB__TAG('P', 'I', 'E', 'C')
 
-#define UMB__ENTRY_HEAD   16U
-#define UMB__SCENE_SIZE   104U
-#define UMB__LIGHT_SIZE   136U
-#define UMB__FRUSTUM_SIZE 144U
-#define UMB__COUNTS_SIZE  152U /* levels 3..20, then the 2014 bytes */
-#define UMB__ROOT_SIZE    16U
-#define UMB__CURVE_SIZE   40U
-#define UMB__CURVE_READS_MAX                                                                       \
-    1024U /* nodes or lines of one window: more than 17 texels can touch  \
-                                    */
+#define UMB__ENTRY_HEAD      16U
+#define UMB__SCENE_SIZE      104U
+#define UMB__LIGHT_SIZE      136U
+#define UMB__FRUSTUM_SIZE    144U
+#define UMB__COUNTS_SIZE     152U /* Counts of levels 3..20, then bytes_2014 */
+#define UMB__ROOT_SIZE       16U
+#define UMB__CURVE_SIZE      40U
+#define UMB__CURVE_READS_MAX 1024U /* Nodes or lines of a window: more than 17 texels can touch */
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
-#define UMB__PAGE_ENCODING 2U         /* 1: every reference written, numbers of whole bytes */
-#define UMB__PAGE_RAW_MAX  (1U << 20) /* longest page, uncompressed */
-/* Estimated bytes at which the writer closes a page. Small, since a thin client needs a few nodes
- * of each page (docs/results/paging.md has the effects of other sizes). */
+#define UMB__PAGE_ENCODING 2U         /* Encoding 1 wrote every reference, in whole bytes */
+#define UMB__PAGE_RAW_MAX  (1U << 20) /* Bytes of the longest page, uncompressed */
+/* Estimated bytes at which the writer closes a page: few, since a thin client needs only some
+ * nodes of each page (docs/results/paging.md has the effects of other sizes). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)
-#define UMB__TEXT_MAX        (4U << 20) /* plan, settings */
+#define UMB__TEXT_MAX        (4U << 20) /* Bytes of the plan, and of the settings */
 #define UMB__SECTION_ALIGN   4096U
 #define UMB__GRID_LOG2_MAX   7U
 

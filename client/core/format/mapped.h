@@ -6,7 +6,7 @@
 #include "format/head.h"
 #include "format/view.h"
 
-/* Returns the bytes of grids, nodes and bricks, which limit those of the columns. */
+/* Returns the bytes of grids, nodes and bricks together; a share of them is the columns' budget. */
 static inline uint64_t umb__layout_bytes(uint64_t cells, uint64_t node_words, uint64_t bricks)
 {
     return cells * 4 + node_words * 8 + bricks * 64;
@@ -27,9 +27,9 @@ struct umb__mapped {
 /*
  * Lays an octree out for queries. The layout takes over the octree's bricks, which need no change.
  *
- * Grid sizes: the largest g with n - g odd, at most 2^6 cells a side, whose bytes stay within
- * an eighth of the bricks and of the wide nodes of all levels, divided by the number of frusta (at
- * least the smallest grid). Wide nodes of levels above every grid's cells are then left out.
+ * Grid sizes: the largest g with n - g odd, at most 6, whose cells take at most an eighth of the
+ * bytes of bricks and wide nodes of all levels, divided by the number of frusta; the smallest grid
+ * is always allowed. Wide nodes of levels above the cells of every grid are then left out.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
  *        words of nodes). The octree then keeps its bricks.
  * Cost:  linear in the octree.
@@ -43,9 +43,9 @@ void umb__mapped_finish(struct umb__mapped *mapped);
 /*
  * Makes the columns of a layout that has grids and nodes (a step of umb__mapped_build).
  *
- * Columns of a frustum are as narrow as their budget of bytes allows: a thirty-second of grids,
- * nodes and bricks, divided by the number of frusta. Columns as wide as the grid's cells are always
- * allowed.
+ * The columns of a frustum are as narrow as their budget allows: a thirty-second of the bytes of
+ * grids, nodes and bricks, divided by the number of frusta. Columns as wide as the grid's cells are
+ * always allowed.
  * Out:   mapped: columns, pieces, and the fields of tops and view about them.
  * Fails: E_NO_MEMORY.
  * Cost:  linear in the bytes allowed.
@@ -53,20 +53,20 @@ void umb__mapped_finish(struct umb__mapped *mapped);
 UMB_CHECKED enum umb_status umb__columns_build(const struct umb__content *content,
                                                struct umb__mapped *mapped, struct umb_error *error);
 
-/* Returns the most bytes that making columns holds at once. In: mapped: grids are sized, nodes and
- * bricks counted. */
+/* Returns the most bytes that umb__columns_build holds at once. In: mapped: with sized grids, and
+ * counts of nodes and bricks. */
 uint64_t umb__columns_bytes_max(const struct umb__content *content,
                                 const struct umb__mapped *mapped);
 
 /*
  * Finds the sections of a mapped file and checks them.
  *
- * In:    full: checksums of all sections and the whole structure: every child number is the start
- *        of a node of the level two below, or a brick. Else only the lengths of the sections, which
- *        canonical block, grids and level table give.
- * Out:   mapped: its view points into the file, except the tops, which are copied: so a query
- *        starts at checked values even if the file is overwritten later. Zero it before, except its
- *        allocator; finish it also after a failure.
+ * In:    full: 1 checks the checksums of all sections and the whole structure: every child number
+ *        is the start of a node two levels below, or a brick. 0 checks only the lengths of the
+ *        sections against the canonical block, the grids and the table of levels.
+ * Out:   mapped: zeroed before the call except for its allocator; finish it also after a failure.
+ *        Its view points into the file. Only the tops are copied, so that a query starts at checked
+ *        values even if the file is overwritten later.
  * Trust: with full, safe on hostile bytes. Without, only on bytes that passed with full before.
  */
 UMB_CHECKED enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *head,

@@ -9,10 +9,11 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 
-#define LINE_WORDS    8U  /* of a cache */
-#define GAPS          16U /* that are remembered */
-#define GRID_LOG2_TOP 6U  /* Finer grids gain nothing beside columns */
+#define LINE_WORDS    8U  /* Words of a cache line */
+#define GAPS          16U /* Gaps that are remembered */
+#define GRID_LOG2_TOP 6U  /* Finest grid: finer ones gain nothing beside columns */
 
 struct builder {
     const struct umb__octree *octree;
@@ -26,16 +27,8 @@ struct builder {
 /* The 64 grandchildren of an octree node: their masks, and the numbers of the mixed ones. */
 struct wide {
     uint64_t mixed, lit;
-    uint32_t numbers[64]; /* octree numbers, in bit order */
+    uint32_t numbers[64]; /* Octree numbers of the mixed ones, in bit order */
 };
-
-static unsigned wide_bit(unsigned child, unsigned grandchild)
-{
-    unsigned x = (child & 1) * 2 + (grandchild & 1);
-    unsigned y = (child >> 1 & 1) * 2 + (grandchild >> 1 & 1);
-    unsigned z = (child >> 2) * 2 + (grandchild >> 2);
-    return x + 4 * y + 16 * z;
-}
 
 static void widen(const struct umb__octree *octree, uint32_t level, uint32_t index,
                   struct wide *wide)
@@ -54,7 +47,7 @@ static void widen(const struct umb__octree *octree, uint32_t level, uint32_t ind
         for (unsigned g = 0; g < 8; g++) {
             enum umb__node_state inner =
                 grandchild ? umb__mask_state(lower->masks[node], g) : state;
-            unsigned bit = wide_bit(c, g);
+            unsigned bit = umb__wide_bit(c, g);
             if (inner == UMB__NODE_MIXED) {
                 wide->mixed |= (uint64_t)1 << bit;
                 number_at[bit] = *grandchild++;
@@ -106,7 +99,7 @@ struct gap {
 
 /* Placement of the nodes of one level, one after the other. */
 struct places {
-    uint64_t end;    /* of what is taken */
+    uint64_t end;    /* First word behind all nodes so far */
     uint32_t oldest; /* Index of the gap to be replaced next */
     struct gap gaps[GAPS];
 };
@@ -208,12 +201,13 @@ static uint32_t choose_grid(uint32_t n, uint64_t budget)
     return grid;
 }
 
+/* A cube of grid cells. */
 struct cube {
-    uint32_t level; /* Level of the node that fills it */
-    uint32_t x, y, z;
+    uint32_t level;   /* Level of the node that fills the cube */
+    uint32_t x, y, z; /* First cell */
 };
 
-/* Fills the cells under one octree node (or uniform state). */
+/* Fills the cells of a cube from the octree node, or the uniform state, that covers the cube. */
 static void fill_cells(const struct builder *b, uint32_t frustum, struct cube cube,
                        enum umb__node_state state, uint32_t index)
 {
@@ -303,6 +297,28 @@ static enum umb_status check_memory(const struct builder *b, uint64_t max_memory
                           (unsigned long long)bytes, (unsigned long long)max_memory_bytes);
 }
 
+/* Builds everything but the bricks. */
+static enum umb_status build(struct builder *b, uint64_t max_memory_bytes)
+{
+    struct umb__mapped *mapped = b->mapped;
+    struct umb__view *view = &mapped->view;
+    UMB__TRY(size_grids(b));
+    UMB__TRY(place_nodes(b));
+    UMB__TRY(check_memory(b, max_memory_bytes));
+    mapped->grid = umb__alloc_large(mapped->alloc, (size_t)view->grid_count, sizeof *mapped->grid);
+    mapped->nodes =
+        umb__alloc_large(mapped->alloc, (size_t)view->node_words, sizeof *mapped->nodes);
+    if (!mapped->grid || !mapped->nodes) {
+        return no_memory(b);
+    }
+    write_nodes(b);
+    fill_grids(b);
+    view->tops = mapped->tops;
+    view->grid = mapped->grid;
+    view->nodes = mapped->nodes;
+    return umb__columns_build(b->content, mapped, b->error);
+}
+
 enum umb_status umb__mapped_build(struct umb__octree *octree, const struct umb__content *content,
                                   uint64_t max_memory_bytes, struct umb__mapped *mapped,
                                   struct umb_error *error)
@@ -310,28 +326,7 @@ enum umb_status umb__mapped_build(struct umb__octree *octree, const struct umb__
     memset(mapped, 0, sizeof *mapped);
     mapped->alloc = octree->alloc;
     struct builder b = {.octree = octree, .content = content, .mapped = mapped, .error = error};
-    enum umb_status status = size_grids(&b);
-    if (status == UMB_OK) {
-        status = place_nodes(&b);
-    }
-    if (status == UMB_OK) {
-        status = check_memory(&b, max_memory_bytes);
-    }
-    if (status == UMB_OK) {
-        mapped->grid =
-            umb__alloc_large(mapped->alloc, (size_t)mapped->view.grid_count, sizeof *mapped->grid);
-        mapped->nodes =
-            umb__alloc_large(mapped->alloc, (size_t)mapped->view.node_words, sizeof *mapped->nodes);
-        status = mapped->grid && mapped->nodes ? UMB_OK : no_memory(&b);
-    }
-    if (status == UMB_OK) {
-        write_nodes(&b);
-        fill_grids(&b);
-        mapped->view.tops = mapped->tops;
-        mapped->view.grid = mapped->grid;
-        mapped->view.nodes = mapped->nodes;
-        status = umb__columns_build(content, mapped, error);
-    }
+    const enum umb_status status = build(&b, max_memory_bytes);
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(mapped->alloc, b.word_of[level]);
     }

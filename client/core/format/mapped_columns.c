@@ -23,13 +23,14 @@ struct walk {
     const struct umb__view *view;
     const struct umb__top *top;
     uint32_t n, level;           /* Levels of the frustum, and of the columns' pieces */
-    struct umb__column *columns; /* of the frustum */
+    struct umb__column *columns; /* Columns of the frustum */
     uint32_t *pieces;            /* The frustum's pieces; NULL: lists are measured */
-    uint64_t updates_left;
+    uint64_t updates_left;       /* Updates of columns before the walk is stopped */
 };
 
-/* Pieces z0 .. z1 - 1 of one column have one value (below 2, or z1 = z0 + 1). While lists are
- * measured, `first` is the value of the pieces so far, and high < low means that all are equal. */
+/* Takes the pieces z0 .. z1 - 1 of one column, which have one value (uniform, or z1 = z0 + 1).
+ * While lists are measured, column->first is the value of the last piece, and high < low means
+ * that all pieces so far are equal. */
 static void take_run(const struct walk *w, struct umb__column *column, uint32_t z0, uint32_t z1,
                      uint32_t value)
 {
@@ -42,7 +43,7 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     }
     bool uniform = value < UMB__CELL_FIRST;
     if (z0 == 0) {
-        column->low = (uint16_t)(uniform ? z1 : 0); /* One more than the piece, to be above high */
+        column->low = (uint16_t)(uniform ? z1 : 0); /* Above high, as nothing differs yet */
         column->high = 0;
     } else if (!uniform || value != column->first) {
         column->low = (uint16_t)(column->high < column->low ? column->low - 1 : column->low);
@@ -53,8 +54,8 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     column->first = value;
 }
 
-/* Sets all columns over a cube of one value: the cube of `level` at (x, y, z), counted in such
- * cubes. */
+/* Sets all columns over a cube of one value. In: at: position of the cube, in cubes of its level.
+ * Returns false if the walk must stop. */
 static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     uint32_t shift = level - w->level, row = w->n - w->level, side = 1U << shift;
@@ -72,8 +73,8 @@ static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint
     return true;
 }
 
-/* Visits a cell or child with its value; false stops the walk. Recursion ends, since levels
- * descend. */
+/* Visits a cell or child with its value. Returns false if the walk must stop. Recursion ends, since
+ * levels descend. */
 static bool walk_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     if (value < UMB__CELL_FIRST || level == w->level) {
@@ -117,7 +118,7 @@ static uint64_t place_lists(struct umb__column *columns, uint64_t count)
     for (uint64_t i = 0; i < count; i++) {
         struct umb__column *column = &columns[i];
         if (column->high < column->low) {
-            column->low = 0; /* all alike: piece 0 or 1 */
+            column->low = 0; /* All equal: piece 0 or 1 */
             continue;
         }
         column->first = (uint32_t)pieces;
@@ -209,15 +210,16 @@ static enum umb_status join(const struct umb__content *content, const struct mea
         memcpy(w.columns, measured[i].columns, (size_t)measured[i].count * sizeof *w.columns);
         w.pieces[0] = UMB__CELL_SHADOWED;
         w.pieces[1] = UMB__CELL_LIT;
-        (void)walk_frustum(&w); /* nothing limits it */
+        (void)walk_frustum(&w); /* No limit can stop this walk */
     }
     view->columns = mapped->columns;
     view->pieces = mapped->pieces;
     return UMB_OK;
 }
 
-/* Returns the budget in bytes of the columns of one frustum, unless they are as wide as the grid's
- * cells. A thirty-second of the bytes of 2^32 bricks and words holds fewer than 2^32 pieces. */
+/* Returns the budget in bytes of the columns of one frustum; columns as wide as the grid's cells
+ * have none. Numbers of pieces fit 32 bits: a thirty-second of the bytes of 2^32 bricks and words
+ * holds fewer than 2^32 pieces. */
 static uint64_t budget_of(const struct umb__content *content, const struct umb__view *view)
 {
     return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
@@ -228,12 +230,12 @@ uint64_t umb__columns_bytes_max(const struct umb__content *content,
                                 const struct umb__mapped *mapped)
 {
     const uint64_t budget = budget_of(content, &mapped->view);
-    uint64_t bytes = budget; /* Budget of the level that is tried */
+    uint64_t bytes = budget; /* Columns of the level that is being tried */
     for (uint32_t i = 0; i < content->frustum_count; i++) {
         const uint32_t g = mapped->tops[i].grid_log2;
         const uint64_t columns = ((uint64_t)1 << (2 * g)) * sizeof(struct umb__column);
         const uint64_t all = columns + (((uint64_t)1 << (3 * g)) + 2) * sizeof(uint32_t);
-        /* Measured, then joined. */
+        /* Columns as measured, then columns and pieces as joined. */
         bytes += sizeof(struct measured) + (columns > budget ? columns : budget) +
                  (all > budget ? all : budget);
     }

@@ -11,6 +11,7 @@
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/mapped.h"
 
 #if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
@@ -38,15 +39,6 @@ struct sections {
     uint64_t lengths[SECTION_COUNT];
 };
 
-static bool all_zero(const uint8_t *bytes, uint64_t count)
-{
-    uint8_t any = 0;
-    for (uint64_t i = 0; i < count; i++) {
-        any |= bytes[i];
-    }
-    return any == 0;
-}
-
 static enum umb_status find_sections(const uint8_t *file, const struct umb__head *head, int full,
                                      struct sections *sections, struct umb_error *error)
 {
@@ -54,7 +46,7 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
         return umb_fail(error, UMB_E_CORRUPT, "directory: %u sections, a mapped file has %d",
                         head->directory_count, SECTION_COUNT);
     }
-    uint64_t end = head->head_length; /* of the section before */
+    uint64_t end = head->head_length; /* End of the section before */
     for (size_t i = 0; i < SECTION_COUNT; i++) {
         const uint8_t *entry = head->directory + i * UMB__SECTION_ENTRY;
         uint64_t offset = umb__load64(entry + UMB__SECTION_OFFSET);
@@ -73,7 +65,7 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
                             i, (unsigned long long)offset, (unsigned long long)length,
                             (unsigned long long)end, (unsigned long long)head->file_length);
         }
-        if (full && !all_zero(file + end, offset - end)) {
+        if (full && !umb__all_zero(file + end, offset - end)) {
             return umb_fail(error, UMB_E_CORRUPT, "section %zu: bytes before it are not zero", i);
         }
         end = offset + length;
@@ -92,7 +84,7 @@ static enum umb_status find_sections(const uint8_t *file, const struct umb__head
     return UMB_OK;
 }
 
-/* Returns the end of frustum i's pieces: the next frustum's first. */
+/* Returns the number of frustum i's pieces. */
 static uint64_t pieces_of(const struct umb__view *view, const struct umb__content *content,
                           uint32_t i)
 {
@@ -125,7 +117,7 @@ static enum umb_status check_tops(const struct umb__content *content, const stru
             return umb_fail(error, UMB_E_CORRUPT, "tops[%u]: no pieces at %llu", i,
                             (unsigned long long)top->first_piece);
         }
-        pieces = top->first_piece + 2; /* at least 0 and 1 */
+        pieces = top->first_piece + 2; /* A frustum has at least the pieces 0 and 1 */
     }
     if (cells != view->grid_count || columns != view->column_count) {
         return umb_fail(error, UMB_E_CORRUPT,
@@ -178,7 +170,7 @@ static bool is_start(const uint64_t *starts, uint64_t word)
     return starts[word / 64] >> (word % 64) & 1;
 }
 
-/* True if `number` may follow a reference from a level two above `level`. */
+/* Returns true if `number` is a brick, or the start of a node of `level`. */
 static bool number_is_valid(const struct umb__view *view, const uint64_t *starts, uint32_t level,
                             uint64_t number)
 {
@@ -190,7 +182,7 @@ static bool number_is_valid(const struct umb__view *view, const uint64_t *starts
            is_start(starts, number);
 }
 
-/* Walks the nodes of one level, checks each and marks its start. */
+/* Walks the nodes of one level, checks each node and marks its start. */
 static bool check_level(const struct umb__view *view, uint64_t *starts, size_t wide)
 {
     uint32_t child_level = (uint32_t)(UMB__WIDE_FIRST + 2 * wide - 2);
@@ -200,7 +192,8 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
         if (end - word < 2) {
             return false;
         }
-        if (node[0] == 0 && node[1] == 0) { /* between nodes, or one that is all shadowed */
+        if (node[0] == 0 &&
+            node[1] == 0) { /* A gap between nodes, or a node that is all shadowed */
             starts[word / 64] |= (uint64_t)1 << (word % 64);
             word += 2;
             continue;
@@ -210,10 +203,10 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
             return false;
         }
         if (count % 2 == 1 && node[2 + count / 2] >> 32 != 0) {
-            return false; /* the unused half of the last word */
+            return false; /* The unused half of the last word is not zero */
         }
         if ((count + 1) / 2 % 2 == 1 && node[2 + count / 2 + count % 2] != 0) {
-            return false; /* the unused word */
+            return false; /* The unused word is not zero */
         }
         for (unsigned i = 0; i < count; i++) {
             uint64_t number = i % 2 ? node[2 + i / 2] >> 32 : node[2 + i / 2] & 0xffffffffU;
@@ -235,7 +228,8 @@ static bool check_columns(const struct umb__view *view, const uint64_t *starts,
     const struct umb__top *top = &view->tops[frustum];
     const struct umb__column *columns = view->columns + top->first_column;
     const uint32_t *pieces = view->pieces + top->first_piece;
-    uint32_t up = content->frusta[frustum].log2_size - top->column_level; /* 2^up pieces deep */
+    /* Columns are 2^up pieces deep, and a frustum has 2^up by 2^up of them. */
+    const uint32_t up = content->frusta[frustum].log2_size - top->column_level;
     uint64_t count = pieces_of(view, content, frustum);
     for (uint64_t i = 0; i < (uint64_t)1 << (2 * up); i++) {
         const struct umb__column *c = &columns[i];
@@ -251,6 +245,27 @@ static bool check_columns(const struct umb__view *view, const uint64_t *starts,
         }
     }
     return pieces[0] == UMB__CELL_SHADOWED && pieces[1] == UMB__CELL_LIT;
+}
+
+/* Checks all cells of a frustum's grid, and its columns. */
+static enum umb_status check_frustum(const struct umb__view *view, const uint64_t *starts,
+                                     const struct umb__content *content, uint32_t frustum,
+                                     struct umb_error *error)
+{
+    const struct umb__top *top = &view->tops[frustum];
+    const uint32_t level = content->frusta[frustum].log2_size - top->grid_log2;
+    const uint64_t cells = (uint64_t)1 << (3 * top->grid_log2);
+    for (uint64_t c = 0; c < cells; c++) {
+        uint32_t value = view->grid[top->first_cell + c];
+        if (value >= UMB__CELL_FIRST &&
+            !number_is_valid(view, starts, level, value - UMB__CELL_FIRST)) {
+            return umb_fail(error, UMB_E_CORRUPT, "grid %u: cell %llu leads nowhere", frustum,
+                            (unsigned long long)c);
+        }
+    }
+    return check_columns(view, starts, content, frustum)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "columns %u: malformed", frustum);
 }
 
 static enum umb_status check_structure(const struct umb__view *view,
@@ -269,20 +284,7 @@ static enum umb_status check_structure(const struct umb__view *view,
         }
     }
     for (uint32_t i = 0; i < content->frustum_count && status == UMB_OK; i++) {
-        const struct umb__top *top = &view->tops[i];
-        uint32_t level = content->frusta[i].log2_size - top->grid_log2;
-        uint64_t cells = (uint64_t)1 << (3 * top->grid_log2);
-        for (uint64_t c = 0; c < cells && status == UMB_OK; c++) {
-            uint32_t value = view->grid[top->first_cell + c];
-            if (value >= UMB__CELL_FIRST &&
-                !number_is_valid(view, starts, level, value - UMB__CELL_FIRST)) {
-                status = umb_fail(error, UMB_E_CORRUPT, "grid %u: cell %llu leads nowhere", i,
-                                  (unsigned long long)c);
-            }
-        }
-        if (status == UMB_OK && !check_columns(view, starts, content, i)) {
-            status = umb_fail(error, UMB_E_CORRUPT, "columns %u: malformed", i);
-        }
+        status = check_frustum(view, starts, content, i, error);
     }
     umb__free(alloc, starts);
     return status;
@@ -299,12 +301,7 @@ enum umb_status umb__mapped_view(const uint8_t *file, const struct umb__head *he
     if (!mapped->tops) {
         return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
     }
-    enum umb_status status = find_sections(file, head, full, &sections, error);
-    if (status == UMB_OK) {
-        status = check_shapes(&sections, content, mapped->tops, view, error);
-    }
-    if (status == UMB_OK && full) {
-        status = check_structure(view, content, mapped->alloc, error);
-    }
-    return status;
+    UMB__TRY(find_sections(file, head, full, &sections, error));
+    UMB__TRY(check_shapes(&sections, content, mapped->tops, view, error));
+    return full ? check_structure(view, content, mapped->alloc, error) : UMB_OK;
 }

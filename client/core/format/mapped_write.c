@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing the mapped form of an open asset: head, then the view's arrays at page boundaries. */
+/* Writing the mapped form of an open asset: its head, then the arrays of its view, each at a
+ * multiple of 4096 bytes. */
 #include <string.h>
 #include <xxhash.h>
 
@@ -94,9 +95,7 @@ enum umb_status umb__mapped_write(const struct umb_asset *asset, const struct um
     umb__head_write(&head, UMB__SECTION_ENTRY, bytes);
     enum umb_status status = sink->write(sink->user, bytes, (size_t)head.head_length);
     umb__free(asset->alloc, bytes);
-    if (status == UMB_OK) {
-        status = write_sections(sections, head.head_length, sink);
-    }
+    status = status == UMB_OK ? write_sections(sections, head.head_length, sink) : status;
     return status == UMB_OK
                ? UMB_OK
                : umb_fail(error, status, "mapped form: %llu bytes of output: %s",

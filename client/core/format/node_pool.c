@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hash-consing of bricks and nodes, level by level: look-ups and additions one at a time. */
+/* Hash-consing of bricks and nodes, level by level: look-ups and additions one at a time. Also the
+ * octree that a pool becomes. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 
@@ -12,10 +13,10 @@
 
 #define EMPTY UMB__SLOT_EMPTY
 
-/* Length of the random bytes that the kernel hands a process with its arguments. */
+/* Returns a hash of the 16 random bytes that the kernel hands each process at its start. */
 static uint64_t secret_seed(void)
 {
-    const void *bytes = (const void *)(uintptr_t)getauxval(AT_RANDOM); /* 16, or NULL */
+    const void *bytes = (const void *)(uintptr_t)getauxval(AT_RANDOM); /* NULL: none */
     return bytes != NULL ? XXH3_64bits(bytes, 16) : (uint64_t)(uintptr_t)getauxval;
 }
 
@@ -95,9 +96,9 @@ enum umb_status umb__pool_brick_from(struct umb__pool *pool, const uint64_t slic
     return UMB_OK;
 }
 
-/* Looks up a brick in a loose pool: looks at one slot only. */
-static enum umb_status find_late_brick(struct umb__pool *pool, const uint64_t slices[8],
-                                       uint32_t *ref, struct umb_error *error)
+/* Finds or adds a brick in a loose pool: a look-up reads one slot only. */
+static enum umb_status find_loose_brick(struct umb__pool *pool, const uint64_t slices[8],
+                                        uint32_t *ref, struct umb_error *error)
 {
     const uint32_t tag = umb__brick_tag(pool, slices);
     if (pool->brick_count == pool->brick_capacity) {
@@ -129,7 +130,7 @@ enum umb_status umb__pool_brick(struct umb__pool *pool, const uint64_t slices[8]
         return UMB_OK;
     }
     if (pool->is_loose) {
-        return find_late_brick(pool, slices, ref, error);
+        return find_loose_brick(pool, slices, ref, error);
     }
     const uint32_t tag = umb__brick_tag(pool, slices);
     const size_t place = umb__slot_place(&pool->brick_slots, tag);
@@ -151,12 +152,12 @@ void umb__key_from_children(const uint32_t children[8], struct umb__node_key *ke
     key->child_count = count;
 }
 
-/* Adds a node that is new, or that needs no look-up. The pool has room for it. */
+/* Adds a node without a look-up and returns its number. The pool has room for the node. */
 static uint32_t node_add(struct umb__pool_level *level, const struct umb__node_key *key)
 {
     const uint32_t number = level->count++;
     level->masks[number] = (uint16_t)key->words[0];
-    /* Copies always eight: there is room, and a fixed length is faster than a loop. */
+    /* Always copies eight children: there is room, and a fixed length is faster than a loop. */
     memcpy(level->children + level->child_count, key->words + 1, 8 * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;
@@ -190,9 +191,9 @@ enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t level_numbe
 }
 
 /* Adds a node to a loose pool, without a look-up. */
-static enum umb_status add_late_node(struct umb__pool *pool, uint32_t level_number,
-                                     const struct umb__node_key *key, uint32_t *ref,
-                                     struct umb_error *error)
+static enum umb_status add_loose_node(struct umb__pool *pool, uint32_t level_number,
+                                      const struct umb__node_key *key, uint32_t *ref,
+                                      struct umb_error *error)
 {
     struct umb__pool_level *level = &pool->level[level_number];
     if (level->count == level->capacity || level->child_capacity - level->child_count < 8) {
@@ -207,16 +208,29 @@ enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
 {
     struct umb__node_key key;
     umb__key_from_children(children, &key);
-    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* all shadowed, all lit */
+    if (key.words[0] == 0 || key.words[0] == 0x5555) { /* All shadowed, or all lit */
         *ref = key.words[0] == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
         return UMB_OK;
     }
     if (pool->is_loose) {
-        return add_late_node(pool, level_number, &key, ref, error);
+        return add_loose_node(pool, level_number, &key, ref, error);
     }
     const uint32_t tag = umb__key_tag(pool, &key);
     const size_t place = umb__slot_place(&pool->level[level_number].slots, tag);
     return umb__pool_node_from(pool, level_number, &key, tag, place, ref, error);
+}
+
+void umb__octree_finish(struct umb__octree *octree)
+{
+    const struct umb_alloc *alloc = octree->alloc;
+    umb__free(alloc, octree->bricks);
+    umb__free(alloc, octree->roots);
+    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(alloc, octree->level[level].masks);
+        umb__free(alloc, octree->level[level].first);
+        umb__free(alloc, octree->level[level].children);
+    }
+    memset(octree, 0, sizeof *octree);
 }
 
 enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs, const uint32_t *levels,

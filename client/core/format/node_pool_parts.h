@@ -2,25 +2,27 @@
 #ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 #define UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 /*
- * Between node_pool.c, pool_room.c and pool_merge.c: tags, keys and slots.
+ * Tags, keys and slots, shared by node_pool.c, node_pool_room.c and node_pool_merge.c.
  *
- * A tag is a hash of 32 bits. Its first bits give the place in a table of any size. A slot is one
- * 64-bit word: the tag in the high half, the number plus one in the low half. So a word alone gives
- * its place, and the other bits of the tag (7 of 32 in a table of 2^25 slots) tell words of one
- * place apart. Probing is linear, up to an empty slot.
+ * A tag is a hash of 32 bits. The high bits of the tag give the place in a table of any size. A
+ * slot is one 64-bit word: the tag in the high half, the number plus one in the low half. So a
+ * table can grow from its words alone, and the low bits of the tag (7 of 32 in a table of 2^25
+ * slots) tell most different words of one place apart. Probing is linear, up to an empty slot.
  *
  * Tags are keyed with secrets of the process. Otherwise a hostile file could hold bricks that all
- * have one tag, and each would be compared with all before it. A hash is a sum of words times
- * secret keys, or of products of pairs of words with a secret key added to each. For any two inputs
- * the hashes are equal with a probability near 2^-32. Numbers do not depend on the keys.
+ * have one tag, and each would be compared with all bricks before it. The hash of a node is a sum
+ * of its words times secret keys. The hash of a brick is a sum of products of two words, with a
+ * secret key added to each word. The hashes of any two inputs are equal with a probability near
+ * 2^-32. Numbers do not depend on the keys.
  * Source: Lemire and Kaser, "Strongly universal string hashing is fast", 2014 (Multilinear and
  * Multilinear-HM).
  */
 #include "format/node_pool.h"
 
-#define UMB__SLOT_EMPTY UINT64_C(0) /* as fresh pages are */
+#define UMB__SLOT_EMPTY UINT64_C(0) /* Zero, as fresh pages are */
 
-/* In: slots: log2_size is 0 while there are none. */
+/* Returns the first slot on a tag's probe sequence. In: slots: log2_size is 0 while there are
+ * none. */
 static inline size_t umb__slot_place(const struct umb__hash_slots *slots, uint32_t tag)
 {
     return (size_t)(((uint64_t)tag << slots->log2_size) >> 32);
@@ -41,7 +43,7 @@ static inline uint32_t umb__slot_tag(uint64_t word)
     return (uint32_t)(word >> 32);
 }
 
-/* In: word: of a slot that is not empty. */
+/* Returns the number in a word. In: word: not empty. */
 static inline uint32_t umb__slot_number(uint64_t word)
 {
     return (uint32_t)word - 1U;
@@ -68,19 +70,20 @@ static inline size_t umb__slot_like(const struct umb__hash_slots *slots, uint32_
     return place;
 }
 
-/* A node's key: its mask and its mixed children. */
+/* The content of a node: its mask and its mixed children. */
 struct umb__node_key {
-    uint32_t words[9]; /* mask, children, zeros */
+    uint32_t words[9]; /* Mask, then the children, then zeros */
     uint32_t child_count;
 };
 
-/* Takes a tag from a sum: the upper bits are the good ones, those of the product even better. */
+/* Makes a tag from a sum of products, whose high bits depend on more of the input than its low
+ * bits. */
 static inline uint32_t umb__sum_tag(uint64_t sum)
 {
     return (uint32_t)(((sum ^ sum >> 32) * UINT64_C(0x9e3779b97f4a7c15)) >> 32);
 }
 
-/* Hashes a pair of words with its keys. */
+/* Returns the product of the two halves of a pair, each with its key added. */
 static inline uint64_t umb__pair_product(uint64_t pair, const uint64_t keys[2])
 {
     return ((uint32_t)pair + keys[0]) * ((pair >> 32) + keys[1]);
@@ -130,7 +133,7 @@ static inline int umb__node_equals(const struct umb__pool_level *level, uint32_t
     return differing == 0;
 }
 
-/* In: children: as umb__pool_node takes them. */
+/* Makes the key of a node from its eight children. */
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
 /*
@@ -142,8 +145,8 @@ UMB_CHECKED enum umb_status
 umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level, struct umb_error *error);
 
 /*
- * Find or add a brick or node that is not uniform; else as umb__pool_brick and umb__pool_node. Not
- * for loose pools. In: place: on the tag's probe sequence, with nothing equal before it.
+ * Find or add a brick or node that is not uniform. Not for loose pools. In: place: slot on the
+ * tag's probe sequence, with nothing equal before it. Fails: as umb__pool_brick.
  */
 UMB_CHECKED enum umb_status umb__pool_brick_from(struct umb__pool *pool, const uint64_t slices[8],
                                                  uint32_t tag, size_t place, uint32_t *ref,
@@ -156,12 +159,12 @@ UMB_CHECKED enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t
 /* Number of nodes or bricks that are looked up together. */
 #define UMB__POOL_GROUP 32U
 
-/* A group of one level's nodes: the caller sets keys. */
+/* A group of nodes of one level. The caller sets the keys. */
 struct umb__node_group {
     struct umb__node_key keys[UMB__POOL_GROUP];
     uint32_t tags[UMB__POOL_GROUP];
     size_t places[UMB__POOL_GROUP];
-    uint32_t log2_size; /* Size of the table that the slots belong to */
+    uint32_t log2_size; /* Size of the table for which `places` hold */
 };
 
 /*

@@ -2,20 +2,22 @@
 #ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 #define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 /*
- * The occluder depth map of a closed asset: `lit` of the texels behind which something is
- * undefined.
+ * The occluder depth map of a closed asset: the depth of the first occluder of texels for which the
+ * DAG does not have it.
  *
- * Under the closed rule a column of the DAG turns from lit to shadowed anywhere between `lit` and
- * `end`. Where the two are equal the DAG has the answer. The other texels are stored here, exact to
- * the voxel, for queries of the first occluder. Most are roofs and walls, so that squares of texels
- * are planes.
+ * Let `lit` be the number of lit voxels of a texel's column before its first occluder, and `end`
+ * the depth where the undefined region behind that occluder ends. Under the closed rule the column
+ * of the DAG turns from lit to shadowed anywhere between `lit` and `end`. Where the two are equal,
+ * the DAG has the answer. For the other texels `lit` is stored here, exact to the voxel. Most of
+ * them belong to roofs and walls, so squares of texels are planes.
  *
- * An entry FRNT of the canonical block is an array of u32 words: a reference for each frustum, then
- * records in the order in which references lead to them, depth first, without gaps.
+ * The entry FRNT of the canonical block is an array of u32 words: a reference for each frustum,
+ * then records in the order in which references lead to them, depth first, without gaps.
  *
- * A reference: bits 0..25: word where its record begins; bits 26..31: kind. 0: no record, the DAG
- * answers for all texels of the square. A square of level l is 2^l texels a side; the frustum is a
- * square of the lowest level 3 * k that is at least n. The record of a square, by kind and level:
+ * Bits 0..25 of a reference are the word where its record begins, bits 26..31 its kind. The
+ * reference 0 means that there is no record: the DAG answers for all texels of the square. A square
+ * of level l is 2^l texels a side. The root of a frustum of 2^n texels a side is a square of the
+ * lowest level 3 * k that is at least n. The record of a square, by kind and level:
  *
  *   63, level 9 and up   divided into 8 x 8 squares: u64 mask of the squares that have a record
  *                        (square x + 8 * y), then a reference for each bit
@@ -44,19 +46,13 @@
 #define UMB__OCCLUDER_DEPTH_DIVIDED     63U
 #define UMB__OCCLUDER_DEPTH_PLANES      62U
 #define UMB__OCCLUDER_DEPTH_PLANES_MAX  15U
-#define UMB__OCCLUDER_DEPTH_PLANE_WORDS                                                            \
-    6U /* Words of a plane in a square of planes: 4 and the
-                                              mask */
-#define UMB__OCCLUDER_DEPTH_CHOICE    24U
-#define UMB__OCCLUDER_DEPTH_MASKED    32U
-#define UMB__OCCLUDER_DEPTH_WIDTH_MAX 20U
-#define UMB__OCCLUDER_DEPTH_SHIFT     12U /* fraction bits of planes of level 3 */
-#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT                                                             \
-    20U /* Fraction bits of planes of level 6: slopes must hold
-                                               over 64 texels */
-#define UMB__OCCLUDER_DEPTH_LEVEL_MAX                                                              \
-    18U /* Largest level of a frustum, so that no sum
-                                               overflows */
+#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* Words of a plane with its mask of blocks */
+#define UMB__OCCLUDER_DEPTH_CHOICE      24U
+#define UMB__OCCLUDER_DEPTH_MASKED      32U
+#define UMB__OCCLUDER_DEPTH_WIDTH_MAX   20U
+#define UMB__OCCLUDER_DEPTH_SHIFT       12U /* Fraction bits of planes of level 3 */
+#define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* Fraction bits of level 6: 64 texels need more */
+#define UMB__OCCLUDER_DEPTH_LEVEL_MAX   18U /* Largest level of a frustum: no sum overflows */
 
 static inline uint32_t umb__occluder_depth_kind(uint32_t reference)
 {
@@ -84,10 +80,10 @@ static inline int64_t umb__occluder_depth_wide_plane(const uint32_t *record, uin
 {
     const int64_t c = (int64_t)(record[0] | (uint64_t)record[1] << 32);
     const int64_t sum = c + (int64_t)(int32_t)record[2] * x + (int64_t)(int32_t)record[3] * y;
-    return sum >> UMB__OCCLUDER_DEPTH_WIDE_SHIFT; /* gcc and clang shift as floor does */
+    return sum >> UMB__OCCLUDER_DEPTH_WIDE_SHIFT; /* gcc and clang shift towards minus infinity */
 }
 
-/* The same of level 3. */
+/* Returns the height of a plane of level 3 at texel (x, y) of its block. */
 static inline int64_t umb__occluder_depth_plane(const uint32_t *record, uint32_t x, uint32_t y)
 {
     const int64_t sum = (int64_t)(int32_t)record[0] + (int64_t)(int32_t)record[1] * x +
@@ -107,8 +103,8 @@ static inline uint32_t umb__occluder_depth_residual(const uint32_t *words, uint3
     return (uint32_t)(two >> bit % 32) & (((uint32_t)1 << width) - 1);
 }
 
-/* Reads the value of a block's record at texel (x, y) of its square; false if the DAG answers. In:
- * planes: of the square. */
+/* Reads the depth that the record of a block gives at texel (x, y) of its square. In: planes:
+ * planes of the square. Returns false if the DAG answers. */
 static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t kind,
                                              const uint32_t *planes, uint32_t x, uint32_t y,
                                              int64_t *lit)
@@ -137,7 +133,8 @@ static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t ki
     return true;
 }
 
-/* Reads the value of a square of planes at its texel (x, y); false if the DAG answers. */
+/* Reads the depth that a square of planes gives at its texel (x, y). Returns false if the DAG
+ * answers. */
 static inline bool umb__occluder_depth_square_value(const uint32_t *words, const uint32_t *square,
                                                     uint32_t x, uint32_t y, int64_t *lit)
 {
@@ -164,7 +161,7 @@ static inline bool umb__occluder_depth_square_value(const uint32_t *words, const
  * Finds `lit` of a texel in a checked occluder depth map.
  *
  * In:    words: the whole entry. root: the frustum's reference. x, y: inside the frustum.
- * Out:   lit: unchanged if false is returned: the DAG then has the answer.
+ * Returns false, with lit unchanged, if the DAG has the answer.
  */
 static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root,
                                             uint32_t log2_size, uint32_t x, uint32_t y,
@@ -196,7 +193,7 @@ static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root
 }
 
 /*
- * Copies an entry's words, without a check.
+ * Copies the words of an entry without a check.
  *
  * In:    bytes: uint8[length], or NULL if there is no entry.
  * Out:   words: [count] of alloc; NULL and 0 without an entry.

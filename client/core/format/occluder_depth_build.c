@@ -2,10 +2,11 @@
 /*
  * Codes squares of texels as planes, and joins squares to the tree.
  *
- * A square that is no single plane gets several. Each plane starts from a block of 8x8 texels that
- * is planar. It is then turned to meet as many other blocks of the square as it can, so that a roof
- * is stored once a square. Blocks that no single plane meets choose a plane for each texel, or have
- * residuals of their own.
+ * A plane meets a texel if its height there, rounded down, is the texel's `lit`. A square that no
+ * single plane meets gets several planes. Each plane starts from a block of 8x8 texels that is
+ * planar, and is then turned to meet as many other blocks of the square as it can, so that a roof
+ * is stored once a square. For a block that no single plane meets, a plane is chosen for each
+ * texel, or the block gets a plane with residuals.
  */
 #include "format/occluder_depth_build.h"
 
@@ -14,8 +15,8 @@
 #include "base/memory.h"
 #include "format/occluder_depth_fit.h"
 
-/* Words of the longest possible square: its length, its reference, planes, and all blocks with
- * residuals. */
+/* Words of the longest possible square: length, reference, all planes, and residuals of all
+ * blocks. */
 #define SQUARE_WORDS_MAX                                                                           \
     (5 + UMB__OCCLUDER_DEPTH_PLANES_MAX * UMB__OCCLUDER_DEPTH_PLANE_WORDS +                        \
      64 * (1 + 5 + 2 * UMB__OCCLUDER_DEPTH_WIDTH_MAX))
@@ -35,7 +36,7 @@ struct work {
                         on */
 };
 
-/* Adds the texels of a block that a mask names; x and y from the square's corner. */
+/* Adds to a set the texels of a block that a mask names, by their positions in the square. */
 static void add_block(const struct work *w, uint32_t block, uint64_t mask, struct umb__texels *to)
 {
     for (uint64_t left = mask; left; left &= left - 1) {
@@ -56,8 +57,8 @@ static uint64_t met_by(const struct work *w, uint32_t block, const struct umb__p
     return met;
 }
 
-/* Turns a plane so that it meets the block's coded texels too, if it can; it still meets its
- * set. */
+/* Turns a plane so that it meets the coded texels of one more block, if that is possible. The plane
+ * still meets all texels of w->set, to which the block is then added. */
 static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
 {
     if ((met_by(w, block, plane) & w->coded[block]) == w->coded[block]) {
@@ -108,7 +109,7 @@ static uint64_t find_planes(struct work *w)
     for (uint32_t block = 0; block < 64; block++) {
         open |= (uint64_t)(w->coded[block] != 0) << block;
     }
-    uint64_t rest = open; /* that no plane meets */
+    uint64_t rest = open; /* Blocks of which no plane meets all coded texels */
     while ((rest & ~tried) != 0 && w->plane_count < UMB__OCCLUDER_DEPTH_PLANES_MAX) {
         const uint32_t block = (uint32_t)__builtin_ctzll(rest & ~tried);
         const uint32_t before = w->plane_count;
@@ -371,12 +372,11 @@ enum umb_status umb__occluder_depth_add_square(struct umb__occluder_depth *occlu
     return note_square(occluder_depth, x, y, words[0], error);
 }
 
-/* --- joining ------------------------------------------------------------------------------------
- */
+/* --- joining the squares of all frusta -------------------------------------------------------- */
 
 struct joiner {
     const struct umb__occluder_depth *occluder_depth;
-    uint32_t *words; /* NULL while only counted */
+    uint32_t *words; /* Joined words; NULL while they are only counted */
     uint64_t count;
 };
 

@@ -10,7 +10,8 @@
  *     umb__occluder_depth_join(all, count, &words, &word_count, &error);
  *     umb__occluder_depth_finish(&depths);                         also after a failure
  *
- * The words of a coded square can be kept, and added to another occluder depth map of that size:
+ * The words of a coded square can be kept, and added to another occluder depth map of the same
+ * size:
  *
  *     umb__occluder_depth_square(&depths, x, y)                    -> words, words[0] of them
  *     if (umb__occluder_depth_square_fits(log2_size, words, count))
@@ -20,20 +21,21 @@
  */
 #include "format/occluder_depth.h"
 
-#define UMB__OCCLUDER_DEPTH_SIDE 64U /* texels a side of the squares that are added */
+#define UMB__OCCLUDER_DEPTH_SIDE 64U /* Texels a side of the squares that are added */
 
 struct umb__occluder_depth {
     const struct umb_alloc *alloc;
     uint32_t log2_size;
     size_t max_words;
-    uint32_t *square; /* Index in words of each square + 1, row by row; 0: no record */
-    uint32_t *words;  /* Squares: each its reference, then its records, numbered from 0 */
+    uint32_t *square; /* Index in words of each square plus 1, row by row; 0: no record */
+    uint32_t *words;  /* Words of all squares; see umb__occluder_depth_square */
     size_t count, capacity;
 };
 
 /*
- * In:    log2_size: 6 .. 18. max_bytes: for all words, those that join them
- *        included.
+ * Starts an empty map.
+ *
+ * In:    log2_size: 6 .. 18. max_bytes: limit of all words, the joined tree's included.
  * Fails: E_NO_MEMORY, E_UNSUPPORTED (log2_size).
  */
 UMB_CHECKED enum umb_status umb__occluder_depth_init(struct umb__occluder_depth *occluder_depth,
@@ -58,8 +60,9 @@ UMB_CHECKED enum umb_status umb__occluder_depth_add(struct umb__occluder_depth *
                                                     const int32_t (*end)[64],
                                                     struct umb_error *error);
 
-/* Returns the words of a square: their number, its reference, its records, numbered from 0. NULL:
- * it has none. Borrowed until the occluder depth map changes. */
+/* Returns the words of a square: their number, the square's reference, and its records, with
+ * references counted from the first record. NULL: the square has none. Borrowed until the map
+ * changes. */
 const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
                                            uint32_t x, uint32_t y);
 
@@ -75,7 +78,7 @@ int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words, s
 /*
  * Adds a square that has none yet.
  *
- * In:    words: uint32[words[0]], that fit.
+ * In:    words: uint32[words[0]] that umb__occluder_depth_square_fits accepts.
  * Fails: as umb__occluder_depth_add.
  */
 UMB_CHECKED enum umb_status

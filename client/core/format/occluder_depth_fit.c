@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Fits a plane whose floor is `lit` at every texel. With e = lit * 2^k - a x - b y, a plane of
- * slopes a, b exists if the spread max e - min e is below 2^k; c = max e then gives it. The slopes
- * start at the least squares. While the spread is slightly too large, the slopes are turned so that
- * the two extreme texels come closer (relaxation of linear inequalities). If that fails, c = max e
- * keeps the plane's floor at or above every texel, and residuals are counted down from it.
+ * Fits a plane (c + a x + b y) / one whose height, rounded down, is `lit` at every texel. Let e =
+ * lit * one - a x - b y at a texel. For slopes a and b such a plane exists if the spread, max e -
+ * min e, is below `one`; c = max e then gives it. The slopes start at those of least squares. While
+ * the spread is slightly too large, the slopes are turned so that the e of the two extreme texels
+ * come closer (relaxation of linear inequalities). If that fails, c = max e keeps the rounded plane
+ * at or above every texel, and residuals count down from it.
  * Source: Agmon 1954, Motzkin and Schoenberg 1954 (relaxation).
  */
 #include "format/occluder_depth_fit.h"
 
 #include <math.h>
 
-#define SLOPE_MAX   1024 /* voxels a texel, so that c of 8x8 texels fits 32 bits */
+#define SLOPE_MAX   1024 /* Voxels a texel: the c of planes of 8x8 texels then fits 32 bits */
 #define TURNS       16   /* Most turns of the slopes: twice as many save 0.5 % of the bytes */
 #define NEAR_SPREAD 4    /* Spread in voxels beyond which the texels are not planar */
 
@@ -44,7 +45,7 @@ static struct umb__plane least_squares(const struct umb__texels *t)
     if (det > 0.0) {
         plane.a = slope_of((sxv * syy - syv * sxy) / det, t->one);
         plane.b = slope_of((syv * sxx - sxv * sxy) / det, t->one);
-    } else if (sxx > 0.0) { /* all on one line */
+    } else if (sxx > 0.0) { /* All texels on one line */
         plane.a = slope_of(sxv / sxx, t->one);
     } else if (syy > 0.0) {
         plane.b = slope_of(syv / syy, t->one);
@@ -52,7 +53,8 @@ static struct umb__plane least_squares(const struct umb__texels *t)
     return plane;
 }
 
-/* Finds c and the spread. Out: high, low: the two extreme texels. */
+/* Computes c and the spread of a plane. Out: high, low: the texels with the greatest and least
+ * e. */
 static void measure(const struct umb__texels *t, struct umb__plane *plane, uint32_t *high,
                     uint32_t *low)
 {
@@ -92,7 +94,7 @@ void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane)
     const int64_t one = texels->one;
     for (int turn = 0; turn < TURNS && at.spread >= one && at.spread < NEAR_SPREAD * one; turn++) {
         const int64_t dx = texels->x[high] - texels->x[low], dy = texels->y[high] - texels->y[low];
-        const int64_t square = dx * dx + dy * dy; /* not 0: two texels */
+        const int64_t square = dx * dx + dy * dy; /* Not 0, since the texels differ */
         const int64_t too_much = at.spread - one + one / texels->count;
         at.a = clamped(at.a + too_much * dx / square, SLOPE_MAX * one);
         at.b = clamped(at.b + too_much * dy / square, SLOPE_MAX * one);

@@ -9,18 +9,19 @@
  */
 #include <stdint.h>
 
-/* A set of texels, 0 <= x, y < 64, and the plane units of one voxel. */
+/* A set of texels, 0 <= x, y < 64. */
 struct umb__texels {
-    int64_t one;
+    int64_t one; /* Units of a plane's height for one voxel */
     uint32_t count;
     uint8_t x[4096], y[4096];
     int32_t lit[4096];
 };
 
 struct umb__plane {
-    int64_t a, b;   /* slopes, at most 1024 voxels a texel */
-    int64_t c;      /* Offset, so that no texel of the set lies above the plane */
-    int64_t spread; /* Greatest distance of a texel below it, before the floor */
+    int64_t a, b; /* Slopes, at most 1024 voxels a texel */
+    int64_t c;    /* Offset, so that no texel of the set lies above the plane */
+    /* Greatest height of the plane above a texel of the set, before rounding down */
+    int64_t spread;
 };
 
 static inline void umb__texels_add(struct umb__texels *texels, uint32_t x, uint32_t y, int32_t lit)
@@ -37,7 +38,8 @@ void umb__plane_measure(const struct umb__texels *texels, struct umb__plane *pla
  * the best one found. */
 void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane);
 
-/* Does the same from the slopes of least squares. */
+/* Fits a plane: computes the slopes of least squares, and turns that plane as umb__plane_turn
+ * does. */
 struct umb__plane umb__plane_fit(const struct umb__texels *texels);
 
 #endif

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads an occluder depth map in the order in which it was written. The next record is always
- * known, so nothing is read twice and the walk ends. */
+/* Loading and checking occluder depth maps. A check reads the records in the order in which they
+ * were written, and each reference must lead to the next one. So nothing is read twice, and the
+ * walk ends. */
 #include "format/occluder_depth_build.h"
 
 #include "base/bytes.h"
@@ -52,7 +53,7 @@ static bool in_range(const struct checker *c, int64_t value)
     return value >= 0 && value <= (int64_t)1 << c->log2_size;
 }
 
-/* Refuses a c with which sums could overflow. */
+/* Returns false for a plane whose c is so large that sums could overflow. */
 static bool plane_is_sane(const uint32_t *plane)
 {
     const int32_t high = (int32_t)plane[1];
@@ -76,7 +77,7 @@ static uint32_t block_words(uint32_t kind, uint32_t planes)
     if (width <= UMB__OCCLUDER_DEPTH_WIDTH_MAX) {
         return (kind >= UMB__OCCLUDER_DEPTH_MASKED ? 5 : 3) + 2 * width;
     }
-    /* Least width that holds the numbers of all planes */
+    /* A choice of planes: its width must be able to hold the numbers of all planes. */
     return kind > UMB__OCCLUDER_DEPTH_CHOICE && kind <= UMB__OCCLUDER_DEPTH_CHOICE + 4 &&
                    planes >> (kind - UMB__OCCLUDER_DEPTH_CHOICE) == 0
                ? 2 * (kind - UMB__OCCLUDER_DEPTH_CHOICE)
@@ -168,7 +169,7 @@ static bool square_fits(struct checker *c, uint32_t reference, uint32_t level, u
     if (mask == 0 || !children) {
         return false;
     }
-    const uint32_t side = (uint32_t)1 << c->log2_size >> (level - 3); /* squares in the frustum */
+    const uint32_t side = (uint32_t)1 << c->log2_size >> (level - 3); /* Squares a side */
     for (uint64_t left = mask; left; left &= left - 1) {
         const uint32_t child = (uint32_t)__builtin_ctzll(left);
         const uint32_t cx = x * 8 + child % 8, cy = y * 8 + child / 8;

@@ -1,21 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_copies.h. Each run of neighbouring roots is measured by itself, so helpers share the
- * runs, each on a walk of its own. Only where frusta are so small that their roots are in the
- * lowest band may one tree be part of another. Then one walk visits all runs in order.
+ * Whether copies in the lowest band are worth their bytes: a sample of its roots, visited with
+ * copies.
+ *
+ * Each run of neighbouring roots is measured by itself, so helpers share the runs, each on a walk
+ * of its own. Only where frusta are so small that their roots are in the lowest band may one tree
+ * be part of another. Then one walk visits all runs in order.
  */
-#include "format/pack_copies.h"
+#include "format/pack_walk.h"
 
 #include <string.h>
 
 #include "base/memory.h"
 
-/* Bytes that the lowest band may take with copies: 12/5 of its nodes, each once. The file is then
- * about a quarter larger (docs/results/paging.md), since copies save references, which take much.
- * The ratio is estimated from 16384 roots or a few more, in runs of neighbours. */
+/* Largest bytes of the lowest band with copies, in fifths of the bytes of its nodes without copies.
+ * At this limit the file is about a quarter larger (docs/results/paging.md), since copies save
+ * references, which take many bytes. */
 #define COPIES_MAX_FIFTHS 12U
-#define SAMPLE_ROOTS      16384U
-#define SAMPLE_RUN        64U
+#define SAMPLE_ROOTS      16384U /* Roots of a sample, at least; a few more are possible */
+#define SAMPLE_RUN        64U    /* Neighbouring roots of each run */
 
 /* Runs that are visited between two checks for too many bytes. */
 #define ROUND_RUNS 32U
@@ -23,7 +26,7 @@
 /* Most walks: each takes two bits a node, and more would not save time. */
 #define SAMPLERS_MOST 8U
 
-/* One walk, and the place of its open page. */
+/* One walk, and the order that holds its open page. */
 struct sampler {
     struct umb__pack_walk walk;
     struct umb__pack_order order;
@@ -35,8 +38,8 @@ struct sample {
     struct sampler *samplers;
     unsigned sampler_count; /* Number of samplers; they share the runs of a round in turn */
     size_t step;            /* Distance between two visited runs */
-    size_t first_run;       /* of the round */
-    size_t round_runs;
+    size_t first_run;       /* First run of the round */
+    size_t round_runs;      /* Number of runs of the round */
 };
 
 static size_t sample_step(const struct umb__node_list *roots)
@@ -56,8 +59,8 @@ uint64_t umb__pack_copies_most(const struct umb__pack_survey *survey,
     for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END; level++) {
         own_bytes += survey->bytes[level];
     }
-    return /* At most 2^40 bytes, 2^15 roots */
-        roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * asked / (5 * roots->count);
+    /* No product overflows: at most 2^40 bytes and 2^15 roots. */
+    return roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * asked / (5 * roots->count);
 }
 
 static enum umb_status sampler_begin(struct sampler *sampler, const struct umb__pack_walk *walk)
@@ -96,9 +99,8 @@ static void visit_run(const struct sample *s, struct sampler *sampler, size_t ru
     for (size_t i = 0; i < count && sampler->status == UMB_OK; i++) {
         sampler->status = umb__pack_visit_root(&sampler->walk, s->roots->nodes[first + i]);
     }
-    if (sampler->status == UMB_OK) {
-        sampler->status = umb__pack_close_page(&sampler->walk);
-    }
+    sampler->status =
+        sampler->status == UMB_OK ? umb__pack_close_page(&sampler->walk) : sampler->status;
 }
 
 /* Visits a sampler's runs of a round. */
@@ -111,7 +113,8 @@ static void run_job(void *user, uint32_t job, unsigned worker)
     }
 }
 
-/* Visits the runs until they take too much. In: runs: their number. */
+/* Visits all runs, or stops when their pages take more than `most` bytes. Out: bytes: estimated
+ * bytes so far. */
 static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
                                   const struct umb_workers *workers, uint64_t *bytes)
 {
@@ -135,7 +138,7 @@ static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
     return status;
 }
 
-/* True if no root stands below another, and no two are equal. */
+/* Returns true if surely no root of the lowest band stands below another, and no two are equal. */
 static bool roots_are_apart(const struct umb__octree *octree)
 {
     bool apart = true;

@@ -3,11 +3,12 @@
 #define UMBRAGE_CORE_FORMAT_PACK_ORDER_H
 /*
  * The canonical order of a packed file: which pages each node stands in, and at which position.
+ * pack_ordering.h makes it.
  *
  * Levels are cut into bands (13 and up, 8 to 12, 3 to 7). Band after band, from the top, the nodes
- * are visited depth first from the roots of the band in the order in which the band above first met
- * them; a node is written where it is first visited, and a page is closed when its estimated size
- * reaches the target. So the first pages hold all coarse levels.
+ * are visited depth first from the roots of the band, in the order in which the band above first
+ * met those roots. A node is written where it is first visited, and a page is closed when its
+ * estimated size reaches the target. So the first pages hold all coarse levels.
  *
  * Pages of the lowest band are independent: they refer to no other page. Each holds whole trees of
  * 128^3 voxels, and a node that trees of several pages share is copied to each of them. A copy
@@ -17,8 +18,8 @@
  * content, not on its numbering: equal trees give equal files.
  */
 #include <stdbool.h>
+#include <stddef.h>
 #include "format/octree.h"
-#include "umbrage/workers.h"
 
 #define UMB__LOWEST_END 8U /* First level above the lowest band */
 
@@ -35,10 +36,10 @@ struct umb__node_place {
 
 #define UMB__PACK_HINT 16U
 
-/* The order of one level's nodes in the file. Their numbers in it, copies included, are called
- * ordinals. */
+/* The order of the nodes of each level in the file. The number of a node in it, copies included, is
+ * called an ordinal. */
 struct umb__pack_order {
-    uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal], in the octree's numbering */
+    uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal] Number of the node in the octree */
     size_t node_capacity[UMB_LEVEL_MAX + 1];
     /* [count of the level] Ordinal of each reached node. Independent pages have ordinals of their
      * roots only, or of each node's last copy if a frustum's root is below those. */
@@ -53,45 +54,14 @@ struct umb__pack_order {
     const struct umb_alloc *alloc;
 };
 
-/* Orders an octree's nodes, step by step if pages are independent. Such a page can be encoded as
- * soon as it is closed, while another thread goes on ordering. */
-struct umb__pack_ordering; /* opaque */
-
-/*
- * Orders everything before the first independent page; the whole octree if no page is independent.
- *
- * In:    workers: helpers for the sample that decides on independent pages; or NULL.
- * Out:   order: filled by the steps; finish it after `out`. Finish both also after a failure.
- * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
- *        or copies).
- */
-UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
-                                                  const struct umb_workers *workers,
-                                                  struct umb__pack_order *order,
-                                                  struct umb__pack_ordering **out,
-                                                  struct umb_error *error);
-
-/* True if all nodes are ordered: page_count, ordinals and hints are final. */
-bool umb__pack_order_complete(const struct umb__pack_ordering *ordering);
-
-/*
- * Makes room for a step of so many pages. Threads: closed pages from alone_from on can be encoded
- * during the step, since it moves no memory. Fails: E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umb__pack_order_reserve(struct umb__pack_ordering *ordering,
-                                                    uint32_t pages);
-
-/* Closes that many further pages, or fewer if no more are left. Fails: as begin. In: it is not
- * complete. */
-UMB_CHECKED enum umb_status umb__pack_order_step(struct umb__pack_ordering *ordering,
-                                                 uint32_t pages);
-void umb__pack_ordering_destroy(struct umb__pack_ordering *ordering); /* NULL is allowed */
-
-void umb__pack_order_finish(struct umb__pack_order *order);
+/* Makes room for the first ordinals of so many pages. False: out of memory. */
+bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed);
 
 /* Finds the page and position of an ordinal of a level. Cost: a search among the pages of 16
  * ordinals. */
 struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
                                        uint32_t ordinal);
+
+void umb__pack_order_finish(struct umb__pack_order *order);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_pages.h. Pages are independent jobs, so helpers share them; only one thread at a time
- * makes their order.
+ * Making all pages of a packed file; see pack_pages.h. Helper threads share the pages, each of
+ * which is a job of its own. Only one thread at a time makes their order.
  */
 #include "format/pack_pages.h"
 
@@ -19,28 +19,28 @@
 #include "format/page.h"
 
 /*
- * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as much as
- * large ones. Pages with references repeat little except for neighbours. With tables of 512 entries
- * they take no more bytes than with 4096, and a quarter less time, as useless matches are not
- * found. Level 6 would save 5 % and take three times as long (docs/results/bakes.md). Compression
- * is outside the identity, so it may change.
+ * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as many
+ * matches as large ones. Pages with references repeat little except for neighbours: with tables of
+ * 512 entries they take no more bytes than with 4096, and a quarter less time. zstd's level 6 would
+ * save 5 % and take three times as long (docs/results/bakes.md). Compression is outside the
+ * identity, so it may change.
  */
 #define TABLE_LOG2_ALONE  12
 #define TABLE_LOG2_REFERS 9
 #define SHORTEST_MATCH    4
 
-/* Pages that are ordered in a round, for each worker. */
+/* Number of pages that a round orders for each worker. */
 #define STEP_PAGES (2 * UMB__DIGESTS)
 
-/* Compressed pages, contiguous. */
+/* A block of memory for compressed pages, one behind the other. */
 struct chunk {
     struct chunk *next;
     size_t used, size;
     uint8_t bytes[];
 };
 
-/* Sizes of a worker's first chunk and of its largest: chunks double in size. So the system gives
- * few large pages, and small assets need little. */
+/* Bytes of a worker's first chunk and of its largest. Chunks double in size, so that there are few
+ * of them, and small assets need little memory. */
 #define CHUNK_FIRST ((size_t)64 << 10)
 #define CHUNK_MOST  (((size_t)4 << 20) - sizeof(struct chunk))
 
@@ -55,23 +55,23 @@ struct umb__page_worker {
     struct umb__page_encoder encoder;
     ZSTD_CCtx *zstd;
     struct raw_page raw[UMB__DIGESTS]; /* Pages of a job, until they are hashed together */
-    struct chunk *chunks;              /* the last one first */
+    struct chunk *chunks;              /* Chunks, the last one first */
     enum umb_status status;            /* Status of the first failed page */
     struct umb_error error;
 };
 
-/* What the workers share. */
+/* Data that the workers share. */
 struct packing {
     const struct umb__octree *octree;
     const struct umb_sha256 *sha256;
-    int (*cancelled)(void); /* or NULL */
+    int (*cancelled)(void); /* Nonzero cancels; NULL: never */
     struct umb__pack_pages *pages;
     struct umb__pack_ordering *ordering;
-    uint32_t step; /* Pages ordered in a round */
-    bool orders;   /* this round orders some */
-    enum umb_status ordered;
-    uint32_t done, ready; /* Numbers of finished and of ordered pages */
-    uint32_t alone;       /* Number of independent pages among the ordered ones */
+    uint32_t step;           /* Number of pages that a round orders */
+    bool orders;             /* True if this round orders pages */
+    enum umb_status ordered; /* Status of ordering */
+    uint32_t done, ready;    /* Numbers of finished and of ordered pages */
+    uint32_t alone;          /* Number of independent pages among the ordered ones */
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -123,7 +123,8 @@ static enum umb_status compress_page(const struct packing *p, struct umb__page_w
     return UMB_OK;
 }
 
-/* Adds the encoded page to those to be hashed; the encoder goes on with the one before. */
+/* Keeps the encoded page until it is hashed, and gives the encoder the memory of an earlier
+ * page. */
 static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
 {
     const struct raw_page before = *raw;
@@ -133,19 +134,15 @@ static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
     e->raw_capacity = before.capacity;
 }
 
-/* Writes a page's entry without its hash. In: number: of the page in its job. */
+/* Encodes and compresses a page and writes its entry, all but the hash. In: number: index of the
+ * page in its job. */
 static enum umb_status write_page(const struct packing *p, struct umb__page_worker *worker,
                                   uint32_t page, uint32_t number)
 {
     struct umb__page_encoder *e = &worker->encoder;
     size_t length = 0;
-    enum umb_status status = umb__page_encode(e, p->octree, &p->pages->order, page, &worker->error);
-    if (status == UMB_OK) {
-        status = compress_page(p, worker, page, &length);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__page_encode(e, p->octree, &p->pages->order, page, &worker->error));
+    UMB__TRY(compress_page(p, worker, page, &length));
     uint8_t *entry = p->pages->entries + (size_t)page * UMB__PAGE_ENTRY;
     memset(entry, 0, UMB__PAGE_ENTRY);
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
@@ -180,15 +177,15 @@ static enum umb_status hash_pages(const struct packing *p, struct umb__page_work
     return UMB_OK;
 }
 
-/* Returns the page of a turn. Independent pages take the first turns: they are ordered last, but
- * need nothing else. */
+/* Returns the page of a turn. Independent pages take the first turns: although they are ordered
+ * last, they can be encoded as soon as they are ordered. */
 static uint32_t page_of_turn(const struct umb__pack_order *order, uint32_t alone, uint32_t turn)
 {
     return turn < alone ? order->alone_from + turn : turn - alone;
 }
 
-/* Makes some pages and hashes them together; after a failure of its own a worker skips the
- * others. */
+/* Makes the pages of a job and hashes them together. After a failure a worker skips its further
+ * jobs. */
 static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
 {
     struct umb__page_worker *worker = &p->pages->workers[number];
@@ -221,7 +218,7 @@ static void round_job(void *user, uint32_t job, unsigned number)
     }
 }
 
-/* In: alone: for pages most of which are independent. */
+/* Makes a zstd context. In: alone: true for orders with independent pages. */
 static ZSTD_CCtx *compressor_create(bool alone)
 {
     const struct {
@@ -289,23 +286,21 @@ static enum umb_status end_round(struct packing *p, struct umb_error *error)
 static enum umb_status make_pages(struct packing *p, const struct umb_workers *workers,
                                   struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    while (status == UMB_OK &&
-           (!umb__pack_order_complete(p->ordering) || p->done < p->pages->order.page_count)) {
+    while (!umb__pack_order_complete(p->ordering) || p->done < p->pages->order.page_count) {
         UMB__TRY(begin_round(p, workers != NULL, error));
         const uint32_t count = p->ready - p->done;
         const uint32_t jobs = p->orders + count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
         if (workers) {
             workers->run(workers->user, round_job, p, jobs);
         } else {
-            for (uint32_t job = jobs; job-- > 0;) { /* The pages ordered last are still in the
+            for (uint32_t job = jobs; job-- > 0;) { /* The last pages are still in the
                                                        cache */
                 round_job(p, job, 0);
             }
         }
-        status = end_round(p, error);
+        UMB__TRY(end_round(p, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umb__pack_pages(const struct umb__pack_job *job, struct umb__pack_pages *pages,

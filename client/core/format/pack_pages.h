@@ -11,22 +11,24 @@
  *     umb__pack_pages_finish(&pages);
  */
 #include "format/content.h"
-#include "format/pack_order.h"
+#include "format/pack_ordering.h"
 
 struct umb__page_worker;
 
 struct umb__pack_pages {
     struct umb__pack_order order;
-    uint8_t **stored; /* [order.page_count] compressed pages; lengths are in the entries */
-    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY], all but the places of pages in the
-                     file */
+    uint8_t **stored; /* [order.page_count] Compressed pages, whose lengths are in the entries */
+    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY] Entries of the directory, complete but
+                         for the offsets of pages in the file */
     struct umb__page_worker *workers; /* [worker_count] */
     unsigned worker_count;
-    size_t stored_capacity, entries_capacity; /* pages */
+    size_t stored_capacity, entries_capacity; /* Pages that the arrays have room for */
     const struct umb_alloc *alloc;
 };
 
 /*
+ * Makes all pages.
+ *
  * In:    job: its octree, sha256, workers and cancelled, borrowed for the call.
  * Out:   pages: finish it, also after a failure.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages, or

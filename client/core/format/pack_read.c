@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_read.h. There are two passes. The first uncompresses and parses all pages, which gives
- * the number of their nodes. The second adds the nodes to a pool, level by level from the bricks
- * up, so that copies of a node in several pages become one again. Numbers follow the order of the
- * file. The counts in the canonical block must be those found, or larger if the writer merged less.
+ * Reading all pages of a packed file, in two passes. The first pass uncompresses and parses all
+ * pages, which gives the number of their nodes. The second pass adds the nodes to a pool, level by
+ * level from the bricks up, so that copies of a node in several pages become one again. Numbers
+ * follow the order of the file. No level may have more different nodes than the canonical block
+ * counts.
  *
  * Another process may overwrite a mapped file at any time. So an entry of the directory is loaded
- * once a use and checked against the memory held, and nodes are read only from private copies of
- * the pages.
+ * once for each use and checked against the memory allocated for its page, and nodes are read only
+ * from private copies of the pages.
  */
 #include "format/pack_read.h"
 
@@ -25,7 +26,7 @@
 
 enum {
     BRICK_BYTES = 64,
-    NODE_BYTES_MAX = 2 + 4 + 8 * 4, /* mask, first, children */
+    NODE_BYTES_MAX = 2 + 4 + 8 * 4, /* Mask, first, children */
 };
 
 typedef uint32_t page_numbers[UMB_LEVEL_MAX + 1];
@@ -37,15 +38,16 @@ struct reader {
     struct umb_error *error;
     ZSTD_DCtx *zstd;
     uint8_t *raw;            /* All pages, uncompressed and contiguous */
-    struct umb__page *pages; /* [page count], pointing into raw */
-    page_numbers *first;     /* [page count], first number of a page's nodes of each level */
+    struct umb__page *pages; /* [page count] Parsed pages, which point into raw */
+    page_numbers *first; /* [page count] Index in `numbers` of a page's first node of each level */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
     uint32_t *others; /* Pool numbers of the nodes in other pages that a level of a page leads to */
-    uint64_t *leaves; /* Leaves of a page; both arrays have room for those of any page */
+    uint64_t *leaves; /* Leaves of a page; `others` and `leaves` have room for any page */
     struct umb__pool pool;
 };
 
-/* True if an entry still lies in the file and its page fits the `room` bytes left for it. */
+/* Returns true if an entry still lies in the file and its page fits the `room` bytes left for
+ * it. */
 static bool entry_fits(const struct umb__head *head, const struct umb__page_entry *entry,
                        uint64_t room)
 {
@@ -53,40 +55,32 @@ static bool entry_fits(const struct umb__head *head, const struct umb__page_entr
            entry->stored_length <= head->file_length - entry->offset;
 }
 
-static enum umb_status entry_changed(const struct umb__page_entry *entry, struct umb_error *error)
-{
-    return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
-                    entry->page);
-}
-
-/* False if a page's compressed bytes do not match the checksum of its entry. The decoder ignores
- * some of their bits, so no other check detects a flip of these. */
+/* Returns false if a page's compressed bytes do not match the checksum of its entry. The decoder
+ * ignores some of their bits, so no other check detects a flip of these. */
 static bool stored_as_written(const uint8_t *file, const struct umb__page_entry *entry)
 {
     return XXH3_64bits(file + entry->offset, entry->stored_length) == entry->check;
 }
 
-static enum umb_status wrong_checksum(const struct umb__page_entry *entry, struct umb_error *error)
+/* Uncompresses a page after a check of its place and, with `check`, of its checksum. In: raw:
+ * uint8[room]. */
+static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct umb__head *head,
+                              const struct umb__page_entry *entry, int check, uint8_t *raw,
+                              uint64_t room, struct umb_error *error)
 {
-    return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
-                    entry->page);
+    if (!entry_fits(head, entry, room)) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
+                        entry->page);
+    }
+    if (check && !stored_as_written(file, entry)) {
+        return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
+                        entry->page);
+    }
+    return umb__page_expand(zstd, file + entry->offset, entry, raw, error);
 }
 
-static enum umb_status parse_one(struct reader *r, const struct umb__page_entry *entry, int check,
-                                 uint8_t *raw, uint64_t room)
-{
-    if (!entry_fits(r->head, entry, room)) {
-        return entry_changed(entry, r->error);
-    }
-    if (check && !stored_as_written(r->file, entry)) {
-        return wrong_checksum(entry, r->error);
-    }
-    enum umb_status status =
-        umb__page_expand(r->zstd, r->file + entry->offset, entry, raw, r->error);
-    return status == UMB_OK ? umb__page_open(raw, entry, &r->pages[entry->page], r->error) : status;
-}
-
-/* First pass. Afterwards totals[level] nodes are known to exist, backed by real bytes. */
+/* Makes the first pass. Out: totals: number of nodes of each level in all pages, backed by real
+ * bytes. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -102,7 +96,9 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
     uint64_t used = 0;
     for (uint32_t page = 0; page < count; page++) {
         struct umb__page_entry entry = umb__directory_load(r->head, page);
-        UMB__TRY(parse_one(r, &entry, check, r->raw + used, raw_total - used));
+        UMB__TRY(expand(r->zstd, r->file, r->head, &entry, check, r->raw + used, raw_total - used,
+                        r->error));
+        UMB__TRY(umb__page_open(r->raw + used, &entry, &r->pages[page], r->error));
         used += entry.raw_length;
         for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
             r->first[page][level] = (uint32_t)totals[level];
@@ -136,8 +132,8 @@ static bool allocate_tables(struct reader *r)
     return r->others && r->leaves;
 }
 
-/* Checks the counts. In: totals: nodes of all pages, copies included: the counts cannot be
- * larger. */
+/* Checks the counts, and allocates numbers and tables. In: totals: nodes of all pages, copies
+ * included, which no count may exceed. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
 {
@@ -173,12 +169,14 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 {
     const struct umb__page *page = &r->pages[p];
     struct umb__page_others others = umb__page_others(page, l);
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < page->external_count[l] && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < page->external_count[l]; i++) {
         const struct umb__node_place place = umb__page_others_next(&others);
-        status = resolve(r, l - 1, place.page, place.position, &r->others[i]);
+        const enum umb_status status = resolve(r, l - 1, place.page, place.position, &r->others[i]);
+        if (status != UMB_OK) {
+            return umb__in_page(r->error, p, status);
+        }
     }
-    return status == UMB_OK ? UMB_OK : umb__in_page(r->error, p, status);
+    return UMB_OK;
 }
 
 /* Reads the keys of a page's next nodes of a level; the nodes in other pages are known. */
@@ -207,13 +205,13 @@ static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
     const uint32_t *own = r->numbers[l - 1] + r->first[p][l - 1];
     uint32_t *numbers = r->numbers[l] + r->first[p][l];
     struct umb__page_nodes nodes = umb__page_nodes(page, l);
-    enum umb_status status = read_others(r, p, l);
-    for (uint32_t i = 0; i < count && status == UMB_OK; i += UMB__POOL_GROUP) {
+    UMB__TRY(read_others(r, p, l));
+    for (uint32_t i = 0; i < count; i += UMB__POOL_GROUP) {
         const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
         read_keys(r, own, &nodes, some, &group);
-        status = umb__pool_find_nodes(&r->pool, l, &group, some, numbers + i, r->error);
+        UMB__TRY(umb__pool_find_nodes(&r->pool, l, &group, some, numbers + i, r->error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status add_bricks(struct reader *r, uint32_t p)
@@ -223,23 +221,21 @@ static enum umb_status add_bricks(struct reader *r, uint32_t p)
     uint32_t *numbers = r->numbers[UMB_LEVEL_BRICK] + r->first[p][UMB_LEVEL_BRICK];
     struct umb__page_bricks bricks = umb__page_bricks(page, r->leaves);
     uint64_t group[UMB__POOL_GROUP][8];
-    enum umb_status status = UMB_OK;
     umb__page_leaves(page, r->leaves);
-    for (uint32_t i = 0; i < count && status == UMB_OK; i += UMB__POOL_GROUP) {
+    for (uint32_t i = 0; i < count; i += UMB__POOL_GROUP) {
         const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
         for (uint32_t k = 0; k < some; k++) {
             umb__page_bricks_next(&bricks, group[k]);
         }
-        status = umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, some, numbers + i,
-                                       r->error);
+        UMB__TRY(umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, some, numbers + i,
+                                       r->error));
     }
-    return status;
+    return UMB_OK;
 }
 
-/*
- * In: most: nodes that the canonical block counts. All nodes of a canonical tree differ, so there
- * are as many; of another tree, which readers accept as well, there may be fewer.
- */
+/* Adds a page's nodes of level l to the pool. In: most: number of the level's nodes that the
+ * canonical block counts. A canonical tree has as many different nodes; other trees, which readers
+ * accept too, may have fewer. */
 static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64_t most)
 {
     enum umb_status status = l == UMB_LEVEL_BRICK ? add_bricks(r, p) : add_nodes(r, p, l);
@@ -253,16 +249,16 @@ static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64
     return status == UMB_OK && found > most ? wrong_counts(r->error) : status;
 }
 
-/* Second pass. For any pages, the pool never holds more than the counts and one page. */
+/* Makes the second pass. Whatever the pages hold, the pool never holds more than the counted nodes
+ * and those of one page. */
 static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *canonical)
 {
-    enum umb_status status = UMB_OK;
     for (uint32_t l = UMB_LEVEL_BRICK; l <= UMB_LEVEL_MAX; l++) {
-        for (uint32_t p = 0; p < r->head->page_count && status == UMB_OK; p++) {
-            status = add_page(r, p, l, canonical->counts[l]);
+        for (uint32_t p = 0; p < r->head->page_count; p++) {
+            UMB__TRY(add_page(r, p, l, canonical->counts[l]));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Turns the pool into the octree with its roots. */
@@ -290,9 +286,9 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
     return status;
 }
 
-/* Returns the bytes of everything but the pool: the pages, parsed, the numbers of their nodes, the
- * tables of the longest page, whose leaves and nodes in other pages take at least a byte each, and
- * the roots. */
+/* Returns the bytes of everything but the pool: raw and parsed pages, numbers of nodes, tables,
+ * roots. Each leaf and each node in another page takes at least a byte of a page, so the length of
+ * the longest page limits both tables. */
 static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
     uint64_t bytes =
@@ -307,8 +303,8 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
     return bytes + root_count * (sizeof(struct umb__octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
-/* Returns the bytes of nodes of eight children each, the most. The counts are below 2^32 each, so
- * no sum overflows. */
+/* Returns the most bytes that the counted nodes can take: those of nodes with eight children each.
+ * No sum overflows, since each count is below 2^32. */
 static uint64_t node_bytes(const struct umb__canonical *canonical)
 {
     uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
@@ -318,7 +314,8 @@ static uint64_t node_bytes(const struct umb__canonical *canonical)
     return bytes;
 }
 
-/* Refuses a file that cannot fit; sets the pool's budget. */
+/* Refuses a file that could exceed the memory limit, and starts the pool with the rest as its
+ * budget. */
 static enum umb_status plan_memory(struct reader *r, const struct umb__canonical *canonical,
                                    uint64_t raw_total, uint64_t max_memory_bytes)
 {
@@ -347,6 +344,18 @@ static void reader_finish(struct reader *r)
     umb__free(r->alloc, r->first);
 }
 
+static enum umb_status read_pages(struct reader *r, const struct umb__canonical *canonical,
+                                  int check, uint64_t max_memory_bytes, struct umb__octree *octree)
+{
+    uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
+    UMB__TRY(umb__directory_check(r->head, &raw_total, r->error));
+    UMB__TRY(plan_memory(r, canonical, raw_total, max_memory_bytes));
+    UMB__TRY(parse_pages(r, check, raw_total, totals));
+    UMB__TRY(allocate_numbers(r, canonical, totals));
+    UMB__TRY(fill_pool(r, canonical));
+    return take_octree(r, canonical, octree);
+}
+
 enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head,
                                const struct umb__canonical *canonical, int check,
                                uint64_t max_memory_bytes, const struct umb_alloc *alloc,
@@ -354,33 +363,17 @@ enum umb_status umb__pack_read(const uint8_t *file, const struct umb__head *head
 {
     struct reader r = {
         .file = file, .head = head, .alloc = alloc, .error = error, .pool = {.alloc = alloc}};
-    uint64_t raw_total, totals[UMB_LEVEL_MAX + 1];
     memset(octree, 0, sizeof *octree);
-    enum umb_status status = umb__directory_check(head, &raw_total, error);
-    if (status == UMB_OK) {
-        status = plan_memory(&r, canonical, raw_total, max_memory_bytes);
-    }
-    if (status == UMB_OK) {
-        status = parse_pages(&r, check, raw_total, totals);
-    }
-    if (status == UMB_OK) {
-        status = allocate_numbers(&r, canonical, totals);
-    }
-    if (status == UMB_OK) {
-        status = fill_pool(&r, canonical);
-    }
-    if (status == UMB_OK) {
-        status = take_octree(&r, canonical, octree);
-    }
+    const enum umb_status status = read_pages(&r, canonical, check, max_memory_bytes, octree);
     reader_finish(&r);
     return status;
 }
 
-/* Uncompressed consecutive pages, to be hashed together. */
+/* Consecutive pages, uncompressed, which are hashed together. */
 struct batch {
     uint8_t *raw; /* [UMB__PAGE_RAW_MAX] */
     size_t raw_size;
-    uint32_t first, count; /* pages */
+    uint32_t first, count; /* First page and number of pages */
     const uint8_t *messages[UMB__DIGESTS];
     size_t sizes[UMB__DIGESTS];
 };
@@ -394,17 +387,12 @@ static enum umb_status batch_fill(struct batch *batch, ZSTD_DCtx *zstd, const ui
     batch->raw_size = 0;
     while (batch->count < UMB__DIGESTS && batch->first + batch->count < head->page_count) {
         const struct umb__page_entry entry = umb__directory_load(head, batch->first + batch->count);
-        if (!entry_fits(head, &entry, UMB__PAGE_RAW_MAX)) {
-            return entry_changed(&entry, error);
-        }
-        if (entry.raw_length > UMB__PAGE_RAW_MAX - batch->raw_size) {
+        const size_t room = UMB__PAGE_RAW_MAX - batch->raw_size;
+        if (batch->count > 0 && entry.raw_length > room) {
             break;
         }
-        if (!stored_as_written(file, &entry)) {
-            return wrong_checksum(&entry, error);
-        }
         uint8_t *raw = batch->raw + batch->raw_size;
-        UMB__TRY(umb__page_expand(zstd, file + entry.offset, &entry, raw, error));
+        UMB__TRY(expand(zstd, file, head, &entry, 1, raw, room, error));
         batch->messages[batch->count] = raw;
         batch->sizes[batch->count++] = entry.raw_length;
         batch->raw_size += entry.raw_length;
@@ -435,12 +423,10 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
                                  const struct umb_sha256 *sha256, struct umb_error *error)
 {
     uint64_t raw_total;
-    enum umb_status status = umb__directory_check(head, &raw_total, error);
-    for (uint32_t block = 0; status == UMB_OK && block < head->directory_count; block++) {
-        status = umb__block_prove(head, block, umb__block_view(head, block), sha256, error);
-    }
-    if (status != UMB_OK) {
-        return status;
+    enum umb_status status = UMB_OK;
+    UMB__TRY(umb__directory_check(head, &raw_total, error));
+    for (uint32_t block = 0; block < head->directory_count; block++) {
+        UMB__TRY(umb__block_prove(head, block, umb__block_view(head, block), sha256, error));
     }
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
     struct batch batch = {.raw = umb__alloc(NULL, UMB__PAGE_RAW_MAX, 1)};

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_FORMAT_PACK_READ_H
 #define UMBRAGE_CORE_FORMAT_PACK_READ_H
-/* Reading the pages of a packed file into the exchange form. */
+/* Reading the pages of a packed file into an octree. */
 #include <stdbool.h>
 #include "format/canonical.h"
 #include "format/head.h"
@@ -9,9 +9,10 @@
 /*
  * Expands all pages of a packed file.
  *
- * In:    check: verify each page's XXH3 as well (structure is always checked).
- *        max_memory_bytes: of pages and octree together. Copies of a node become one.
- * Out:   octree: numbered in the file's order; finish with umb__octree_finish.
+ * In:    check: 1 also verifies the XXH3 of each page; the structure is always checked.
+ *        max_memory_bytes: limit of pages and octree together.
+ * Out:   octree: numbered in the file's order, with copies of a node merged; finish it with
+ *        umb__octree_finish.
  * Fails: E_CORRUPT, E_TRUNCATED, E_TOO_LARGE, E_NO_MEMORY.
  * Trust: safe on hostile bytes.
  */

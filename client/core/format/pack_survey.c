@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See pack_survey.h. Children of reached nodes are reached, so one pass a level is enough. */
+/* The survey of an octree; see pack_survey.h. Children of reached nodes are reached, so one pass a
+ * level is enough. */
 #include "format/pack_survey.h"
 
 #include <string.h>
@@ -11,15 +12,10 @@ struct surveyor {
     const struct umb__octree *octree;
     struct umb__pack_survey *survey;
     struct umb_error *error;
-    uint64_t *reached[UMB_LEVEL_MAX + 1]; /* bits */
+    uint64_t *reached[UMB_LEVEL_MAX + 1]; /* Set of the reached nodes of each level */
 };
 
-uint32_t umb__octree_level_count(const struct umb__octree *octree, uint32_t level)
-{
-    return level == UMB_LEVEL_BRICK ? octree->brick_count : octree->level[level].count;
-}
-
-static enum umb_status no_memory(struct umb_error *error)
+enum umb_status umb__pack_no_memory(struct umb_error *error)
 {
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
 }
@@ -43,7 +39,7 @@ static enum umb_status mark_roots(struct surveyor *s)
     return UMB_OK;
 }
 
-/* Checks that a node has a possible mask and leads to existing nodes, and marks those. */
+/* Checks that a node has a possible mask and leads to existing nodes, and marks its children. */
 static enum umb_status survey_node(struct surveyor *s, uint32_t number, uint32_t node)
 {
     const struct umb__octree_level *level = &s->octree->level[number];
@@ -87,12 +83,8 @@ static void survey_bricks(struct surveyor *s)
 {
     const uint64_t *reached = s->reached[UMB_LEVEL_BRICK];
     for (uint32_t i = 0; i < s->octree->brick_count; i++) {
-        const uint64_t *brick = s->octree->bricks[i];
-        unsigned runs = 1;
-        for (size_t z = 1; z < 8; z++) {
-            runs += brick[z] != brick[z - 1];
-        }
-        s->survey->brick_bytes[i] = (uint8_t)(1 + 3 * runs);
+        const unsigned runs = umb__brick_runs(s->octree->bricks[i]);
+        s->survey->brick_bytes[i] = (uint8_t)(1 + 3 * __builtin_popcount(runs));
         if (umb__bits_has(reached, i)) {
             s->survey->counts[UMB_LEVEL_BRICK]++;
             s->survey->bytes[UMB_LEVEL_BRICK] += s->survey->brick_bytes[i];
@@ -107,11 +99,11 @@ enum umb_status umb__pack_survey(const struct umb__octree *octree, struct umb__p
     memset(survey, 0, sizeof *survey);
     survey->alloc = octree->alloc;
     survey->brick_bytes = umb__alloc(octree->alloc, octree->brick_count + 1, 1);
-    enum umb_status status = survey->brick_bytes != NULL ? UMB_OK : no_memory(error);
+    enum umb_status status = survey->brick_bytes != NULL ? UMB_OK : umb__pack_no_memory(error);
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && status == UMB_OK; level++) {
         const size_t words = umb__bits_words(umb__octree_level_count(octree, level));
         s.reached[level] = umb__alloc_zeroed(octree->alloc, words, sizeof *s.reached[level]);
-        status = s.reached[level] != NULL ? UMB_OK : no_memory(error);
+        status = s.reached[level] != NULL ? UMB_OK : umb__pack_no_memory(error);
     }
     status = status == UMB_OK ? mark_roots(&s) : status;
     for (uint32_t level = UMB_LEVEL_MAX; level > UMB_LEVEL_BRICK && status == UMB_OK; level--) {

@@ -2,15 +2,15 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_SURVEY_H
 #define UMBRAGE_CORE_FORMAT_PACK_SURVEY_H
 /*
- * Survey of an octree before packing: which nodes the roots reach, that they are sound, and how
- * many bytes they will take. It goes level by level from the top and reads each array once from end
- * to end. This is much faster than the walk through the tree, whose reads are scattered over
- * memory.
+ * Survey of an octree before packing: which nodes the roots reach, that these nodes are sound, and
+ * about how many bytes they will take. The survey goes level by level from the top and reads each
+ * array once from end to end. That is much faster than a walk through the tree, whose reads are
+ * scattered over memory.
  */
 #include <stddef.h>
 #include "format/octree.h"
 
-/* Set of one level's nodes, a bit each. */
+/* Returns the words of a set of `count` nodes, a bit each. */
 static inline size_t umb__bits_words(size_t count)
 {
     return count / 64 + 1;
@@ -26,9 +26,6 @@ static inline void umb__bits_add(uint64_t *bits, uint32_t number)
     bits[number / 64] |= (uint64_t)1 << (number % 64);
 }
 
-/* Returns the number of unique nodes of a level (bricks for level 3). */
-uint32_t umb__octree_level_count(const struct umb__octree *octree, uint32_t level);
-
 /* Estimates the bytes of a node with so many mixed children in a page, without references to other
  * pages. */
 static inline size_t umb__node_estimate(uint32_t children)
@@ -39,7 +36,7 @@ static inline size_t umb__node_estimate(uint32_t children)
 struct umb__pack_survey {
     uint8_t *brick_bytes;               /* [brick_count] Estimated bytes of each brick */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* Number of reached nodes of each level */
-    uint64_t bytes[UMB_LEVEL_MAX + 1];  /* Their estimated bytes, each node once */
+    uint64_t bytes[UMB_LEVEL_MAX + 1];  /* Estimated bytes of the reached nodes, each node once */
     const struct umb_alloc *alloc;
 };
 
@@ -51,5 +48,8 @@ UMB_CHECKED enum umb_status umb__pack_survey(const struct umb__octree *octree,
                                              struct umb__pack_survey *survey,
                                              struct umb_error *error);
 void umb__pack_survey_finish(struct umb__pack_survey *survey);
+
+/* Fills error with E_NO_MEMORY for ordering, and returns that status. */
+enum umb_status umb__pack_no_memory(struct umb_error *error);
 
 #endif

@@ -1,32 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See pack_walk.h. Depth-first traversal with an explicit stack: depth never exceeds the bands.
- * Most of the work is to find that a child was visited before. Whether it was, and whether it is in
- * the open page, are two bits a node, which fit the cache better than ordinals.
+ * The walk that fills pages; see pack_walk.h. The traversal is depth first, with an explicit stack.
+ * Most of the work is to find that a child was visited before. The state of each node takes two
+ * bits, which fit the cache better than ordinals do.
  */
 #include "format/pack_walk.h"
 
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/try.h"
 #include "format/layout.h"
 
-#define STACK_MAX (8 * UMB_LEVEL_MAX + 8) /* at most 8 pending children a level */
+#define STACK_MAX (8 * UMB_LEVEL_MAX + 8) /* Nodes on the stack: at most 8 children a level */
 #define PAGES_MAX (UINT32_MAX - 1)
 #define NODES_MAX UINT32_MAX /* Most nodes of a level, copies included */
 
-/* State of a node so far. */
+/* State of a node during the walk. */
 enum node_state {
     NOT_MET = 0,
     WAITS = 1,  /* Met by a band above, and a root of the next band */
     BEFORE = 2, /* Written, in a closed page only */
-    HERE = 3,   /* stands in the open page */
+    HERE = 3,   /* Written in the open page */
 };
-
-static enum umb_status no_memory(struct umb_error *error)
-{
-    return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for the order of the nodes");
-}
 
 static size_t state_words(const struct umb__pack_walk *t, uint32_t level)
 {
@@ -45,20 +41,7 @@ static void set_state(struct umb__pack_walk *t, struct umb__node_ref node, enum 
     *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
 }
 
-bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed)
-{
-    size_t capacity = order->page_capacity;
-    bool complete = true;
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX && complete; level++) {
-        capacity = order->page_capacity;
-        complete = umb__grow(order->alloc, &order->begins[level], &capacity, needed,
-                             sizeof *order->begins[level]);
-    }
-    order->page_capacity = complete ? capacity : order->page_capacity;
-    return complete;
-}
-
-/* Gives the open page its number. */
+/* Counts the open page as closed: the next page begins at the next ordinals. */
 static enum umb_status add_page(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
@@ -66,7 +49,7 @@ static enum umb_status add_page(struct umb__pack_walk *t)
         return umb_fail(t->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
     }
     if (!umb__pack_grow_pages(order, (size_t)order->page_count + 2)) {
-        return no_memory(t->error);
+        return umb__pack_no_memory(t->error);
     }
     order->page_count++;
     for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
@@ -104,7 +87,7 @@ static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node
     }
     if (!umb__grow(order->alloc, &order->nodes[node.level], &order->node_capacity[node.level],
                    (size_t)ordinal + 1, sizeof *order->nodes[node.level])) {
-        return no_memory(t->error);
+        return umb__pack_no_memory(t->error);
     }
     t->page_bytes += bytes;
     set_state(t, node, HERE);
@@ -117,8 +100,8 @@ static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node
     return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
 }
 
-/* True if a node was written where it is needed: anywhere, or in the open page if that is
- * independent. */
+/* Returns true if a node was written where it is needed: in the open page if pages are independent,
+ * else in any page. */
 static bool is_placed(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
     return state_of(t, node) >= (t->alone ? HERE : BEFORE);
@@ -129,7 +112,7 @@ enum umb_status umb__node_list_add(const struct umb__pack_walk *t, struct umb__n
 {
     if (!umb__grow(t->order->alloc, &list->nodes, &list->capacity, list->count + 1,
                    sizeof *list->nodes)) {
-        return no_memory(t->error);
+        return umb__pack_no_memory(t->error);
     }
     list->nodes[list->count++] = node;
     return UMB_OK;
@@ -180,19 +163,20 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     return bytes;
 }
 
-/* Writes a node's bricks right behind it; their data are prefetched together. */
+/* Writes the bricks of a node right behind the node; their sizes are prefetched together. */
 static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *bricks,
                                     uint32_t count)
 {
-    enum umb_status status = UMB_OK;
     for (uint32_t i = 0; i < count; i++) {
         __builtin_prefetch(t->survey->brick_bytes + bricks[i]);
     }
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         const struct umb__node_ref brick = {UMB_LEVEL_BRICK, bricks[i]};
-        status = is_placed(t, brick) ? UMB_OK : place(t, brick, t->survey->brick_bytes[bricks[i]]);
+        if (!is_placed(t, brick)) {
+            UMB__TRY(place(t, brick, t->survey->brick_bytes[bricks[i]]));
+        }
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Handles the children that do not go on the stack: bricks, and roots of the next band. */
@@ -201,17 +185,16 @@ static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref nod
     const struct umb__octree_level *level = &t->octree->level[node.level];
     const uint32_t *children = level->children + level->first[node.index];
     const uint32_t count = level->first[node.index + 1] - level->first[node.index];
-    enum umb_status status = UMB_OK;
     if (node.level == UMB_LEVEL_BRICK + 1) {
         return place_bricks(t, children, count);
     }
-    for (uint32_t i = 0; i < count && node.level == t->band_low && status == UMB_OK; i++) {
-        status = wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]});
+    for (uint32_t i = 0; i < count && node.level == t->band_low; i++) {
+        UMB__TRY(wait_for_next_band(t, (struct umb__node_ref){node.level - 1, children[i]}));
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Prefetches the states of the children of the node that is visited after the next. */
+/* Prefetches the states of the children of a node that will be visited soon. */
 static void ask_for_states(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
     const struct umb__octree_level *level = &t->octree->level[node.level];
@@ -224,19 +207,18 @@ static void ask_for_states(const struct umb__pack_walk *t, struct umb__node_ref 
 static enum umb_status visit(struct umb__pack_walk *t, struct umb__node_ref root)
 {
     struct stack stack = {.nodes = {root}, .depth = 1};
-    enum umb_status status = UMB_OK;
-    while (stack.depth > 0 && status == UMB_OK) {
+    while (stack.depth > 0) {
         const struct umb__node_ref node = stack.nodes[--stack.depth];
         if (stack.depth > 0) {
             ask_for_states(t, stack.nodes[stack.depth - 1]);
         }
         if (!is_placed(t, node)) {
             const size_t bytes = enter(t, node, &stack);
-            status = place(t, node, bytes);
-            status = status == UMB_OK ? follow(t, node) : status;
+            UMB__TRY(place(t, node, bytes));
+            UMB__TRY(follow(t, node));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umb__pack_visit_root(struct umb__pack_walk *t, struct umb__node_ref root)
@@ -247,9 +229,8 @@ enum umb_status umb__pack_visit_root(struct umb__pack_walk *t, struct umb__node_
     if (t->numbers_roots && !t->sample) {
         t->order->ordinals[root.level][root.index] = t->next[root.level];
     }
-    const enum umb_status status = visit(t, root);
-    const bool ends = t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET;
-    return status == UMB_OK && ends ? umb__pack_close_page(t) : status;
+    UMB__TRY(visit(t, root));
+    return t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
 }
 
 bool umb__pack_walk_begin(struct umb__pack_walk *t, uint32_t low, uint32_t high)

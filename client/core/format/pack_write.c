@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * Writing a packed asset: order the nodes, make the pages, then write head and pages.
- */
+/* Writing a packed asset: its pages are made first, then head and pages are written. Also the
+ * proof of a packed file. */
 #include <stdbool.h>
 #include <string.h>
 
@@ -22,7 +21,9 @@ struct writer {
     const struct umb_alloc *alloc;
     struct umb_error *error;
     struct umb__pack_pages pages;
-    uint8_t *blocks; /* [block count * UMB__BLOCK_ENTRY] */
+    uint8_t *blocks;    /* [block count * UMB__BLOCK_ENTRY] Table of blocks */
+    uint8_t *canonical; /* [canonical_length] Canonical block */
+    uint64_t canonical_length;
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -30,23 +31,8 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "packing: out of memory");
 }
 
-static enum umb_status write_pages(struct writer *w, const struct umb__pack_job *job)
-{
-    UMB__TRY(umb__pack_pages(job, &w->pages, w->error));
-    const uint32_t blocks = umb__block_count(w->pages.order.page_count);
-    w->blocks = umb__alloc_zeroed(w->alloc, blocks, UMB__BLOCK_ENTRY);
-    return w->blocks ? UMB_OK : no_memory(w->error);
-}
-
-static void writer_finish(struct writer *w)
-{
-    umb__pack_pages_finish(&w->pages);
-    umb__free(w->alloc, w->blocks);
-}
-
-/* The content with the roots' places, as the canonical block needs them. */
-static enum umb_status encode_canonical(struct writer *w, const struct umb__content *content,
-                                        uint8_t **bytes, uint64_t *length)
+/* Encodes the canonical block: the content, the counts of nodes, and the places of the roots. */
+static enum umb_status encode_canonical(struct writer *w, const struct umb__content *content)
 {
     struct umb__canonical canonical = {.content = *content};
     memcpy(canonical.counts, w->pages.order.counts, sizeof canonical.counts);
@@ -64,7 +50,8 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb__cont
             canonical.roots[i].position = place.position;
         }
     }
-    enum umb_status status = umb__canonical_encode(&canonical, w->alloc, bytes, length, w->error);
+    enum umb_status status =
+        umb__canonical_encode(&canonical, w->alloc, &w->canonical, &w->canonical_length, w->error);
     umb__free(w->alloc, canonical.roots);
     return status;
 }
@@ -94,42 +81,41 @@ static bool lay_out(struct writer *w, struct umb__head *head)
     return sealed;
 }
 
-/* All but the head. */
+/* Writes everything behind the head: the first block, its pages, the other blocks and pages. */
 static enum umb_status write_blocks_and_pages(const struct writer *w, const struct umb_sink *sink)
 {
     const uint32_t count = w->pages.order.page_count;
     const size_t first = umb__block_bytes(count, 0);
-    enum umb_status status = count > 0 ? sink->write(sink->user, w->pages.entries, first) : UMB_OK;
-    for (uint32_t page = 0; page < count && status == UMB_OK; page++) {
+    if (count > 0) {
+        UMB__TRY(sink->write(sink->user, w->pages.entries, first));
+    }
+    for (uint32_t page = 0; page < count; page++) {
         const uint8_t *entry = w->pages.entries + (size_t)page * UMB__PAGE_ENTRY;
         if (page == UMB__BLOCK_PAGES) {
-            status = sink->write(sink->user, entry, (size_t)umb__other_blocks_bytes(count));
+            UMB__TRY(sink->write(sink->user, entry, (size_t)umb__other_blocks_bytes(count)));
         }
-        if (status == UMB_OK) {
-            status = sink->write(sink->user, w->pages.stored[page],
-                                 umb__load32(entry + UMB__PAGE_STORED_LENGTH));
-        }
+        UMB__TRY(sink->write(sink->user, w->pages.stored[page],
+                             umb__load32(entry + UMB__PAGE_STORED_LENGTH)));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status write_file(struct writer *w, const struct umb__content *content,
-                                  const uint8_t *canonical, uint64_t canonical_length,
                                   const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES])
 {
     size_t info_length = content->notes ? strlen(content->notes) : 0;
     struct umb__head head = {
         .encoding = UMB_ENCODING_PACKED,
-        .canonical = canonical,
-        .canonical_length = canonical_length,
+        .canonical = w->canonical,
+        .canonical_length = w->canonical_length,
         .directory = w->blocks,
         .directory_count = umb__block_count(w->pages.order.page_count),
         .page_count = w->pages.order.page_count,
         .info = (const uint8_t *)content->notes,
         .info_length = (uint32_t)info_length,
     };
-    head.head_length = umb__head_length(canonical_length, head.directory_count, UMB__BLOCK_ENTRY,
-                                        head.info_length);
+    head.head_length = umb__head_length(head.canonical_length, head.directory_count,
+                                        UMB__BLOCK_ENTRY, head.info_length);
     if (!lay_out(w, &head) || !umb__directory_identify(&head, w->sha256, w->alloc, head.id)) {
         return no_memory(w->error);
     }
@@ -140,9 +126,7 @@ static enum umb_status write_file(struct writer *w, const struct umb__content *c
     umb__head_write(&head, UMB__BLOCK_ENTRY, bytes);
     enum umb_status status = sink->write(sink->user, bytes, (size_t)head.head_length);
     umb__free(w->alloc, bytes);
-    if (status == UMB_OK) {
-        status = write_blocks_and_pages(w, sink);
-    }
+    status = status == UMB_OK ? write_blocks_and_pages(w, sink) : status;
     if (status != UMB_OK) {
         return umb_fail(w->error, status, "packing: %llu bytes of output: %s",
                         (unsigned long long)head.file_length, umb_status_text(status));
@@ -151,7 +135,8 @@ static enum umb_status write_file(struct writer *w, const struct umb__content *c
     return UMB_OK;
 }
 
-/* A content that a reader would refuse is the caller's mistake. */
+/* Checks notes and content. Content that a reader would refuse is the caller's mistake:
+ * E_ARGUMENT. */
 static enum umb_status check_content(const struct umb__content *content, struct umb_error *error)
 {
     size_t length = content->notes ? strlen(content->notes) : 0;
@@ -160,14 +145,11 @@ static enum umb_status check_content(const struct umb__content *content, struct 
                         "notes: %zu bytes, must be UTF-8 text of at most %u bytes", length,
                         UMB__INFO_MAX);
     }
-    enum umb_status status = umb__content_check(content, error);
-    if (status == UMB_OK) {
-        return UMB_OK;
-    }
-    if (error) {
+    const bool is_sound = umb__content_check(content, error) == UMB_OK;
+    if (!is_sound && error) {
         error->status = UMB_E_ARGUMENT;
     }
-    return UMB_E_ARGUMENT;
+    return is_sound ? UMB_OK : UMB_E_ARGUMENT;
 }
 
 static enum umb_status check_roots(const struct umb__content *content,
@@ -190,29 +172,30 @@ static enum umb_status check_roots(const struct umb__content *content,
     return UMB_OK;
 }
 
+static enum umb_status write_asset(struct writer *w, const struct umb__pack_job *job,
+                                   uint8_t id[UMB_ID_BYTES])
+{
+    UMB__TRY(check_content(job->content, w->error));
+    UMB__TRY(check_roots(job->content, job->octree, w->error));
+    UMB__TRY(umb__pack_pages(job, &w->pages, w->error));
+    w->blocks =
+        umb__alloc_zeroed(w->alloc, umb__block_count(w->pages.order.page_count), UMB__BLOCK_ENTRY);
+    if (!w->blocks) {
+        return no_memory(w->error);
+    }
+    UMB__TRY(encode_canonical(w, job->content));
+    return write_file(w, job->content, job->sink, id);
+}
+
 enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID_BYTES],
                               struct umb_error *error)
 {
-    const struct umb__octree *octree = job->octree;
     struct writer w = {
-        .octree = octree, .sha256 = job->sha256, .alloc = octree->alloc, .error = error};
-    uint8_t *canonical = NULL;
-    uint64_t canonical_length = 0;
-    enum umb_status status = check_content(job->content, error);
-    if (status == UMB_OK) {
-        status = check_roots(job->content, octree, error);
-    }
-    if (status == UMB_OK) {
-        status = write_pages(&w, job);
-    }
-    if (status == UMB_OK) {
-        status = encode_canonical(&w, job->content, &canonical, &canonical_length);
-    }
-    if (status == UMB_OK) {
-        status = write_file(&w, job->content, canonical, canonical_length, job->sink, id);
-    }
-    umb__free(w.alloc, canonical);
-    writer_finish(&w);
+        .octree = job->octree, .sha256 = job->sha256, .alloc = job->octree->alloc, .error = error};
+    const enum umb_status status = write_asset(&w, job, id);
+    umb__pack_pages_finish(&w.pages);
+    umb__free(w.alloc, w.blocks);
+    umb__free(w.alloc, w.canonical);
     return status;
 }
 

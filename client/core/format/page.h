@@ -2,53 +2,55 @@
 #ifndef UMBRAGE_CORE_FORMAT_PAGE_H
 #define UMBRAGE_CORE_FORMAT_PAGE_H
 /*
- * One page of a packed file, uncompressed. A page is decoded without others. References are numbers
- * into the page's own nodes of the level below, then into its table of nodes in other pages. Most
- * references lead to the first node of the level below without a reference so far. These are not
- * written: the mask marks them. Numbers and lists are those of base/numbers.h.
+ * One page of a packed file, uncompressed. A page is decoded without other pages. A reference is
+ * the position of one of the page's own nodes of the level below, or, from their number on, an
+ * index in the page's table of nodes in other pages. Most references lead to the next node, as
+ * defined below. These references are not written: the mask marks them. Numbers and lists are those
+ * of base/numbers.h.
  *
  *   u8 encoding (2), u8 level_high, u8 level_low
  *   number node_count, for each level from high down to low
  *   for each level from high down to max(low, 4):
  *     number external_count                              nodes of the level below in other pages,
- *     number page difference[external_count]             ascending: page less that of the one
- *     number position difference[external_count]         before; position, less that of the one
- *                                                        before and 1 if it is in the same page
- *     u16 mask[node_count]                               states of the children; 3: mixed, and the
- *                                                        next node
+ *     number page difference[external_count]             ascending: page minus the page before;
+ *     number position difference[external_count]         position, in the same page minus the
+ *                                                        position before and 1
+ *     u16 mask[node_count]                               states of the children; 3: mixed, and it
+ *                                                        is the next node
  *     list references[children of state 2 in all masks]  below node_count of the level below (0 if
  *                                                        not in the page) + external_count
  *   if low is 3:
  *     number leaf_count
- *     u8 rows[leaf_count]      bit y: row y differs from that of the leaf before, of the first: is
- *                              not 0
- *     u8 row[set bits of all rows]   those that differ, of each leaf from bit 7 down
+ *     u8 rows[leaf_count]      bit y: row y differs from row y of the leaf before, or, in the first
+ *                              leaf, is not 0
+ *     u8 row[set bits of all rows]   the rows that differ, of each leaf from bit 7 down
  *     u8 runs[node_count of level 3] bit z: slice z differs from slice z - 1; bit 0 is set
  *     list leaf numbers[set bits of all runs]   below leaf_count
  *
- * The next node is the one behind all of the page's own nodes that masks and references of the
- * level have led to before; at the beginning it is the page's first.
+ * The next node is the first of the page's own nodes of the level below to which no mask or
+ * reference of the level has led so far, nor to any node behind it. At the beginning it is the
+ * first node.
  */
 #include "base/bytes.h"
 #include "base/numbers.h"
 #include "format/pack_order.h"
 #include "format/value_set.h"
 
-/* A parsed page; pointers into its raw bytes. Level arrays are indexed by level; levels that it
- * does not have read as empty. */
+/* A parsed page, with pointers into its raw bytes. Arrays are indexed by level; levels that the
+ * page does not have read as empty. */
 struct umb__page {
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
     uint32_t external_count[UMB_LEVEL_MAX + 1];
-    const uint8_t *external_pages[UMB_LEVEL_MAX + 1];     /* differences */
-    const uint8_t *external_positions[UMB_LEVEL_MAX + 1]; /* differences */
+    const uint8_t *external_pages[UMB_LEVEL_MAX + 1];     /* Differences of pages */
+    const uint8_t *external_positions[UMB_LEVEL_MAX + 1]; /* Differences of positions */
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
-    uint64_t child_count[UMB_LEVEL_MAX + 1]; /* mixed children of all nodes of the level */
+    uint64_t child_count[UMB_LEVEL_MAX + 1]; /* Number of mixed children of all nodes */
     /* References that are written; [3]: leaf numbers. */
     struct umb__number_list references[UMB_LEVEL_MAX + 1];
     uint32_t leaf_count;
     const uint8_t *leaves; /* Bits for the rows that differ, then these rows */
-    const uint8_t *runs;
+    const uint8_t *runs;   /* [node_count[3]] Runs of each brick */
 };
 
 /*
@@ -60,18 +62,18 @@ UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, str
                                             struct umb_error *error);
 
 /*
- * Reading a parsed page, level by level. Each goes from the first to the last: nodes of other pages
+ * Reading a parsed page, level by level, from the first item to the last. The nodes in other pages:
  *
  *     struct umb__page_others others = umb__page_others(&page, level);
  *     for each of external_count[level]: place = umb__page_others_next(&others);
  *
- * and the nodes of a level, whose references below node_count[level - 1] are positions of nodes in
- * the page, the others numbers in that table, counted from there:
+ * The nodes of a level. A reference r below n = node_count[level - 1] is the position of a node in
+ * the page; any other is item r - n of the nodes in other pages:
  *
  *     struct umb__page_nodes nodes = umb__page_nodes(&page, level);
  *     for each of node_count[level]: count = umb__page_nodes_next(&nodes, &mask, references);
  *
- * and bricks, with the table of leaves:
+ * The bricks, with the table of leaves:
  *
  *     umb__page_leaves(&page, leaves);
  *     struct umb__page_bricks bricks = umb__page_bricks(&page, leaves);
@@ -79,8 +81,8 @@ UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, str
  */
 struct umb__page_others {
     const uint8_t *page_at, *position_at;
-    struct umb__node_place place; /* the one before */
-    bool first;
+    struct umb__node_place place; /* Place of the node before */
+    bool first;                   /* True before the first node */
 };
 
 static inline struct umb__page_others umb__page_others(const struct umb__page *page, uint32_t level)
@@ -105,7 +107,7 @@ struct umb__page_nodes {
     const uint8_t *masks;
     struct umb__list_reader references;
     uint32_t own;  /* Number of the page's own nodes of the level below */
-    uint32_t next; /* of those */
+    uint32_t next; /* Position of the next node among those */
 };
 
 static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *page, uint32_t level)
@@ -115,14 +117,14 @@ static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *pag
                                     .own = page->node_count[level - 1]};
 }
 
-/* Returns the bits of the children that are the next nodes, in a mask as it stands in a page: the
- * lower bit of each child. */
+/* Returns the lower bit of each child that is the next node. In: mask: as it stands in a page. */
 static inline unsigned umb__page_mask_next(unsigned mask)
 {
     return mask & mask >> 1 & 0x5555U;
 }
 
-/* Out: mask: as the octree has it. Returns the number of mixed children. */
+/* Reads the next node of a level. Out: mask: as the octree has it. Returns the number of mixed
+ * children, and so of references. */
 static inline unsigned umb__page_nodes_next(struct umb__page_nodes *nodes, uint16_t *mask,
                                             uint32_t references[8])
 {
@@ -144,7 +146,7 @@ static inline unsigned umb__page_nodes_next(struct umb__page_nodes *nodes, uint1
     return count;
 }
 
-/* Out: leaves: [leaf_count]. */
+/* Decodes the leaves of a page. Out: leaves: uint64[leaf_count]. */
 void umb__page_leaves(const struct umb__page *page, uint64_t *leaves);
 
 struct umb__page_bricks {
@@ -176,20 +178,19 @@ static inline void umb__page_bricks_next(struct umb__page_bricks *bricks, uint64
 struct umb__page_encoder {
     uint8_t *raw; /* [raw_size] Bytes of the page encoded last */
     size_t raw_size, raw_capacity;
-    uint32_t node_count;  /* nodes and bricks in it */
-    uint32_t *references; /* of a level */
+    uint32_t node_count;  /* Number of nodes and bricks in that page */
+    uint32_t *references; /* References of a level */
     size_t references_capacity;
     uint32_t *positions; /* Positions of a level's nodes in other pages, as differences */
     size_t positions_capacity;
-    uint8_t *runs; /* of the bricks */
+    uint8_t *runs; /* Runs of the bricks */
     size_t runs_capacity;
     struct umb__value_set table; /* Values: a level's nodes in other pages, or leaves */
     struct umb__value_set own;   /* The page's nodes of a level, by their number in the octree */
 };
 
 /*
- * Encodes page number `page` of an order.
- * Out: encoder->raw.
+ * Encodes page number `page` of an order into encoder->raw.
  * Threads: any number of encoders may work on one order, if its allocator allows.
  */
 UMB_CHECKED enum umb_status umb__page_encode(struct umb__page_encoder *encoder,

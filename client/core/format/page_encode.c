@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The writing half of page.h: level by level from the top. */
+/* Encoding pages; see page.h. */
 #include "format/page.h"
 
 #include <stdbool.h>
@@ -16,13 +16,15 @@ struct writer {
     const struct umb__pack_order *order;
     struct umb__page_encoder *e;
     uint32_t page;
-    bool failed; /* out of memory: checked at the end */
+    bool failed; /* True once memory was short; checked at the end */
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
-    const uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [node_count] in the order of the page */
+    /* [node_count] Octree numbers, in the order of the page */
+    const uint32_t *nodes[UMB_LEVEL_MAX + 1];
 };
 
-/* Makes room for at most that many further bytes of the page. NULL: out of memory. */
+/* Makes room for at most `most` further bytes of the page. Returns where they go; NULL: out of
+ * memory. */
 static uint8_t *reserve(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
@@ -34,20 +36,10 @@ static uint8_t *reserve(struct writer *w, size_t most)
     return e->raw + e->raw_size;
 }
 
-/* In: end: end of the bytes written into the room. */
+/* Counts the bytes written up to `end` as part of the page. */
 static void keep(struct writer *w, const uint8_t *end)
 {
     w->e->raw_size = (size_t)(end - w->e->raw);
-}
-
-/* Bit z: slice z differs from slice z - 1; bit 0 is set. */
-static unsigned brick_runs(const uint64_t *brick)
-{
-    unsigned bits = 1;
-    for (unsigned z = 1; z < 8; z++) {
-        bits |= (unsigned)(brick[z] != brick[z - 1]) << z;
-    }
-    return bits;
 }
 
 /* Distance in nodes or children at which memory is prefetched. */
@@ -86,8 +78,8 @@ static void write_counts(struct writer *w)
     keep(w, at);
 }
 
-/* Makes room for at most so many references of a level, and an empty table. False: out of memory.
- */
+/* Makes room for at most `most` references of a level, and empties the table. False: out of
+ * memory. */
 static bool begin_table(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
@@ -133,8 +125,8 @@ static size_t list_children(struct writer *w, uint32_t node_level)
     return (size_t)(reference - w->e->references);
 }
 
-/* Turns children into positions in the page, if all of them are in it: the set numbers nodes as it
- * meets them, which is their order in the page. False: out of memory. */
+/* Turns children into positions in an independent page, which holds them all. The set numbers
+ * nodes as they are added, in their order in the page. False: out of memory. */
 static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 {
     struct umb__value_set *own = &w->e->own;
@@ -198,8 +190,8 @@ static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *a
     return at;
 }
 
-/* Writes the masks, which mark children that are the next nodes. Moves the references of all other
- * children to the front, as they are to be written, and returns their number. */
+/* Writes the masks, which mark the children that are the next nodes (page.h). Moves the references
+ * of all other children to the front of the list, as they are written, and returns their number. */
 static size_t put_masks(const struct writer *w, uint32_t node_level, uint8_t *at)
 {
     const uint16_t *masks = w->octree->level[node_level].masks;
@@ -263,7 +255,7 @@ static size_t list_leaves(struct writer *w)
             __builtin_prefetch(w->octree->bricks[nodes[i + AHEAD]]);
         }
         const uint64_t *brick = w->octree->bricks[nodes[i]];
-        w->e->runs[i] = (uint8_t)brick_runs(brick);
+        w->e->runs[i] = (uint8_t)umb__brick_runs(brick);
         for (unsigned runs = w->e->runs[i]; runs != 0; runs &= runs - 1) {
             *reference++ = umb__value_set_add(&w->e->table, brick[__builtin_ctz(runs)]);
         }

@@ -14,18 +14,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define UMB__RECEIVER_MASK_LOG2 6U /* cells a side, as a power of two */
-#define UMB__RECEIVER_MASK_WORDS                                                                   \
-    ((size_t)1 << (2 * UMB__RECEIVER_MASK_LOG2)) /* of 64 cells along x, a frustum */
+#define UMB__RECEIVER_MASK_LOG2 6U /* Logarithm of the cells a side: 64 */
+/* Words of a frustum's mask, each for a row of 64 cells along x. */
+#define UMB__RECEIVER_MASK_WORDS ((size_t)1 << (2 * UMB__RECEIVER_MASK_LOG2))
 
-/* Returns the word of a row of cells; cell x is bit x of it. */
+/* Returns the index of the word for the row of cells at (y, z); cell x is bit x of that word. */
 static inline size_t umb__receiver_mask_word(uint32_t y, uint32_t z)
 {
     return ((size_t)z << UMB__RECEIVER_MASK_LOG2) + y;
 }
 
-/* Returns whether a voxel lies in a marked cell. In: cells: of its frustum, of 1 << log2_size
- * voxels a side. */
+/* Returns true if a voxel lies in a marked cell. In: cells: mask of the voxel's frustum, which has
+ * 1 << log2_size voxels a side. */
 static inline bool umb__receiver_mask_has(const uint64_t *cells, uint32_t log2_size,
                                           const uint32_t voxel[3])
 {

@@ -2,56 +2,54 @@
 #ifndef UMBRAGE_CORE_FORMAT_TRANSMITTANCE_H
 #define UMBRAGE_CORE_FORMAT_TRANSMITTANCE_H
 /*
- * Translucent casters: how much light is left along each texel's ray (deep shadow maps).
+ * The transmittance of translucent casters: how much light is left along each texel's ray (deep
+ * shadow maps).
  *
- * A map of a frustum has 2^m texels a side, of 2^(n-m) voxels each. A texel's list is a falling
- * staircase: steps (z, drop), z ascending; voxel z' gets 1 less the drops of all steps with z <=
- * z', in units of 2^-21. Texels without a list get all light. An entry TRNS of the canonical block
+ * The map of a frustum of 2^n voxels a side has 2^m texels a side. A texel's list has steps (z,
+ * drop) with ascending z: a voxel at depth z' gets 1 minus the drops of all steps with z <= z', in
+ * units of 2^-21. A texel without a list gets all light. The entry TRNS of the canonical block
  * holds the maps of all frusta (docs/reference/umb-format.md, section 3):
  *
- * - a byte for each frustum: m, or 0: nothing translucent lies before it;
- * - for each frustum with a map its squares of 64x64 texels, row by row: u64 mask of their 8x8
- *   blocks that have a list (bit x + 8 * y); for each of those u64 mask of its texels that have
- *   one; and for each of these its list;
- * - a list: for each step varint 4 * a + 2 * same + (1 if another step follows), and varint
- *   drop - 1 unless it is the same as that of the last step in the square whose number is this
- *   one's modulo 8. Of the first step a is z less that of the square's list before (0 at first),
- *   folded to 0, -1, 1, -2 ... = 0, 1, 2, 3 ...; of the others z less that of the step before,
- *   less 1.
+ * - a byte for each frustum: m, or 0 for a frustum without translucent casters;
+ * - for each frustum with a map, its squares of 64x64 texels, row by row. A square is a u64 mask of
+ *   its blocks of 8x8 texels that have a list (bit x + 8 * y); then for each such block a u64 mask
+ *   of its texels that have a list, and the lists of these texels;
+ * - a list is, for each step, number 4 * a + 2 * same + more, then number drop - 1 if `same` is 0.
+ *   `more` is 1 if another step follows. `same` is 1 if the drop is that of the last step in the
+ *   square with the same index in its list modulo 8. In the first step a is z minus the first z of
+ *   the list before in the square (0 for the first list), folded: 0, -1, 1, -2 ... become 0, 1, 2,
+ *   3 ...; in the others a is z minus the z of the step before, minus 1.
  *
- * A varint has seven bits a byte, low ones first, the top bit set on all bytes but the last; it is
- * as short as can be.
- *
- * Open, an entry is expanded: lists in the order of the bytes, found through two layers of masks.
+ * Numbers are those of base/numbers.h. An open asset has the entry expanded: lists in the order of
+ * the bytes, found through two layers of masks.
  */
 #include <stdbool.h>
 #include <stdint.h>
 #include "umbrage/asset.h"
 
-#define UMB__TRANSMITTANCE_ONE       ((uint32_t)1 << 21) /* all light */
-#define UMB__TRANSMITTANCE_LEVEL_MIN 6U                  /* least m */
-
-#define UMB__TRANSMITTANCE_RECENT                                                                  \
-    8U /* Number of drops that a square
-                                                            remembers */
+#define UMB__TRANSMITTANCE_ONE       ((uint32_t)1 << 21) /* Units of all light */
+#define UMB__TRANSMITTANCE_LEVEL_MIN 6U                  /* Least m */
+#define UMB__TRANSMITTANCE_RECENT    8U                  /* Drops that a square remembers */
 
 /* A square of 64x64 texels, or a block of 8x8. */
 struct umb__transmittance_group {
-    uint64_t mask;  /* Blocks, or texels, that have a list */
-    uint32_t first; /* Number of the first of them */
+    uint64_t mask; /* Blocks, or texels, that have a list */
+    /* Number of the first of these blocks, or of the first of these texels' lists */
+    uint32_t first;
 };
 
 struct umb__transmittance_step {
     uint32_t z;    /* First voxel behind the step */
-    uint32_t lost; /* Sum of the drops up to here, at most UMB__TRANSMITTANCE_ONE */
+    uint32_t lost; /* Sum of the drops up to this step, at most UMB__TRANSMITTANCE_ONE */
 };
 
 struct umb__transmittance_map {
-    uint32_t level;        /* m, or 0 */
-    uint32_t first_square; /* First of its squares: 2^(m-6) rows of 2^(m-6) */
+    uint32_t level; /* Level m of the map; 0: no map */
+    /* Index of the map's first square; it has 2^(m-6) rows of 2^(m-6) squares */
+    uint32_t first_square;
 };
 
-/* An entry, expanded. */
+/* The transmittance of all frusta, expanded. */
 struct umb__trans {
     struct umb__transmittance_map *maps;      /* [frustum_count]; NULL: there is no entry */
     struct umb__transmittance_group *squares; /* [square_count] */
@@ -91,8 +89,8 @@ struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Sums the loss of all voxels of a window, each at most UMB__TRANSMITTANCE_ONE. In: n: log2 of the
- * frustum's size. */
+/* Returns the sum over the voxels of a window of the light that each lost, at most
+ * UMB__TRANSMITTANCE_ONE. In: n: binary logarithm of the frustum's voxels a side. */
 uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *window);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads transmittance maps (transmittance.h). One walk checks and counts, and stores if it has
- * room. */
+/* Reading transmittance maps (transmittance.h). One walk checks and counts the parts of an entry,
+ * and stores those for which there are arrays. */
 #include "format/transmittance.h"
 
 #include <string.h>
@@ -12,7 +12,7 @@
 
 struct walk {
     const uint8_t *at, *end;
-    uint32_t size;            /* voxels along the frustum */
+    uint32_t size;            /* Voxels along the frustum */
     struct umb__trans *trans; /* Counts; arrays are filled if they are not NULL */
 };
 
@@ -32,14 +32,13 @@ static int64_t unfold(uint32_t number)
     return number & 1 ? -(int64_t)(number >> 1) - 1 : (int64_t)(number >> 1);
 }
 
-/* State that a list may refer to: the beginning of the list before, and the last drops by number
- * modulo 8. */
+/* Earlier steps of a square that a list may refer to. */
 struct recent {
-    int64_t first_z;
-    uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* 0: none yet */
+    int64_t first_z;                           /* First z of the list before */
+    uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* Last drop by index modulo 8; 0: none yet */
 };
 
-/* Reads the drop of a step; 0 if it is cut off, or not written in the shortest way. */
+/* Reads the drop of a step. Returns 0 if the drop is cut off or not written in the shortest way. */
 static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
@@ -176,7 +175,7 @@ enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
     struct umb__trans counts = {0};
     memset(trans, 0, sizeof *trans);
     UMB__TRY(walk_entry(bytes, length, frusta, frustum_count, &counts, error));
-    /* One more of each, since an entry may have none. */
+    /* One item more in each array, since an entry may have none. */
     trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
     trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
     trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);
@@ -205,7 +204,7 @@ void umb__transmittance_finish(struct umb__trans *trans, const struct umb_alloc 
     memset(trans, 0, sizeof *trans);
 }
 
-/* Returns the loss of a list at a voxel and before it. */
+/* Returns the light that a list takes up to and at depth z. */
 static uint32_t list_lost(const struct umb__trans *trans, uint32_t list, uint32_t z)
 {
     const uint32_t begin = trans->starts[list];

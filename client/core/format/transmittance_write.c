@@ -53,14 +53,13 @@ static uint32_t fold(int64_t number)
     return (uint32_t)(number < 0 ? -2 * number - 1 : 2 * number);
 }
 
-/* State that a list may refer to: the beginning of the list before, and the last drops by number
- * modulo 8. */
+/* Earlier steps of a square that a list may refer to. */
 struct recent {
-    int64_t first_z;
-    uint32_t drops[UMB__TRANSMITTANCE_RECENT];
+    int64_t first_z;                           /* First z of the list before */
+    uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* Last drop by index modulo 8; 0: none yet */
 };
 
-/* Room for it is there. */
+/* Writes a list, for which there is room. */
 static void put_list(struct umb__transmittance_bytes *bytes,
                      const struct umb__transmittance_list *list, struct recent *recent)
 {
@@ -90,19 +89,15 @@ static enum umb_status put_block(struct umb__transmittance_bytes *bytes,
                                  const struct umb__transmittance_list *lists, uint32_t block,
                                  uint64_t texels, struct recent *recent, struct umb_error *error)
 {
-    enum umb_status status = reserve(bytes, 8, error);
-    if (status == UMB_OK) {
-        (void)put_mask(bytes, texels);
-    }
-    for (; texels && status == UMB_OK; texels &= texels - 1) {
+    UMB__TRY(reserve(bytes, 8, error));
+    (void)put_mask(bytes, texels);
+    for (; texels; texels &= texels - 1) {
         const struct umb__transmittance_list *list =
             list_of(lists, block, (uint32_t)__builtin_ctzll(texels));
-        status = reserve(bytes, (size_t)list->count * STEP_BYTES_MAX, error);
-        if (status == UMB_OK) {
-            put_list(bytes, list, recent);
-        }
+        UMB__TRY(reserve(bytes, (size_t)list->count * STEP_BYTES_MAX, error));
+        put_list(bytes, list, recent);
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes,
@@ -111,23 +106,20 @@ enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes
 {
     uint64_t blocks = 0;
     struct recent recent = {0};
-    enum umb_status status = reserve(bytes, 8, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(reserve(bytes, 8, error));
     const size_t mask_at = put_mask(bytes, 0);
-    for (uint32_t block = 0; block < 64 && status == UMB_OK; block++) {
+    for (uint32_t block = 0; block < 64; block++) {
         uint64_t texels = 0;
         for (uint32_t texel = 0; texel < 64; texel++) {
             texels |= (uint64_t)(list_of(lists, block, texel)->count > 0) << texel;
         }
         if (texels != 0) {
             blocks |= (uint64_t)1 << block;
-            status = put_block(bytes, lists, block, texels, &recent, error);
+            UMB__TRY(put_block(bytes, lists, block, texels, &recent, error));
         }
     }
     umb__store64(bytes->data + mask_at, blocks);
-    return status == UMB_OK ? check_limit(bytes, max_bytes, error) : status;
+    return check_limit(bytes, max_bytes, error);
 }
 
 enum umb_status umb__transmittance_append(struct umb__transmittance_bytes *bytes, const void *data,

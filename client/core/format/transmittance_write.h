@@ -7,17 +7,17 @@
  *
  *     umb__transmittance_square(&bytes, lists, max_bytes, &error);   each square, row by row
  *
- * Squares may be written to several arrays of bytes, by several threads, and put one behind the
- * other: no square depends on another.
+ * Several threads may write squares, each to an array of its own; then umb__transmittance_append
+ * puts the arrays one behind the other. No square depends on another.
  */
 #include "format/transmittance.h"
 
-#define UMB__TRANSMITTANCE_SIDE 64U /* texels a side of a square */
+#define UMB__TRANSMITTANCE_SIDE 64U /* Texels a side of a square */
 
 /* A step as it is written. */
 struct umb__transmittance_drop {
     uint32_t z;
-    uint32_t drop; /* 1 and up */
+    uint32_t drop; /* Light taken, in units of 2^-21, 1 and up */
 };
 
 /* The list of one texel, z ascending; none if count is 0. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Open addressing, at most half full; radix sort by bytes, lowest first, each pass stable. */
+/* Sets of values: open addressing, at most half full; then a radix sort by bytes, lowest first. */
 #include "format/value_set.h"
 
 #include <string.h>
@@ -34,13 +34,14 @@ bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *al
     return true;
 }
 
-/* Fibonacci hashing of a value folded once: masks differ in few and far bits. */
+/* Returns the first slot of a value: Fibonacci hashing of the value folded once, since masks
+ * differ in few bits that lie far apart. */
 static size_t first_slot(const struct umb__value_set *set, uint64_t value)
 {
     return (size_t)(((value ^ (value >> 29)) * 0x9e3779b97f4a7c15ULL) >> (64 - set->log2_slots));
 }
 
-/* Doubles the slots; begin has made room. */
+/* Doubles the slots, for which umb__value_set_begin has made room. */
 static void double_slots(struct umb__value_set *set)
 {
     clear_slots(set, set->log2_slots + 1);
@@ -103,8 +104,8 @@ static void sort_by_byte(const uint64_t *values, const uint32_t *from, size_t co
     }
 }
 
-/* In: numbers: room for 2 * count. Returns the half of it that holds the numbers sorted by their
- * values. */
+/* Sorts the numbers 0 .. count - 1 by their values. In: numbers: room for 2 * count. Returns the
+ * half of `numbers` that holds the result. */
 static const uint32_t *sort_numbers(const uint64_t *values, uint32_t *numbers, size_t count)
 {
     uint32_t *from = numbers, *to = numbers + count;

@@ -19,13 +19,13 @@
 
 struct umb__value_set {
     size_t count;
-    uint64_t *values; /* [count] as met; ascending after sort */
-    uint32_t *rank;   /* [count] after sort */
-    /* Working memory, kept from one begin to the next. */
-    uint32_t *slots; /* [1 << log2_slots] number + 1, 0: free */
+    uint64_t *values; /* [count] Values by number; ascending after sort */
+    uint32_t *rank;   /* [count] After sort: index in `values` of each number's value */
+    /* Working memory, kept from one begin to the next: */
+    uint32_t *slots; /* [1 << log2_slots] Number of a value plus one; 0: free */
     unsigned log2_slots;
-    uint64_t *met;     /* [count] values as they were met */
-    uint32_t *numbers; /* [2 * count] */
+    uint64_t *met;     /* [count] Values by number, for sort */
+    uint32_t *numbers; /* [2 * count] Numbers under sort */
     size_t values_capacity, rank_capacity, slots_capacity, met_capacity, numbers_capacity;
 };
 
@@ -36,7 +36,7 @@ bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *al
 /* Finds or adds a value; returns its number. */
 uint32_t umb__value_set_add(struct umb__value_set *set, uint64_t value);
 
-/* Sorts; no value may be added afterwards. False: out of memory. */
+/* Sorts the values; none may be added afterwards. False: out of memory. */
 bool umb__value_set_sort(struct umb__value_set *set, const struct umb_alloc *alloc);
 
 void umb__value_set_finish(struct umb__value_set *set, const struct umb_alloc *alloc);

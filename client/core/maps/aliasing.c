@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Texels against pixels; see umbrage/aliasing.h. */
+/* How texels fit pixels; see umbrage/aliasing.h. */
 #include "umbrage/aliasing.h"
 
 #include <math.h>
@@ -8,7 +8,8 @@
 #include "maps/map_view.h"
 #include "base/vec.h"
 
-/* Computes the gradients of pixel coordinates, per metre; 0 behind the camera. */
+/* Computes the gradients of pixel coordinates, per metre. Returns 0 for a point behind the
+ * camera. */
 static int pixel_gradients(const struct umb__map_view *camera, const double size[2],
                            const double world[3], double gradient[2][3], double *distance)
 {
@@ -31,21 +32,7 @@ static int pixel_gradients(const struct umb__map_view *camera, const double size
     return 1;
 }
 
-/* Finds two unit vectors within the plane of a unit normal. */
-static void plane_axes(const double normal[3], double axes[2][3])
-{
-    double helper[3] = {0.0, 0.0, 0.0};
-    int least = 0;
-    for (int i = 1; i < 3; i++) {
-        least = fabs(normal[i]) < fabs(normal[least]) ? i : least;
-    }
-    helper[least] = 1.0;
-    umb__cross(helper, normal, axes[0]);
-    (void)umb__unit(axes[0]);
-    umb__cross(normal, axes[0], axes[1]);
-}
-
-/* Computes the change of coordinates along both axes of the plane. */
+/* Computes how much each coordinate changes along each axis of a plane. */
 static void along_plane(double gradient[2][3], double axes[2][3], double out[2][2])
 {
     for (int i = 0; i < 2; i++) {
@@ -56,8 +43,8 @@ static void along_plane(double gradient[2][3], double axes[2][3], double out[2][
 }
 
 /*
- * Returns the singular values of a 2 x 2 matrix: the hypotenuses of its rotation and reflection
- * parts, added and subtracted. The greater one has no cancellation.
+ * Computes the singular values of a 2 x 2 matrix: the lengths of its rotation and reflection parts,
+ * added and subtracted. The greater value has no cancellation.
  */
 static void singular_values(double m[2][2], double *most, double *least)
 {
@@ -108,7 +95,7 @@ enum umb_status umb_aliasing_at(const struct umb_map_frustum *frustum,
     if (!(cos_a > 0.0 && cos_b >= 0.0)) {
         return UMB_E_NOT_FOUND;
     }
-    plane_axes(n, axes);
+    umb__across(n, axes[0], axes[1]);
     along_plane(point.gradient, axes, a);
     along_plane(pixel, axes, b);
     const double determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];

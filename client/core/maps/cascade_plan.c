@@ -2,24 +2,25 @@
 /*
  * Splits of a view and the frusta of their slices; see umbrage/cascades.h.
  *
- * Light space here: u, v across the light and w along it, metres, relative to the scene's centre.
- * u and v depend on the light alone, so that the texel grid of UMB_CASCADE_SLICE is fixed in the
- * world. For LISPSM v is the direction of view, as seen by the light.
+ * Light space in this file: u and v across the light, w along it, in metres from the scene's
+ * centre. u and v depend on the light alone, so that the texel grid of UMB_CASCADE_SLICE is fixed
+ * in the world. Only for LISPSM v is the direction of view, as seen from the light.
  */
 #include "maps/map_view.h"
 
 #include <math.h>
 #include <string.h>
 #include "base/reserved.h"
+#include "base/try.h"
 #include "base/vec.h"
 
-#define SINE_MIN 0.05 /* LISPSM: view within 3 degrees of the light is not warped */
+#define SINE_MIN 0.05 /* Sine of 3 degrees: LISPSM warps no view closer to the light than that */
 
 /* Bounds of a camera's lengths, so that their squares stay finite and above 0. */
 #define LENGTH_MIN      1e-30
 #define LENGTH_MAX      1e30
 #define TANGENT_MIN     1e-6
-#define SLICES_AWAY_MAX 1099511627776.0 /* 2^40 slices from the scene: doubles hold 53 bits */
+#define SLICES_AWAY_MAX 0x1p40 /* Slices from the scene: doubles hold 53 bits */
 
 void umb_cascades_split(double near_m, double far_m, uint32_t count, double weight, double *splits)
 {
@@ -47,7 +48,7 @@ static void extent_add(struct extent *extent, double value)
 struct fitting {
     double origin[3], axes[3][3];
     struct extent scene[3];
-    double corners[8][3]; /* light space */
+    double corners[8][3]; /* Corners of the slice, light space */
     struct extent slice[3];
     double centre[3], radius; /* Sphere around the slice, light space */
 };
@@ -79,9 +80,9 @@ static void scene_measure(struct fitting *fit, const struct umb_box *scene)
 }
 
 /*
- * Computes the corners of the slice, and a sphere around it whose radius depends on the camera's
- * lens only. Its centre lies on the axis, as far from the near corners as from the far ones, but
- * not behind the far plane.
+ * Computes the corners of the slice, and a sphere around the slice. The sphere's radius depends on
+ * the camera's lens only. Its centre lies on the axis of view, as far from the near corners as from
+ * the far ones, but not behind the far plane.
  */
 static void slice_measure(struct fitting *fit, const struct umb__map_view *camera, double near_m,
                           double far_m)
@@ -111,10 +112,8 @@ static void slice_measure(struct fitting *fit, const struct umb__map_view *camer
     }
 }
 
-/*
- * Checks that doubles resolve the slice's extent across the light at its distance. Otherwise an eye
- * far from the scene gives extents of 0, and these are divisors.
- */
+/* Checks that doubles resolve the slice's extent across the light at its distance from the scene:
+ * for an eye too far away the extents, which are divisors, become 0. */
 static enum umb_status slice_check(const struct fitting *fit, const struct umb__map_view *camera,
                                    uint32_t index, struct umb_error *error)
 {
@@ -132,7 +131,7 @@ static enum umb_status slice_check(const struct fitting *fit, const struct umb__
     return UMB_OK;
 }
 
-/* Writes row `row` of the matrix: out = scale . (light space) + shift. */
+/* Writes row `row` of world_to_map, which then gives scale . (u, v, w) + shift. */
 static void row_set(struct umb_map_frustum *frustum, const struct fitting *fit, int row,
                     const double scale[3], double shift)
 {
@@ -174,7 +173,7 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
 {
     for (int axis = 0; axis < 2; axis++) {
         const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
-        /* Snapped: the low end is a whole number of texels, so one more texel is spare. */
+        /* The low end is snapped to a whole number of texels, so one more texel is spare. */
         const double texel_m = 2.0 * fit->radius / (texels - 3.0);
         const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
         axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
@@ -190,15 +189,11 @@ static struct extent shared(const struct fitting *fit, int axis)
     return e.high - e.low > least ? e : fit->slice[axis];
 }
 
-static void scene_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
-{
-    axis_fit(frustum, fit, 0, shared(fit, 0));
-    axis_fit(frustum, fit, 1, shared(fit, 1));
-}
-
 /*
- * Perspective along v, from a point n before the slice: q = v - v0 + n, x = a + b (u - u0)/q,
- * y = c + e/q. n = (z_n + sqrt(z_n z_f)) / sin(gamma) makes the error of the slice's ends equal.
+ * Fits a perspective along v whose centre lies n metres before the slice's low end v0. With q = v -
+ * v0 + n, texel coordinates are x = w / 2 + b (u - u0) / q, where u0 is the eye's u, and y = c + e
+ * / q. n = (z_n + sqrt(z_n z_f)) / sin(gamma) makes the aliasing at both ends of the slice equal:
+ * z_n and z_f are the slice's splits, gamma is the angle between view and light.
  * Source: Wimmer, Scherzer, Purgathofer 2004, section 4.
  */
 static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fit,
@@ -225,26 +220,16 @@ static void lispsm_fit(struct umb_map_frustum *frustum, const struct fitting *fi
     frustum->projection = UMB_MAP_PERSPECTIVE;
 }
 
-/* Chooses u, v for a light along w: by the world axis it leans on least, or v along the view. */
-static int axes_make(struct fitting *fit, const struct umb__map_view *camera, int by_view)
+/* Chooses u and v across the light so that v is the direction of view. Returns 0 if the view is too
+ * close to the light's direction. */
+static int axes_by_view(struct fitting *fit, const struct umb__map_view *camera)
 {
-    double helper[3] = {0.0, 0.0, 0.0};
-    const double *w = fit->axes[2];
-    int least = 0;
-    for (int i = 1; i < 3; i++) {
-        least = fabs(w[i]) < fabs(w[least]) ? i : least;
-    }
-    helper[least] = 1.0;
-    if (by_view) {
-        umb__cross(camera->forward, w, fit->axes[0]);
-        if (umb__length(fit->axes[0]) < SINE_MIN) {
-            return 0;
-        }
-    } else {
-        umb__cross(helper, w, fit->axes[0]);
+    umb__cross(camera->forward, fit->axes[2], fit->axes[0]);
+    if (umb__length(fit->axes[0]) < SINE_MIN) {
+        return 0;
     }
     (void)umb__unit(fit->axes[0]);
-    umb__cross(w, fit->axes[0], fit->axes[1]);
+    umb__cross(fit->axes[2], fit->axes[0], fit->axes[1]);
     return 1;
 }
 
@@ -301,7 +286,8 @@ static enum umb_status settings_check(const struct umb_cascade_settings *setting
     return UMB_OK;
 }
 
-/* Finds the origin of light space; fails on a box without extent or a light without direction. */
+/* Sets the origin of light space and its axis w. Fails: E_ARGUMENT (a box without extent, a light
+ * without direction). */
 static enum umb_status light_space_make(struct fitting *fit, const double to_light[3],
                                         const struct umb_box *scene, struct umb_error *error)
 {
@@ -327,19 +313,12 @@ enum umb_status umb__cascades_plan(const struct umb__map_view *camera, const dou
 {
     struct fitting fit;
     memset(plan, 0, sizeof *plan);
-    enum umb_status status = camera_check(camera, error);
-    if (status == UMB_OK) {
-        status = settings_check(settings, error);
-    }
-    if (status == UMB_OK) {
-        status = light_space_make(&fit, to_light, scene, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    const int warp = settings->fit == UMB_CASCADE_LISPSM && axes_make(&fit, camera, 1);
+    UMB__TRY(camera_check(camera, error));
+    UMB__TRY(settings_check(settings, error));
+    UMB__TRY(light_space_make(&fit, to_light, scene, error));
+    const int warp = settings->fit == UMB_CASCADE_LISPSM && axes_by_view(&fit, camera);
     if (!warp) {
-        (void)axes_make(&fit, camera, 0);
+        umb__across(fit.axes[2], fit.axes[0], fit.axes[1]);
     }
     scene_measure(&fit, scene);
     memcpy(plan->eye, camera->eye, sizeof plan->eye);
@@ -358,10 +337,7 @@ enum umb_status umb__cascades_plan(const struct umb__map_view *camera, const dou
             frustum->light[k] = -fit.axes[2][k];
         }
         slice_measure(&fit, camera, plan->splits[i], plan->splits[i + 1]);
-        status = slice_check(&fit, camera, i, error);
-        if (status != UMB_OK) {
-            break;
-        }
+        UMB__TRY(slice_check(&fit, camera, i, error));
         depth_fit(frustum, &fit);
         plan->warped[i] = warp;
         if (warp) {
@@ -369,10 +345,11 @@ enum umb_status umb__cascades_plan(const struct umb__map_view *camera, const dou
         } else if (settings->fit == UMB_CASCADE_SLICE) {
             slice_fit(frustum, &fit);
         } else {
-            scene_fit(frustum, &fit);
+            axis_fit(frustum, &fit, 0, shared(&fit, 0));
+            axis_fit(frustum, &fit, 1, shared(&fit, 1));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
@@ -382,7 +359,6 @@ enum umb_status umb_cascades_plan(const struct umb_camera *camera, const double 
 {
     struct umb__map_view view;
     memset(plan, 0, sizeof *plan);
-    enum umb_status status = umb__map_view_make(camera, &view, error);
-    return status == UMB_OK ? umb__cascades_plan(&view, to_light, scene, settings, plan, error)
-                            : status;
+    UMB__TRY(umb__map_view_make(camera, &view, error));
+    return umb__cascades_plan(&view, to_light, scene, settings, plan, error);
 }

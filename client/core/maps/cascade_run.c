@@ -8,7 +8,7 @@
 #include "base/try.h"
 #include "base/vec.h"
 
-/* Metres along the view. */
+/* Returns a point's distance along the view, metres. */
 static double view_depth(const struct umb_cascade_plan *plan, const struct umb_points *points,
                          size_t index)
 {
@@ -44,7 +44,8 @@ void umb_cascades_run(const struct umb_cascade_plan *plan, const struct umb_map_
     }
 }
 
-/* Returns the root mean square of the difference with a contrast; fine answers are in scratch. */
+/* Computes the root mean square of coarse less fine answers, with a contrast of the coarse filter.
+ * In: scratch: the fine answers; the coarse ones go behind them. */
 static enum umb_status seam_difference(const struct umb_cascade_seam *seam, double contrast,
                                        const struct umb_points *points, float *scratch,
                                        double *difference, struct umb_error *error)
@@ -67,9 +68,9 @@ static enum umb_status seam_difference(const struct umb_cascade_seam *seam, doub
 enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct umb_points *points,
                                    float *scratch, struct umb_error *error)
 {
-    /* Golden-section search over log2 C in -10..10. Answers fall with C everywhere, so the
-     * difference has one minimum if the coarse layer is lighter, or darker, all along the seam. The
-     * result is never worse than C = 1. */
+    /* A golden-section search over log2 of the contrast, -10..10. Answers fall as the contrast
+     * rises, so the difference has one minimum if the coarse layer is lighter, or darker, all along
+     * the seam. Otherwise the result may be no minimum, but it is never worse than contrast 1. */
     const double golden = 0.61803398874989484820;
     struct umb_map_query query;
     double low = -10.0, high = 10.0, at[2], value[2] = {0.0, 0.0};

@@ -7,6 +7,12 @@
 #include "base/try.h"
 #include "maps/deep_parts.h"
 
+enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
+                    (unsigned long long)count);
+}
+
 enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                      struct umb_error *error)
 {
@@ -58,9 +64,9 @@ size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
 }
 
 /*
- * Writes the list of one texel and returns its length. Products are doubles, rounded to 2^-30 once
- * a node, so n factors are off by n 2^-53. Fragments that absorb nothing are left out. The last
- * node is the first one that leaves less than epsilon, or nothing.
+ * Writes the list of one texel and returns its length. A product of n factors is a double, off by n
+ * 2^-53, and is rounded to 2^-30 once a node. Fragments that absorb nothing are left out. The list
+ * ends at the first node behind which less than epsilon of the light is left, or none.
  */
 static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
@@ -76,7 +82,7 @@ static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
         left *= 1.0 - (double)sorted[i].alpha;
         if (last == NULL || last->depth != sorted[i].depth) {
             last = (struct umb__deep_node *)(void *)(nodes + length++ * deep->stride);
-            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0: streams compare bits */
+            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0, since streams compare bits */
         }
         last->left = (uint32_t)(left * (double)UMB__DEEP_ONE + 0.5);
         const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
@@ -95,8 +101,7 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(alloc, longest, sizeof *sorted);
     if (sorted == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)longest);
+        return umb__fragments_no_memory(longest, error);
     }
     for (size_t i = 0; i < texels; i++) {
         const size_t count = umb__fragments_sort(in, i, sorted);
@@ -105,8 +110,8 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* Frees the memory that truncation saved; if the allocator refuses to shrink, nothing
-     * changes. */
+    /* Frees the memory that the lists do not need. If the allocator refuses, they keep the
+     * block. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
     deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
@@ -118,7 +123,7 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Finds for each node of list `from` the node of list `to` nearest in depth; both lists rise. */
+/* Links each node of list `from` to the node of list `to` nearest in depth; both lists rise. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -142,7 +147,8 @@ static void list_link(const struct umb__deep *deep, size_t from, size_t to, int 
     }
 }
 
-/* Links of texels without such a neighbour stay 0 and are never followed. */
+/* Makes all links. Links of texels without a neighbour on that side stay 0 and are never
+ * followed. */
 static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
@@ -182,7 +188,7 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* Turns the light left behind each node into its drop, from each list's end on. */
+/* Replaces the light left behind each node by the node's drop, from the end of each list on. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;
@@ -195,7 +201,7 @@ static void stream_make(struct umb__deep *deep)
     }
 }
 
-/* Makes room for links behind each node, in place from the end on. */
+/* Makes room for links behind each node: moves the nodes apart in place, the last node first. */
 static enum umb_status links_open(struct umb__deep *deep, const struct umb_alloc *alloc,
                                   struct umb_error *error)
 {
@@ -238,8 +244,7 @@ enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
     }
     if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
         umb__deep_destroy(deep, alloc);
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)total);
+        return umb__fragments_no_memory(total, error);
     }
     enum umb_status status = lists_make(deep, fragments, alloc, error);
     deep->way = status == UMB_OK ? choose_way(deep) : settings->way;

@@ -88,7 +88,7 @@ static void place_move(const struct umb__deep *deep, const struct place *from, i
     to->list = list;
 }
 
-/* Returns the part of a window that lies on the map. */
+/* The part of a filter's window that lies on the map: texels [x0, x1) x [y0, y1). */
 struct window {
     int64_t x0, y0, x1, y1;
 };
@@ -104,8 +104,8 @@ static void place_prefetch(const struct umb__deep *deep, const struct place *pla
 }
 
 /*
- * Goes up the window's left column, then all rows to the right side by side: while one row waits
- * for its next list the others go on.
+ * Sums the light of a window's texels. Goes up the window's left column, then along all rows to the
+ * right side by side: while one row waits for the memory of its next list, the others go on.
  */
 static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
@@ -134,21 +134,22 @@ static double window_sum(const struct umb__deep *deep, const struct window *w, d
 }
 
 /* Returns the bits of the least float that is not below a depth. Floats from 0 on rise as their
- * bits do, and one is nearer than the depth if and only if its bits are below these. */
+ * bits do, so a float is nearer than the depth if and only if its bits are below the returned
+ * ones. */
 static uint32_t bits_from(double depth)
 {
     uint32_t bits;
     if (!(depth > 0.0)) {
         return 0;
     }
-    float near = depth < 2.0 ? (float)depth : 2.0F; /* behind everything */
+    float near = depth < 2.0 ? (float)depth : 2.0F; /* Behind all nodes */
     near = (double)near < depth ? nextafterf(near, INFINITY) : near;
     memcpy(&bits, &near, sizeof bits);
     return bits;
 }
 
-/* Returns the drop of a node if it is nearer than the limit, else 0. It is a mask, since about half
- * of the nodes are nearer, in no predictable order. */
+/* Returns the drop of a node if its depth's bits are below the limit, else 0. By a mask: about
+ * half of the nodes are nearer, in no order that a branch could predict. */
 static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t limit)
 {
     uint32_t bits;
@@ -156,12 +157,13 @@ static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t l
     return node->left & (0U - (uint32_t)(bits < limit));
 }
 
-/* Sums a window from streams: all light, less the drops of nodes nearer than the receiver. */
+/* Sums the light of a window from streams: all light minus the drops of nodes nearer than
+ * `depth`. */
 static double stream_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
     const struct umb__deep_node *nodes = (const struct umb__deep_node *)(const void *)deep->nodes;
     const uint32_t limit = bits_from(depth);
-    uint64_t lost[2] = {0, 0}; /* two sums: the next node need not wait for the last */
+    uint64_t lost[2] = {0, 0}; /* Two sums, so that a node need not wait for the one before */
     for (int64_t y = w->y0; y < w->y1; y++) {
         const uint64_t *row = deep->first + (size_t)y * deep->width;
         const uint64_t end = row[w->x1];
@@ -211,7 +213,7 @@ static enum umb_status deep_check(const struct umb_map_settings *settings, struc
 
 static double deep_slack(const struct umb_map *map)
 {
-    return map->deep->settings.epsilon + 0x1p-24; /* the answer is a float */
+    return map->deep->settings.epsilon + 0x1p-24; /* The answer is a float */
 }
 
 const struct umb__technique umb__map_deep = {

@@ -1,61 +1,47 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Moments of translucent casters: a fixed number of filterable channels a texel instead of a deep
- * map's list. The bounds of moment_bound.h turn them into answers. There are two ways to count
- * absorption:
+ * map's list. The bounds of moment_bound.h turn the channels into answers. There are two ways to
+ * count absorption:
  *
  * MOMENTS counts light. A fragment absorbs its alpha times the light left before it. Light that
- * passes everything counts as absorbed at the far end, behind all receivers. So a texel is a
- * distribution of depth, an opaque one that of a shadow map, and means over texels are those of a
- * filter. An answer is 1 less the least share absorbed before the receiver: an upper bound.
+ * passes all fragments counts as absorbed at the far end, behind all receivers. So each texel is a
+ * distribution of depth, an opaque texel is that of a shadow map, and means over texels are those
+ * of a filter. The answer is 1 minus the least share absorbed before the receiver: an upper bound.
  *
  * ABSORBANCE counts -log of transmittance, which adds up in any order. The sum itself is a channel,
- * so that behind all casters the answer is nearly exact. Transmittance is limited to DARKEST,
- * 2^-10, since the absorbance of an opaque fragment would be infinite. Means over texels are those
- * of logarithms: a filter over unlike texels answers too dark.
+ * so that answers behind all casters are nearly exact. Transmittance is limited to at least 2^-10,
+ * since the absorbance of an opaque fragment would be infinite. Means over texels are means of
+ * logarithms, so a filter over unlike texels answers too dark.
  *
- * Error: MOMENTS: `bias` (moment_bound.h). ABSORBANCE: channels are off by e; a mean of the
- * normalised distribution by 2 e over its sum s, which `bias` follows; so the absorbance before a
- * receiver is off by s * bias and e more, times DARKEST, and the answer by no more than that, and
- * 2^-10. With a `moment_bias` below what these errors need, answers are no bounds, and the slack is
- * 1 or near it.
+ * Error of MOMENTS: `bias` (moment_bound.h). Error of ABSORBANCE, with channels off by e and a sum
+ * s of shares: a mean of the normalised distribution is off by 2 e / s, for which `bias` is chosen.
+ * So the share before a receiver is off by s * bias + e, the absorbance by that times `darkest`,
+ * and the answer by no more than the absorbance, plus the limit of 2^-10. With a `moment_bias`
+ * below what these errors need, answers are no bounds, and the slack is 1 or near it.
  */
-#include <math.h>
 #include "base/memory.h"
+#include "base/try.h"
 #include "maps/deep_parts.h"
 #include "maps/map_channels.h"
 #include "maps/moment_bound.h"
 
-/* -log(2^-10): largest absorbance of a texel. */
+/* Largest absorbance of a texel: -log(2^-10). */
 static const double darkest = 6.93147180559945309417;
-
-static double channel_error(const struct umb_map_settings *settings)
-{
-    return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
-}
 
 static enum umb_status moments_check(const struct umb_map_settings *settings,
                                      struct umb_error *error)
 {
-    if (settings->format != UMB_MAP_F32 && settings->format != UMB_MAP_U16) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: moments are F32 or U16");
-    }
+    UMB__TRY(umb__check_plain_format(settings, "moments", error));
     if (settings->terms != 4 && settings->terms != 6 && settings->terms != 8) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.terms is %u; it must be 4, 6 or 8 moments",
                         settings->terms);
     }
-    if (!(settings->moment_bias >= 0.0 && settings->moment_bias <= 1.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "settings.moment_bias is %g; it must be 0..1",
-                        settings->moment_bias);
-    }
-    if (!(settings->overestimate >= 0.0 && settings->overestimate <= 1.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "settings.overestimate is %g; it must be 0..1",
-                        settings->overestimate);
-    }
-    return UMB_OK;
+    UMB__TRY(umb__check_share("moment_bias", settings->moment_bias, error));
+    return umb__check_share("overestimate", settings->overestimate, error);
 }
 
-/* Returns Chebyshev's polynomial of degree k. */
+/* Returns the value at d of Chebyshev's polynomial of degree k. */
 static double chebyshev(uint32_t k, double d)
 {
     double before = 1.0, here = k > 0 ? d : 1.0;
@@ -90,7 +76,8 @@ static size_t light_weigh(const struct umb_map_fragment *sorted, size_t count,
     return used;
 }
 
-/* Means of T1.. over the depths where light is absorbed; at the far end all Tk are 1. */
+/* Computes the mean of T(k+1) over the depths where light is absorbed. At the far end, where the
+ * rest of the light counts as absorbed, every polynomial is 1. */
 static double light_encode(uint32_t k, const struct umb__taken *taken, size_t count)
 {
     double sum = 1.0;
@@ -102,16 +89,15 @@ static double light_encode(uint32_t k, const struct umb__taken *taken, size_t co
 
 static uint32_t light_channels(const struct umb_map_settings *settings, double *exponent)
 {
-    for (uint32_t k = 0; k < settings->terms; k++) {
-        exponent[k] = 0.0;
-    }
+    (void)exponent;
     return settings->terms;
 }
 
 static double light_bias(const struct umb_map_settings *settings)
 {
-    return settings->moment_bias > 0.0 ? settings->moment_bias
-                                       : umb__moment_bias(settings->terms, channel_error(settings));
+    return settings->moment_bias > 0.0
+               ? settings->moment_bias
+               : umb__moment_bias(settings->terms, umb__channel_error(settings));
 }
 
 static double light_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
@@ -125,7 +111,7 @@ static double light_slack(const struct umb_map *map)
 {
     const struct umb_map_settings *settings = &map->settings;
     const double bias = light_bias(settings);
-    return bias < umb__moment_bias(settings->terms, channel_error(settings)) ? 1.0 : bias;
+    return bias < umb__moment_bias(settings->terms, umb__channel_error(settings)) ? 1.0 : bias;
 }
 
 static size_t absorbance_weigh(const struct umb_map_fragment *sorted, size_t count,
@@ -143,7 +129,7 @@ static size_t absorbance_weigh(const struct umb_map_fragment *sorted, size_t cou
     return used;
 }
 
-/* Writes the sum, then the means of T1.. times it. */
+/* Computes channel 0, the sum of the shares, or channel k, the mean of Tk times that sum. */
 static double absorbance_encode(uint32_t k, const struct umb__taken *taken, size_t count)
 {
     double sum = 0.0;
@@ -155,16 +141,15 @@ static double absorbance_encode(uint32_t k, const struct umb__taken *taken, size
 
 static uint32_t absorbance_channels(const struct umb_map_settings *settings, double *exponent)
 {
-    const uint32_t count = light_channels(settings, exponent);
-    exponent[count] = 0.0;
-    return count + 1;
+    (void)exponent;
+    return settings->terms + 1;
 }
 
 static double absorbance_answer(const struct umb__map_query *query,
                                 const struct umb__receiver *receiver, const double *at)
 {
     const struct umb_map_settings *settings = &query->map->settings;
-    const double sum = at[0], e = channel_error(settings);
+    const double sum = at[0], e = umb__channel_error(settings);
     double means[UMB__MOMENTS_MAX];
     if (!(sum > e)) {
         return 1.0;
@@ -181,18 +166,19 @@ static double absorbance_answer(const struct umb__map_query *query,
 static double absorbance_slack(const struct umb_map *map)
 {
     const struct umb_map_settings *settings = &map->settings;
-    const double e = channel_error(settings), own = settings->moment_bias;
+    const double e = umb__channel_error(settings), own = settings->moment_bias;
     double share = umb__moment_bias(settings->terms, 2.0 * e);
     if (own > 0.0) {
-        /* This suffices for sums above least_sum. Below it, at most the whole sum can be wrong. */
+        /* The setting suffices for texels whose shares add up to least_sum or more. With a smaller
+         * sum the whole of it may be wrong. */
         const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
         share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
     }
     return fmin(darkest * (share + e) + 0x1p-10, 1.0);
 }
 
-/* Lists the absorption of every texel's fragments, one list after another: fills in first and
- * *taken. */
+/* Lists the absorption of every texel's fragments, one list after another. Out: first: index of
+ * each texel's list in `taken`. */
 static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_map_fragments *in,
                                     uint64_t *first, struct umb__taken *taken,
                                     struct umb_error *error)
@@ -202,8 +188,7 @@ static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_
     uint64_t used = 0;
     struct umb_map_fragment *sorted = umb__alloc(umb__map_alloc(map), longest, sizeof *sorted);
     if (sorted == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                        (unsigned long long)longest);
+        return umb__fragments_no_memory(longest, error);
     }
     for (size_t i = 0; i < texels; i++) {
         const size_t count = umb__fragments_sort(in, i, sorted);
@@ -219,20 +204,14 @@ enum umb_status umb__translucent_init(struct umb__channels *channels, const stru
                                       const struct umb_map_fragments *in, struct umb_error *error)
 {
     const size_t texels = (size_t)map->frustum.width * map->frustum.height;
-    enum umb_status status = umb__fragments_check(in, texels, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__fragments_check(in, texels, error));
     const struct umb_alloc *alloc = umb__map_alloc(map);
     const uint64_t total = in->first[texels] - in->first[0];
     uint64_t *first = umb__alloc(alloc, texels + 1, sizeof *first);
     struct umb__taken *taken = umb__alloc(alloc, total, sizeof *taken);
-    if (first == NULL || taken == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
-                          (unsigned long long)total);
-    } else {
-        status = texels_weigh(map, in, first, taken, error);
-    }
+    enum umb_status status = first != NULL && taken != NULL
+                                 ? texels_weigh(map, in, first, taken, error)
+                                 : umb__fragments_no_memory(total, error);
     if (status == UMB_OK) {
         const struct umb__texels lists = {.first = first, .taken = taken};
         status = umb__channels_init(channels, map, &lists, error);

@@ -4,45 +4,45 @@
 /*
  * Deep shadow maps: a texel's light as a falling staircase of depth.
  *
- * A list holds the depths at which light is absorbed, nearest first, each once, with the
- * transmittance left behind it. A receiver at depth t gets the light left behind the last node
- * nearer than t; nodes at t itself do not count, as for shadow maps.
+ * A list has a node for each depth at which light is absorbed, nearest first, with the
+ * transmittance left behind that depth. A receiver at depth t gets the light left behind the last
+ * node nearer than t; nodes at t itself do not count, as for shadow maps.
  *
- * Transmittance is a whole number of 2^-30, so that sums over a window are exact in any order: the
- * ways of umb_map_deep_way give the same bits.
+ * Transmittance is a whole number of units of 2^-30, so that sums over a window are exact in any
+ * order, and all ways of umb_map_deep_way give the same bits.
  *
- * Links (Fuerst, Mattausch, Scherzer 2013): each node stores the node nearest in depth in the list
- * of the texel to the right and above. A wide filter searches its first list only, follows the link
- * of the node it found to the next texel, and walks a step or two there. The result equals that of
- * a search.
+ * Links (Fuerst, Mattausch, Scherzer 2013): each node stores the number of the node nearest in
+ * depth in the list of the texel to the right, and in that of the texel above. A wide filter
+ * searches its first list only. From the node found it follows the link to the next texel and walks
+ * a step or two there. The result equals that of a search.
  *
- * Streams: a texel gets 1 less the drops (light before a node less light behind it) of all its
- * nodes nearer than t. The lists of a window's row are contiguous, so its sum is one pass over them
- * without a branch and without the limits of lists. It is faster than any search if lists are
- * short.
+ * Streams: the light at depth t is 1 minus the drops of all nodes of a texel nearer than t, where a
+ * node's drop is the light before the node minus the light behind it. The lists of a window's row
+ * are contiguous, so the row's sum is one pass over all nodes, without a branch and whatever the
+ * list a node is in. That is faster than any search if lists are short.
  */
 #include "maps/map_parts.h"
 
-#define UMB__DEEP_ONE ((uint32_t)1 << 30) /* transmittance 1 */
+#define UMB__DEEP_ONE ((uint32_t)1 << 30) /* Number of units of transmittance 1 */
 
 struct umb__deep_node {
     float depth;
-    uint32_t left; /* Transmittance behind it; in a stream the drop at it */
+    uint32_t left; /* Transmittance behind the node; in a stream the drop at the node */
 };
 
-/* A node with links: they follow it in the same cache line. */
+/* A node with its links behind it, in the same cache line. */
 struct umb__deep_linked {
     struct umb__deep_node node;
-    uint32_t right, upper; /* node numbers within that list */
+    uint32_t right, upper; /* Numbers of the linked nodes within their lists */
 };
 
 struct umb__deep {
     struct umb_map_deep_settings settings;
     uint32_t width, height;
-    uint64_t *first;           /* [width * height + 1] */
-    uint8_t *nodes;            /* first[width * height] of umb__deep_node, or _linked */
-    size_t stride;             /* bytes of one of them */
-    enum umb_map_deep_way way; /* that was chosen */
+    uint64_t *first;           /* [width * height + 1] Number of each texel's first node */
+    uint8_t *nodes;            /* [first[width * height]] struct umb__deep_node or _linked */
+    size_t stride;             /* Bytes of each node */
+    enum umb_map_deep_way way; /* Way of searching, chosen: not AUTO */
     uint64_t bytes;
 };
 
@@ -59,26 +59,29 @@ static inline const struct umb__deep_node *umb__deep_at(const struct umb__deep_l
     return (const struct umb__deep_node *)(const void *)(list->nodes + i * list->stride);
 }
 
-/* Returns the number of nodes of a list nearer than depth: by binary search, or by a walk from a
- * guess. */
+/* Return the number of nodes of a list nearer than depth: by binary search, or by a walk from a
+ * guess of that number. */
 uint32_t umb__deep_search(const struct umb__deep_list *list, double depth);
 uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth);
 
-/* Fails: E_ARGUMENT (first falls, 2^32 - 1 fragments in a texel or more, a depth or alpha not
- *        0..1). */
+/* Checks fragments. Fails: E_ARGUMENT (`first` falls, 2^32 - 1 fragments or more in a texel, a
+ * depth or alpha not 0..1). */
 UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                                  struct umb_error *error);
+
+/* Fills error with E_NO_MEMORY for `count` fragments, and returns that status. */
+enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error);
 
 /* Returns the number of fragments of the longest texel: room for umb__fragments_sort. */
 uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels);
 
-/* Copies the fragments of one texel, sorted by depth, then by alpha, and returns their number. So
- * equal lists give equal products in any order. */
+/* Copies the fragments of one texel, sorted by depth, then by alpha, so that fragments in any order
+ * give equal products. Returns their number. */
 size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
                            struct umb_map_fragment *sorted);
 
 /*
- * The channels of a map of MOMENTS or ABSORBANCE (deep_moments.c).
+ * Makes the channels of a map of MOMENTS or ABSORBANCE (deep_moments.c).
  *
  * Fails: as umb__fragments_check; E_NO_MEMORY; as umb__channels_init.
  */
@@ -89,12 +92,7 @@ UMB_CHECKED enum umb_status umb__translucent_init(struct umb__channels *channels
 
 void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc);
 
-/*
- * Sorts, multiplies, ends and links all lists.
- *
- * Fails: E_ARGUMENT (first not rising, 2^32 - 1 fragments in a texel or more, a depth or alpha not
- *        0..1), E_NO_MEMORY.
- */
+/* Makes the lists of all texels. Fails: as umb__fragments_check; E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
                                              const struct umb_map_fragments *fragments,
                                              const struct umb_map_deep_settings *settings,

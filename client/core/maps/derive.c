@@ -10,6 +10,7 @@
 #include "base/reserved.h"
 #include "base/memory.h"
 #include "base/try.h"
+#include "base/vec.h"
 #include "maps/derive_parts.h"
 #include "maps/map_view.h"
 #include "umbrage/volume.h"
@@ -18,11 +19,11 @@
 #define EXPONENT_EVSM     40.0
 #define EXPONENT_NEGATIVE 5.0
 
-/* Bytes a texel: the layer, and while channels are built two planes of doubles. */
+/* Bytes a texel: a float of the layer, and two planes of doubles while channels are built. */
 #define TEXEL_BYTES (sizeof(float) + 2 * sizeof(double))
-/* A texel of a row: struct row. */
+/* Bytes a texel of a row: those of struct row. */
 #define ROW_BYTES (4 * sizeof(double) + sizeof(struct umb_column_answer))
-/* Memory for handles, and for planning a KTX file. */
+/* Bytes for handles, and for planning a KTX file. */
 #define FIXED_BYTES 32768U
 
 static uint32_t map_count(const struct umb_derive_settings *settings)
@@ -34,7 +35,7 @@ uint64_t umb_derive_bytes(const struct umb_derive_settings *settings)
 {
     const uint64_t texels = (uint64_t)settings->width * settings->height;
     const uint64_t channels = settings->map.technique == UMB_MAP_PCF ? 1 : 4;
-    const uint64_t stored = texels * channels * sizeof(float) * 4 / 3 + 4096; /* with mips */
+    const uint64_t stored = texels * channels * sizeof(float) * 4 / 3 + 4096; /* Mips included */
     return FIXED_BYTES + settings->width * (uint64_t)ROW_BYTES + texels * TEXEL_BYTES +
            2 * stored * map_count(settings);
 }
@@ -60,7 +61,7 @@ static enum umb_status rect_check(const double rect[4], double size, struct umb_
     return UMB_OK;
 }
 
-/* Checks sizes and GPU formats; the functions that use the other settings check those. */
+/* Checks sizes and GPU formats. The functions that use the other settings check them. */
 static enum umb_status settings_check(const struct umb_derive_settings *settings,
                                       struct umb_error *error)
 {
@@ -104,7 +105,7 @@ static enum umb_status settings_check(const struct umb_derive_settings *settings
     return UMB_OK;
 }
 
-/* What was left open. */
+/* Fills in the defaults of exponents that are 0. */
 static void fill_in(struct umb_map_settings *map)
 {
     const int is_evsm = map->technique == UMB_MAP_EVSM;
@@ -159,12 +160,10 @@ static enum umb_status plan_cascades(const struct umb_light_info *light, const s
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
         cascades->resolution[i] = derived->settings.width;
     }
-    enum umb_status status = umb__cascades_plan(view, to_light, box, cascades, &plan, error);
-    if (status == UMB_OK) {
-        memcpy(derived->frusta, plan.frusta, sizeof derived->frusta);
-        memcpy(derived->splits, plan.splits, sizeof derived->splits);
-    }
-    return status;
+    UMB__TRY(umb__cascades_plan(view, to_light, box, cascades, &plan, error));
+    memcpy(derived->frusta, plan.frusta, sizeof derived->frusta);
+    memcpy(derived->splits, plan.splits, sizeof derived->splits);
+    return UMB_OK;
 }
 
 static enum umb_status place_maps(const struct umb_asset *asset,
@@ -184,9 +183,8 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     if (light.kind != UMB_LIGHT_DIRECTIONAL) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", asked->light);
     }
-    const double *step = frustum.voxel_step[2];
     memcpy(derived->asset_id, info.id, UMB_ID_BYTES);
-    derived->texel_error_m = 0.5 * sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    derived->texel_error_m = 0.5 * umb__length(frustum.voxel_step[2]);
     if (view != NULL) {
         return plan_cascades(&light, &info.bounds, view, derived, error);
     }
@@ -198,10 +196,10 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     return UMB_OK;
 }
 
-/* What one row needs. */
+/* Working memory for one row of texels. */
 struct row {
-    double (*begin)[3]; /* [width], where each texel's light ray enters the map's depths */
-    double *length_m;   /* [width], of the ray from depth 0 to 1 */
+    double (*begin)[3]; /* [width] Point of each texel's light ray at depth 0 */
+    double *length_m;   /* [width] Length in metres of the ray from depth 0 to depth 1 */
     struct umb_column_answer *columns; /* [width] */
 };
 
@@ -209,16 +207,15 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
                        uint32_t y, const struct row *row, float *depth)
 {
     for (uint32_t x = 0; x < frustum->width; x++) {
-        double end[3];
+        double ray[3];
         if (umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 0.0, row->begin[x]) != UMB_OK ||
-            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, end) != UMB_OK) {
+            umb_map_frustum_point(frustum, x + 0.5, y + 0.5, 1.0, ray) != UMB_OK) {
             memset(row->begin[x], 0, sizeof row->begin[x]);
             row->length_m[x] = 0.0;
             continue;
         }
-        const double d[3] = {end[0] - row->begin[x][0], end[1] - row->begin[x][1],
-                             end[2] - row->begin[x][2]};
-        row->length_m[x] = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        umb__subtract(ray, row->begin[x], ray);
+        row->length_m[x] = umb__length(ray);
     }
     const struct umb_points points = {
         .positions = row->begin, .format = UMB_POINT_F64, .count = frustum->width};
@@ -226,7 +223,7 @@ static void derive_row(const struct umb_volume *volume, const struct umb_map_fru
     umb_volume_columns(volume, &points, 0, points.count, &answers);
     for (uint32_t x = 0; x < frustum->width; x++) {
         const double length_m = row->length_m[x], distance_m = row->columns[x].distance_m;
-        depth[x] = 1.0F; /* no occluder, or no ray */
+        depth[x] = 1.0F; /* Without an occluder, or without a ray */
         if (length_m > 0.0 && distance_m < length_m) {
             depth[x] = distance_m > 0.0 ? (float)(distance_m / length_m) : 0.0F;
         }
@@ -254,13 +251,9 @@ static enum umb_status derive_maps(const struct umb_asset *asset,
 {
     const size_t width = asked->width, texels = width * asked->height;
     struct umb_volume volume;
-    enum umb_status status = umb_volume_prepare(asset, asked->light, &volume, error);
-    if (status == UMB_OK) {
-        status = umb_volume_check_columns(&volume, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_volume_prepare(asset, asked->light, &volume, error));
+    UMB__TRY(umb_volume_check_columns(&volume, error));
+    enum umb_status status = UMB_OK;
     struct row row = {umb__alloc(alloc, width, sizeof *row.begin),
                       umb__alloc(alloc, width, sizeof *row.length_m),
                       umb__alloc(alloc, width, sizeof *row.columns)};
@@ -332,8 +325,8 @@ enum umb_status umb_derive(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_ARGUMENT, "camera: NULL, %u cascades need one",
                         settings->cascades.count);
     }
-    enum umb_status status = umb__map_view_make(settings->camera, &view, error);
-    return status == UMB_OK ? umb__derive(asset, settings, &view, alloc, out, error) : status;
+    UMB__TRY(umb__map_view_make(settings->camera, &view, error));
+    return umb__derive(asset, settings, &view, alloc, out, error);
 }
 
 void umb_derived_destroy(struct umb_derived *derived)

@@ -12,9 +12,9 @@
 #include "maps/derive_parts.h"
 
 #define HEADER_BYTES 80
-#define INDEX_BYTES  24 /* a level */
+#define INDEX_BYTES  24 /* Bytes of the index for each level */
 #define SAMPLE_BYTES 16
-#define BLOCK_BYTES  24 /* of the descriptor before its samples */
+#define BLOCK_BYTES  24 /* Bytes of the descriptor before its samples */
 #define JSON_MAX     16384
 #define KEY_JSON     "umbrage.map"
 #define WRITER       "KTXwriter\0umbrage"
@@ -27,7 +27,7 @@ enum sample_kind {
     SAMPLE_SNORM16,
 };
 
-/* Numbers of VkFormat: 1, 2 and 4 channels. */
+/* Numbers of enum VkFormat, by kind of sample and number of channels (1, 2 or 4). */
 static const uint32_t vk_formats[][5] = {
     [SAMPLE_F32] = {[1] = 100, [2] = 103, [4] = 109},
     [SAMPLE_F16] = {[1] = 76, [2] = 83, [4] = 97},
@@ -47,8 +47,8 @@ struct plan {
     char json[JSON_MAX];
 };
 
-/* Appends to the JSON. The buffer's size rules out a cut text: 8 maps of 16 numbers of 25
- * characters, and as much again. */
+/* Appends to the JSON. The text cannot be cut: the buffer is twice as large as 8 maps of 16 numbers
+ * of 25 characters. */
 static void put(struct plan *plan, const char *format, ...) UMB_PRINTF(2, 3);
 static void put(struct plan *plan, const char *format, ...)
 {
@@ -181,7 +181,8 @@ static void write_header(const struct plan *plan, uint8_t *to)
     }
 }
 
-/* The basic block: model RGBSDA, primaries BT.709, linear; one sample a channel. */
+/* Writes the basic descriptor block: model RGBSDA, primaries BT.709, linear; one sample a
+ * channel. */
 static void write_descriptor(const struct plan *plan, uint8_t *to)
 {
     static const uint32_t lower[] = {0xBF800000U, 0xBF800000U, 0, 0xFFFF8001U};

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_MAPS_DERIVE_PARTS_H
 #define UMBRAGE_CORE_MAPS_DERIVE_PARTS_H
-/* Content of a struct umb_derived besides its public part. */
+/* A struct umb_derived with its private parts. */
 #include <stdbool.h>
 #include "umbrage/derive.h"
 
 struct umb__derived {
     struct umb_derived shown; /* Public part; first, so that both have one address */
     struct umb_alloc alloc;
-    bool own_alloc; /* false: malloc */
-    uint8_t *file;  /* [file_size], made at the first call */
+    bool own_alloc; /* True: `alloc` is set; false: malloc */
+    uint8_t *file;  /* [file_size] KTX file, made at the first call of umb_derived_ktx2 */
     size_t file_size;
 };
 

@@ -1,13 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Building, querying and freeing maps. Chooses the technique; see umbrage/maps.h. */
-#include <math.h>
+/* Building, querying and freeing maps of any technique; see umbrage/maps.h. */
 #include <string.h>
 #include "base/memory.h"
 #include "base/reserved.h"
+#include "base/try.h"
 #include "maps/deep_parts.h"
 #include "maps/map_channels.h"
-#include "maps/map_depths.h"
-#include "maps/map_poisson.h"
 
 _Static_assert(sizeof(struct umb__map_query) <= sizeof(struct umb_map_query),
                "a prepared query fits its storage");
@@ -63,29 +61,23 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
         return umb_fail(error, UMB_E_ARGUMENT, "settings.blur is %u; it must be odd, 1..63",
                         settings->blur);
     }
-    if (!(settings->min_variance >= 0.0 && settings->min_variance <= 1.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "settings.min_variance is %g; it must be 0..1",
-                        settings->min_variance);
-    }
+    UMB__TRY(umb__check_share("min_variance", settings->min_variance, error));
     return techniques[settings->technique]->check(settings, error);
 }
 
-/* Checks the frustum, and the settings of a technique that the caller builds. In: translucent: 1
- * for umb_map_build_translucent, 0 for umb_map_build. */
+/* Checks the frustum and the settings. In: translucent: 1 for umb_map_build_translucent, 0 for
+ * umb_map_build, each of which builds other techniques. */
 static enum umb_status filtered_check(const struct umb_map_frustum *frustum,
                                       const struct umb_map_settings *settings, int translucent,
                                       struct umb_error *error)
 {
-    enum umb_status status = umb__frustum_check(frustum, error);
-    if (status == UMB_OK) {
-        status = settings_check(settings, error);
-    }
-    if (status == UMB_OK && translucent != (techniques[settings->technique]->weigh != NULL)) {
-        status = umb_fail(error, UMB_E_UNSUPPORTED, "settings.technique: '%s' is built by %s",
+    UMB__TRY(umb__frustum_check(frustum, error));
+    UMB__TRY(settings_check(settings, error));
+    return translucent == (techniques[settings->technique]->weigh != NULL)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNSUPPORTED, "settings.technique: '%s' is built by %s",
                           techniques[settings->technique]->name,
                           translucent ? "umb_map_build" : "umb_map_build_translucent");
-    }
-    return status;
 }
 
 static double nearest_depth(const struct umb_map_frustum *frustum,
@@ -98,8 +90,9 @@ static double nearest_depth(const struct umb_map_frustum *frustum,
     return (double)nearest;
 }
 
-/* Makes an empty map. Fails: E_NO_MEMORY. */
+/* Makes a map without texels. Fails: E_NO_MEMORY. */
 static enum umb_status map_create(const struct umb_map_frustum *frustum,
+                                  const struct umb_map_settings *settings,
                                   const struct umb_alloc *alloc, struct umb_map **out,
                                   struct umb_error *error)
 {
@@ -108,6 +101,8 @@ static enum umb_status map_create(const struct umb_map_frustum *frustum,
         return umb_fail(error, UMB_E_NO_MEMORY, "a map does not fit in memory");
     }
     map->frustum = *frustum;
+    map->technique = techniques[settings->technique];
+    map->settings = *settings;
     map->own_alloc = alloc != NULL;
     if (alloc != NULL) {
         map->alloc = *alloc;
@@ -116,35 +111,54 @@ static enum umb_status map_create(const struct umb_map_frustum *frustum,
     return UMB_OK;
 }
 
+/* Hands a built map to the caller, or destroys it if building failed; returns status. */
+static enum umb_status map_give(struct umb_map *map, enum umb_status status, struct umb_map **out)
+{
+    if (status == UMB_OK) {
+        *out = map;
+    } else {
+        umb_map_destroy(map);
+    }
+    return status;
+}
+
 enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
                               const struct umb_map_layer *layer,
                               const struct umb_map_settings *settings,
                               const struct umb_alloc *alloc, struct umb_map **out,
                               struct umb_error *error)
 {
+    struct umb_map *map;
     *out = NULL;
-    struct umb_map *map = NULL;
-    enum umb_status status = filtered_check(frustum, settings, 0, error);
-    if (status == UMB_OK) {
-        status = layer_check(frustum, layer, error);
-    }
-    if (status == UMB_OK) {
-        status = map_create(frustum, alloc, &map, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    map->technique = techniques[settings->technique];
-    map->settings = *settings;
+    UMB__TRY(filtered_check(frustum, settings, 0, error));
+    UMB__TRY(layer_check(frustum, layer, error));
+    UMB__TRY(map_create(frustum, settings, alloc, &map, error));
     map->nearest = nearest_depth(frustum, layer);
     const struct umb__texels texels = {.layer = layer};
-    status = map->technique->filterable ? umb__channels_init(&map->channels, map, &texels, error)
-                                        : umb__depths_init(&map->depths, map, layer->depth, error);
-    if (status != UMB_OK) {
-        umb_map_destroy(map);
-        return status;
+    return map_give(map,
+                    map->technique->filterable
+                        ? umb__channels_init(&map->channels, map, &texels, error)
+                        : umb__depths_init(&map->depths, map, layer->depth, error),
+                    out);
+}
+
+static enum umb_status deep_settings_check(const struct umb_map_deep_settings *settings,
+                                           struct umb_error *error)
+{
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
     }
-    *out = map;
+    UMB__TRY(umb__check_share("epsilon", settings->epsilon, error));
+    if (!(settings->exponent >= 0.0 && settings->exponent <= 1e6)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings.exponent is %g; it must be 0..1e6",
+                        settings->exponent);
+    }
+    if ((unsigned)settings->way > UMB_MAP_DEEP_STREAM ||
+        (settings->way == UMB_MAP_DEEP_STREAM && settings->exponent > 0.0)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "settings.way is %d; it must be 0..3, and not 3 (STREAM) with an exponent",
+                        (int)settings->way);
+    }
     return UMB_OK;
 }
 
@@ -154,42 +168,14 @@ enum umb_status umb_map_build_deep(const struct umb_map_frustum *frustum,
                                    const struct umb_alloc *alloc, struct umb_map **out,
                                    struct umb_error *error)
 {
+    const struct umb_map_settings deep = {.technique = UMB_MAP_DEEP};
+    struct umb_map *map;
     *out = NULL;
-    if (UMB__UNKNOWN(settings, "settings", error)) {
-        return UMB_E_ARGUMENT;
-    }
-    struct umb_map *map = NULL;
-    enum umb_status status = umb__frustum_check(frustum, error);
-    if (status == UMB_OK && !(settings->epsilon >= 0.0 && settings->epsilon <= 1.0)) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "settings.epsilon is %g; it must be 0..1",
-                          settings->epsilon);
-    }
-    if (status == UMB_OK && !(settings->exponent >= 0.0 && settings->exponent <= 1e6)) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "settings.exponent is %g; it must be 0..1e6",
-                          settings->exponent);
-    }
-    if (status == UMB_OK && ((unsigned)settings->way > UMB_MAP_DEEP_STREAM ||
-                             (settings->way == UMB_MAP_DEEP_STREAM && settings->exponent > 0.0))) {
-        status =
-            umb_fail(error, UMB_E_ARGUMENT,
-                     "settings.way is %d; it must be 0..3, and not 3 (STREAM) with an exponent",
-                     (int)settings->way);
-    }
-    if (status == UMB_OK) {
-        status = map_create(frustum, alloc, &map, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    map->technique = &umb__map_deep;
-    map->settings.technique = UMB_MAP_DEEP;
-    status = umb__deep_create(frustum, fragments, settings, alloc, &map->deep, error);
-    if (status != UMB_OK) {
-        umb_map_destroy(map);
-        return status;
-    }
-    *out = map;
-    return UMB_OK;
+    UMB__TRY(umb__frustum_check(frustum, error));
+    UMB__TRY(deep_settings_check(settings, error));
+    UMB__TRY(map_create(frustum, &deep, alloc, &map, error));
+    return map_give(map, umb__deep_create(frustum, fragments, settings, alloc, &map->deep, error),
+                    out);
 }
 
 enum umb_status umb_map_build_translucent(const struct umb_map_frustum *frustum,
@@ -198,24 +184,11 @@ enum umb_status umb_map_build_translucent(const struct umb_map_frustum *frustum,
                                           const struct umb_alloc *alloc, struct umb_map **out,
                                           struct umb_error *error)
 {
+    struct umb_map *map;
     *out = NULL;
-    struct umb_map *map = NULL;
-    enum umb_status status = filtered_check(frustum, settings, 1, error);
-    if (status == UMB_OK) {
-        status = map_create(frustum, alloc, &map, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    map->technique = techniques[settings->technique];
-    map->settings = *settings;
-    status = umb__translucent_init(&map->channels, map, fragments, error);
-    if (status != UMB_OK) {
-        umb_map_destroy(map);
-        return status;
-    }
-    *out = map;
-    return UMB_OK;
+    UMB__TRY(filtered_check(frustum, settings, 1, error));
+    UMB__TRY(map_create(frustum, settings, alloc, &map, error));
+    return map_give(map, umb__translucent_init(&map->channels, map, fragments, error), out);
 }
 
 void umb_map_destroy(struct umb_map *map)
@@ -269,10 +242,9 @@ enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
     if (level >= channels->level_count) {
         return UMB_E_NOT_FOUND;
     }
-    const uint32_t w = channels->width >> level, h = channels->height >> level;
     *out = (struct umb_map_level){.texels = channels->levels[level],
-                                  .width = w > 0 ? w : 1,
-                                  .height = h > 0 ? h : 1,
+                                  .width = umb__level_side(channels->width, level),
+                                  .height = umb__level_side(channels->height, level),
                                   .channels = channels->count,
                                   .format = channels->format};
     out->bytes = (size_t)out->width * out->height * channels->count *
@@ -280,6 +252,7 @@ enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
     return UMB_OK;
 }
 
+/* A number of a filter, and its range. */
 struct limit {
     const char *name;
     double value, least, most;
@@ -347,13 +320,8 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
     struct umb_map_filter f = *filter;
     f.width = f.width == 0.0 ? 1.0 : f.width;
     f.contrast = f.contrast == 0.0 ? 1.0 : f.contrast;
-    enum umb_status status = filter_numbers_check(map, &f, error);
-    if (status == UMB_OK) {
-        status = kernel_check(map, &f, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(filter_numbers_check(map, &f, error));
+    UMB__TRY(kernel_check(map, &f, error));
     q->map = map;
     q->filter = f;
     q->taps = (uint32_t)f.width;
@@ -372,7 +340,7 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
     double at[UMB__MAP_CHANNELS_MAX];
-    /* These techniques compare with one depth: biases move the receiver, as for texels. */
+    /* A filterable technique compares with one depth, so biases move the receiver. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {

@@ -6,6 +6,7 @@
 #include <string.h>
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "base/try.h"
 #include "maps/map_half.h"
 
 #define SUM_ONE  0x1p40 /* Units of summed-area tables for a channel of 1 */
@@ -24,9 +25,9 @@ double umb__channel_mean(double exponent, const double *values, const double *we
     for (size_t i = 0; i < count; i++) {
         most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    /* Mean of logarithms. Every term is at most 1 and one is its full weight, so nothing overflows
-     * and the log's argument is large enough. Values without weight do not count in `most`, or all
-     * the others might be subnormal beside it. */
+    /* The mean of logarithms. Every term is at most 1 and the greatest one is its full weight, so
+     * nothing overflows and the argument of log is large enough. A value without weight does not
+     * count in `most`; beside it all others might be subnormal. */
     for (size_t i = 0; i < count; i++) {
         sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
     }
@@ -73,7 +74,15 @@ struct plane {
     double exponent;
 };
 
-/* Slope of the surface in a texel: as given, or the smaller difference to its neighbours. */
+static void plane_swap(struct plane *plane)
+{
+    double *swap = plane->values;
+    plane->values = plane->scratch;
+    plane->scratch = swap;
+}
+
+/* Returns the slope of the surface in a texel: as the layer gives it, or the smaller of the
+ * differences to the two neighbours along the axis. */
 static double slope_along(const struct umb_map_layer *layer, const struct umb__channels *channels,
                           size_t index, int axis)
 {
@@ -120,7 +129,7 @@ static void plane_encode(struct plane *plane, const struct umb_map *map,
     }
 }
 
-/* Box of `width` texels along one axis; `beyond` stands for texels outside. */
+/* Averages a box of `width` texels along one axis; texels outside the plane count as `beyond`. */
 static void plane_blur(struct plane *plane, uint32_t width, int axis, double beyond)
 {
     double values[BLUR_MAX], weights[BLUR_MAX];
@@ -139,16 +148,15 @@ static void plane_blur(struct plane *plane, uint32_t width, int axis, double bey
         }
         plane->scratch[i] = umb__channel_mean(plane->exponent, values, weights, width);
     }
-    double *swap = plane->values;
-    plane->values = plane->scratch;
-    plane->scratch = swap;
+    plane_swap(plane);
 }
 
-/* Halves both sides: each texel becomes the mean of the 2 x 2 (or 2 x 1) it covers. */
+/* Halves both sides: each texel of the result is the mean of the 2 x 2 (or 2 x 1) that it
+ * covers. */
 static void plane_halve(struct plane *plane)
 {
     const uint32_t w = plane->width, h = plane->height;
-    const uint32_t nw = w > 1 ? w / 2 : 1, nh = h > 1 ? h / 2 : 1;
+    const uint32_t nw = umb__level_side(w, 1), nh = umb__level_side(h, 1);
     static const double quarters[4] = {0.25, 0.25, 0.25, 0.25};
     for (uint32_t y = 0; y < nh; y++) {
         for (uint32_t x = 0; x < nw; x++) {
@@ -162,9 +170,7 @@ static void plane_halve(struct plane *plane)
                 umb__channel_mean(plane->exponent, values, quarters, 4);
         }
     }
-    double *swap = plane->values;
-    plane->values = plane->scratch;
-    plane->scratch = swap;
+    plane_swap(plane);
     plane->width = nw;
     plane->height = nh;
 }
@@ -206,7 +212,7 @@ static int is_power_of_two(uint32_t value)
     return (value & (value - 1)) == 0;
 }
 
-/* Allocates the storage. */
+/* Allocates the levels, or the summed-area table. */
 static enum umb_status storage_make(struct umb__channels *channels, const struct umb_map *map,
                                     struct umb_error *error)
 {
@@ -223,11 +229,11 @@ static enum umb_status storage_make(struct umb__channels *channels, const struct
     const uint32_t longer = channels->width > channels->height ? channels->width : channels->height;
     channels->level_count = 1;
     while (channels->access == UMB_MAP_MIPS && longer >> channels->level_count > 0) {
-        channels->level_count++; /* at most 15: sides are at most 2^14 */
+        channels->level_count++; /* At most 15, since sides are at most 2^14 */
     }
     for (uint32_t level = 0; level < channels->level_count; level++) {
-        const size_t w = channels->width >> level, h = channels->height >> level;
-        const size_t count = (w > 0 ? w : 1) * (h > 0 ? h : 1) * channels->count;
+        const size_t count = (size_t)umb__level_side(channels->width, level) *
+                             umb__level_side(channels->height, level) * channels->count;
         const size_t bytes = value_bytes(channels->format);
         channels->levels[level] = umb__alloc(alloc, count, bytes);
         channels->bytes += count * bytes;
@@ -271,10 +277,8 @@ enum umb_status umb__channels_init(struct umb__channels *channels, const struct 
                         "settings.access: MIPS wants sides that are powers of two, not %u x %u",
                         channels->width, channels->height);
     }
-    enum umb_status status = storage_make(channels, map, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(storage_make(channels, map, error));
+    enum umb_status status = UMB_OK;
     const size_t count = (size_t)channels->width * channels->height;
     struct plane plane = {.values = umb__alloc(alloc, count, sizeof(double)),
                           .scratch = umb__alloc(alloc, count, sizeof(double))};
@@ -299,8 +303,9 @@ void umb__channels_finish(struct umb__channels *channels, const struct umb_map *
     memset(channels, 0, sizeof *channels);
 }
 
-/* Splits a coordinate in 0..end-1, at texel centres, into a texel and the weight of the next
- * one. */
+/* Splits a coordinate whose whole numbers are texel centres, clamped to 0..end-1. Returns the
+ * texel.
+ * Out: share: weight of the next texel. next: index of the next texel. */
 static size_t split(double at, size_t end, double *share, size_t *next)
 {
     at = fmin(fmax(at, 0.0), (double)(end - 1));
@@ -313,8 +318,8 @@ static size_t split(double at, size_t end, double *share, size_t *next)
 static void bilinear(const struct umb__channels *channels, uint32_t level, double x, double y,
                      double *out)
 {
-    const size_t w = channels->width >> level > 0 ? channels->width >> level : 1;
-    const size_t h = channels->height >> level > 0 ? channels->height >> level : 1;
+    const size_t w = umb__level_side(channels->width, level);
+    const size_t h = umb__level_side(channels->height, level);
     const double sx = (double)w / (double)channels->width;
     const double sy = (double)h / (double)channels->height;
     double fx, fy;
@@ -351,7 +356,8 @@ static void trilinear(const struct umb__channels *channels, double x, double y, 
     }
 }
 
-/* A box's side: table rows around its lower and upper end, with the weight of each pair. */
+/* A side of a box: the table rows around its lower and its upper end, and the weight of each
+ * row. */
 struct side {
     size_t low[2], high[2];
     double low_weight[2], high_weight[2];
@@ -373,7 +379,8 @@ static struct side side_make(double centre, double width, uint32_t end)
     return s;
 }
 
-/* Exact sum of the texels [x0, x1) x [y0, y1): wraps back into range. */
+/* Returns the exact sum of channel k over the texels [x0, x1) x [y0, y1); the difference of wrapped
+ * sums wraps back into range. */
 static double box_sum(const struct umb__channels *channels, const size_t x[2], const size_t y[2],
                       uint32_t k)
 {
@@ -386,7 +393,8 @@ static double box_sum(const struct umb__channels *channels, const size_t x[2], c
     return (double)(int64_t)sum;
 }
 
-/* A box with real borders is the weighted mean of the 16 boxes with borders on texels around it. */
+/* Averages a box with real borders: the weighted mean of 16 boxes whose borders are the texel
+ * borders around them. */
 static void summed(const struct umb__channels *channels, double x, double y, double width,
                    double *out)
 {
@@ -410,7 +418,7 @@ static void summed(const struct umb__channels *channels, double x, double y, dou
         }
     }
     for (uint32_t k = 0; k < channels->count; k++) {
-        out[k] /= area * SUM_ONE; /* the centre lies on the map: area >= 1/4 */
+        out[k] /= area * SUM_ONE; /* The centre lies on the map, so area >= 1/4 */
     }
 }
 

@@ -1,37 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Convolution shadow maps: the step of the depth comparison as a Fourier series,
+ * Convolution shadow maps: the comparison of a texel's depth z with the receiver's depth t as a
+ * Fourier series of M terms,
  *
- *     [z >= t] ~ 1/2 + sum over k = 1..M of 2/w_k sin(w_k (z - t)),   w_k = (2k - 1) pi,
+ *     [z >= t] ~ 1/2 + sum over k = 1..M of 2/w_k sin(w_k (z - t)),   w_k = (2k - 1) pi.
  *
- * split by the addition theorem into functions of z, which are the 2M channels (sine and cosine of
- * w_k z) and can be averaged, and functions of t. Depths are 0..1: the square wave's period of 2
- * then holds every difference.
+ * The addition theorem splits each term into functions of z and functions of t. Those of z, sin and
+ * cos of w_k z, are the 2M channels and can be averaged over texels. The series is a square wave of
+ * period 2; depths are 0..1, so that one period holds every difference z - t.
  *
- * At the step itself the series is 1/2, whatever M: a receiver on the very surface that the map
- * sees would be half dark. The answer is therefore twice the series, clamped to 1, which is the lit
- * share where the receiver lies on the deepest surface of its filter, and falls to 0 within 1/(2M)
- * of depth behind an occluder.
+ * At z = t the series is 1/2 for any M, so a receiver on the very surface that the map sees would
+ * be half dark. Therefore the answer is twice the series, clamped to 1. It is right where the
+ * receiver lies on the deepest surface under the filter, and it falls to 0 within 1/(2M) of depth
+ * behind an occluder.
  *
- * A truncated series rings: it overshoots by 9 % of the step beside each edge, however many terms
- * (Gibbs). Damping term k by exp(-damping (k/M)^2) trades the overshoot for a wider slope; at 2
- * half of it and less is left.
+ * A truncated series overshoots by 9 % of the step beside each edge, for any number of terms
+ * (Gibbs). The factor exp(-damping (k/M)^2) of term k trades overshoot for a wider slope; damping 2
+ * leaves at most half of the overshoot.
  *
- * Sines of odd multiples come by the recurrence s_(k+1) = 2 cos(2a) s_k - s_(k-1), whose error
- * grows with k^2: below 2e-13 for the greatest M (docs/explained/numerics-maps.md).
+ * The sines of odd multiples of an angle a come from the recurrence s_(k+1) = 2 cos(2a) s_k -
+ * s_(k-1), where s_k = sin((2k - 1) a), and the cosines likewise. Its rounding error grows with k^2
+ * and stays below 2e-13 for the greatest M (docs/explained/numerics-maps.md).
  * Source: Annen et al. 2007.
  */
-#include <math.h>
-#include "maps/map_channels.h"
+#include "base/try.h"
+#include "maps/map_parts.h"
 
 static const double pi = 3.14159265358979323846;
 
 static enum umb_status convolution_check(const struct umb_map_settings *settings,
                                          struct umb_error *error)
 {
-    if (settings->format != UMB_MAP_F32 && settings->format != UMB_MAP_U16) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: Fourier terms are F32 or U16");
-    }
+    UMB__TRY(umb__check_plain_format(settings, "Fourier terms", error));
     if (settings->terms < 1 || settings->terms > UMB_MAP_TERMS_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.terms is %u; it must be 1..%d",
                         settings->terms, UMB_MAP_TERMS_MAX);
@@ -45,13 +45,11 @@ static enum umb_status convolution_check(const struct umb_map_settings *settings
 
 static uint32_t convolution_channels(const struct umb_map_settings *settings, double *exponent)
 {
-    for (uint32_t k = 0; k < 2 * settings->terms; k++) {
-        exponent[k] = 0.0;
-    }
+    (void)exponent;
     return 2 * settings->terms;
 }
 
-/* Channel 2k is the sine, 2k + 1 the cosine of term k. */
+/* Computes channel 2j, the sine of term j + 1, or channel 2j + 1, its cosine. */
 static double convolution_encode(const struct umb_map_settings *settings, uint32_t k, double depth,
                                  const double gain[2])
 {
@@ -86,11 +84,11 @@ static double convolution_answer(const struct umb__map_query *query,
     return fmin(fmax(2.0 * sum, 0.0), 1.0);
 }
 
-/* Each term's channels are off by e, so the error is twice the sum of 2/w_k times 2e. */
+/* Both channels of a term are off by `error` at most. So the series is off by the sum of 2 error *
+ * 2 / w_k, and the answer by twice as much. */
 static double convolution_slack(const struct umb_map *map)
 {
-    const double error =
-        map->settings.access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(map->settings.format);
+    const double error = umb__channel_error(&map->settings);
     double sum = 0.0;
     for (uint32_t k = 0; k < map->settings.terms; k++) {
         sum += 2.0 / ((double)(2 * k + 1) * pi);

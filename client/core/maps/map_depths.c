@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Stored depths; see map_depths.h. */
-#include "maps/map_depths.h"
+/* Depths as a depth map stores them: struct umb__depths of map_parts.h. */
+#include "maps/map_parts.h"
 
-#include <math.h>
 #include <string.h>
 #include "base/bytes.h"
 #include "base/memory.h"
@@ -12,7 +11,7 @@ static unsigned format_bytes(enum umb_map_format format)
     return format == UMB_MAP_U16 ? 2 : format == UMB_MAP_U24 ? 3 : 4;
 }
 
-/* Greatest value of an integer format, 0 for floats. */
+/* Returns the greatest value of an integer format; 0 for floats. */
 static uint32_t format_top(enum umb_map_format format)
 {
     return format == UMB_MAP_U16 ? 0xffffU : format == UMB_MAP_U24 ? 0xffffffU : 0;

@@ -7,20 +7,6 @@
 #include "base/reserved.h"
 #include "base/vec.h"
 
-/* Finds two unit vectors across `w`: the first is across the world axis that w leans on least. */
-static void axes_across(const double w[3], double u[3], double v[3])
-{
-    int least = 0;
-    for (int i = 1; i < 3; i++) {
-        least = fabs(w[i]) < fabs(w[least]) ? i : least;
-    }
-    double helper[3] = {0.0, 0.0, 0.0};
-    helper[least] = 1.0;
-    umb__cross(helper, w, u);
-    (void)umb__unit(u); /* its length is at least sqrt(2/3) */
-    umb__cross(w, u, v);
-}
-
 static enum umb_status sides_check(uint32_t width, uint32_t height, struct umb_error *error)
 {
     if (width < 1 || height < 1 || width > UMB_MAP_SIDE_MAX || height > UMB_MAP_SIDE_MAX) {
@@ -66,7 +52,7 @@ enum umb_status umb_map_frustum_fit(const double to_light[3], const struct umb_b
         return umb_fail(error, UMB_E_ARGUMENT,
                         "frustum: the light needs a direction and the box an extent");
     }
-    axes_across(axes[2], axes[0], axes[1]);
+    umb__across(axes[2], axes[0], axes[1]);
     const double sides[3] = {(double)width, (double)height, 1.0};
     for (int i = 0; i < 3; i++) {
         double extent[2];
@@ -78,7 +64,7 @@ enum umb_status umb_map_frustum_fit(const double to_light[3], const struct umb_b
             f.world_to_map[i][k] = axes[i][k] * scale;
         }
         f.world_to_map[i][3] = 0.5 * sides[i] - 0.5 * (extent[0] + extent[1]) * scale;
-        f.depth_m = length; /* the last axis stays */
+        f.depth_m = length; /* That of the last axis, depth, stays */
     }
     f.world_to_map[3][3] = 1.0;
     for (int k = 0; k < 3; k++) {
@@ -129,11 +115,9 @@ enum umb_status umb_map_frustum_spot(const struct umb_map_spot *spot, uint32_t w
     }
     f.world_to_map[2][3] = paraboloid ? 0.0 : -spot->near_m / f.depth_m;
     f.world_to_map[3][3] = paraboloid ? 1.0 : 0.0;
-    enum umb_status status = umb__frustum_check(&f, error);
-    if (status == UMB_OK) {
-        *frustum = f;
-    }
-    return status;
+    UMB__TRY(umb__frustum_check(&f, error));
+    *frustum = f;
+    return UMB_OK;
 }
 
 static int paraboloid_point(const struct umb_map_frustum *frustum, double x, double y, double depth,
@@ -163,7 +147,8 @@ enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum, dou
     if (frustum->projection == UMB_MAP_PARABOLOID) {
         return paraboloid_point(frustum, x, y, depth, world) ? UMB_OK : UMB_E_NOT_FOUND;
     }
-    /* Three planes meet: (m0 - x m3).p = 0, (m1 - y m3).p = 0, m2.p = depth (Cramer's rule). */
+    /* The point is where three planes meet: (m0 - x m3).p = 0, (m1 - y m3).p = 0 and m2.p = depth,
+     * with mi row i of world_to_map. Solved by Cramer's rule. */
     const double(*m)[4] = frustum->world_to_map;
     const int affine = frustum->projection == UMB_MAP_AFFINE;
     const double at[3] = {x, y, depth};

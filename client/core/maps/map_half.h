@@ -7,7 +7,7 @@
 
 #define UMB__HALF_MAX 65504.0
 
-/* Rounds to nearest, ties to even; beyond the range becomes infinite. NaN becomes a NaN. */
+/* Rounds to the nearest half, ties to even. Numbers beyond the range become infinite, NaN a NaN. */
 static inline uint16_t umb__half_from(double value)
 {
     const uint16_t sign = signbit(value) ? 0x8000U : 0;
@@ -15,13 +15,14 @@ static inline uint16_t umb__half_from(double value)
     if (isnan(value)) {
         return 0x7e00;
     }
-    if (size >= 65520.0) { /* halfway to the number after the greatest */
+    if (size >= 65520.0) { /* Halfway from the greatest half to the next number */
         return (uint16_t)(sign | 0x7c00U);
     }
     int exponent = 0;
-    (void)frexp(size, &exponent); /* size = f 2^exponent, f in [1/2, 1) */
-    exponent = exponent < -13 || size == 0.0 ? -13 : exponent; /* subnormals share one */
-    /* Units of 2^(exponent - 11): at most 2048; the carry into the exponent adds up by itself. */
+    (void)frexp(size, &exponent); /* size = f 2^exponent with f in [1/2, 1) */
+    exponent = exponent < -13 || size == 0.0 ? -13 : exponent; /* Subnormals share one exponent */
+    /* Units of 2^(exponent - 11), at most 2048; a carry into the exponent's bits is right as it
+     * is. */
     const uint32_t units = (uint32_t)nearbyint(ldexp(size, 11 - exponent));
     return (uint16_t)(sign | (((uint32_t)(exponent + 13) << 10) + units));
 }

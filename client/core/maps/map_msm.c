@@ -1,36 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Moment shadow maps: the least share of a distribution that must lie before t, given its first
- * four moments (Hamburger's problem); 1 minus it is the visibility.
+ * Moment shadow maps: the least share of a distribution of depth that must lie before the
+ * receiver's depth t, given the distribution's first four moments b1..b4 (Hamburger's moment
+ * problem). The visibility is 1 minus that share.
  *
- * Channels are the means of Chebyshev's polynomials T1..T4 of d in -1..1, not of d's powers: all
- * are within -1..1 and use a 16-bit format's range evenly, and the way back,
+ * Channels are the means t1..t4 of Chebyshev's polynomials T1..T4 of depth in -1..1. All four are
+ * within -1..1 and use a 16-bit format's range evenly, unlike the means of powers. The moments
+ * follow from the channels by
  *     b1 = t1, b2 = (1 + t2)/2, b3 = (3 t1 + t3)/4, b4 = (3 + 4 t2 + t4)/8,
- * makes the error of no moment larger than that of a channel.
+ * and no moment is further off than the channels are.
  *
- * The extremal distribution has its mass at t and at the two roots of a quadratic whose
- * coefficients solve B c = (1, t, t^2), where B is the Hankel matrix of (1, b1, .. b4). B is
- * singular for one or two depths, just where shadows usually are, and rounding makes it indefinite.
- * So the moments are first moved a little towards those of a distribution in the interior (moment
- * bias: 1/4 at -sqrt(3/4), 1/2 at 0, 1/4 at sqrt(3/4): b* = (0, 3/8, 0, 9/32)), and pivots of the
- * Cholesky factors are held above what little of that must be left.
+ * The distribution with the least share before t has its mass at t and at the two roots of a
+ * quadratic. The coefficients c of the quadratic solve B c = (1, t, t^2), where B is the Hankel
+ * matrix of (1, b1, .. b4). B is singular if the texels have only one or two depths, which is just
+ * where shadows usually are, and rounding then makes B indefinite. Two steps prevent that. The
+ * moments are first moved by the share `bias` towards b* = (0, 3/8, 0, 9/32), the moments of a
+ * distribution far from singular: mass 1/4 at -sqrt(3/4), 1/2 at 0 and 1/4 at sqrt(3/4). And the
+ * pivots of B's Cholesky factors are held above `bias` / 32, less than the move leaves them.
  *
- * Why a bias of 16 e is enough for channels that are off by e: what is solved are the moments of
- * (1 - bias) F + bias G, where G takes up the rounding, b* -+ (1, 1/2, 1, 5/8)/16, which still has
- * positive pivots (at least 1/3 and 1/20) and so is a distribution. The answer is then a valid
- * bound for that mixture, and off by no more than `bias` for F.
+ * A bias of 16 e is enough for channels that are off by e. The moved moments are those of a mixture
+ * (1 - bias) F + bias G, where F is the true distribution and G takes up the rounding: the moments
+ * of G differ from b* by at most (1, 1/2, 1, 5/8) / 16. With these the pivots of G are still at
+ * least 1/3 and 1/20, so G is a distribution. The answer is then a valid bound for the mixture, and
+ * it is off by at most `bias` for F.
  * Source: Peters, Klein 2015.
  */
-#include <math.h>
-#include "maps/map_channels.h"
+#include "base/try.h"
+#include "maps/map_parts.h"
 #include "maps/moment_bound.h"
 
 static double default_bias(const struct umb_map_settings *settings)
 {
-    if (settings->access == UMB_MAP_SAT) {
-        return 1e-9;
-    }
-    return 16.0 * umb__format_error(settings->format);
+    return settings->access == UMB_MAP_SAT ? 1e-9 : 16.0 * umb__format_error(settings->format);
 }
 
 static double bias_of(const struct umb_map_settings *settings)
@@ -41,22 +42,14 @@ static double bias_of(const struct umb_map_settings *settings)
 
 static enum umb_status msm_check(const struct umb_map_settings *settings, struct umb_error *error)
 {
-    if (settings->format != UMB_MAP_F32 && settings->format != UMB_MAP_U16) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: moments are F32 or U16");
-    }
-    if (!(settings->moment_bias >= 0.0 && settings->moment_bias <= 1.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "settings.moment_bias is %g; it must be 0..1",
-                        settings->moment_bias);
-    }
-    return UMB_OK;
+    UMB__TRY(umb__check_plain_format(settings, "moments", error));
+    return umb__check_share("moment_bias", settings->moment_bias, error);
 }
 
 static uint32_t msm_channels(const struct umb_map_settings *settings, double *exponent)
 {
     (void)settings;
-    for (uint32_t k = 0; k < 4; k++) {
-        exponent[k] = 0.0;
-    }
+    (void)exponent;
     return 4;
 }
 
@@ -78,7 +71,7 @@ static double msm_encode(const struct umb_map_settings *settings, uint32_t k, do
     }
 }
 
-/* Computes moments b1..b4 from the channels, moved by the bias. */
+/* Computes the moments b1..b4 from the channels, and moves them by the bias towards b*. */
 static void moments_of(const double *at, double bias, double b[4])
 {
     static const double inner[4] = {0.0, 0.375, 0.0, 0.28125};
@@ -91,7 +84,7 @@ static void moments_of(const double *at, double bias, double b[4])
     }
 }
 
-/* Solves B c = (1, t, t^2) by Cholesky factors L D L^T with pivots of at least `least`. */
+/* Solves B c = (1, t, t^2) by the factors L D L^T of B, with pivots (of D) of at least `least`. */
 static void hankel_solve(const double b[4], double t, double least, double c[3])
 {
     const double d22 = fmax(b[1] - b[0] * b[0], least);
@@ -112,7 +105,7 @@ static int roots_find(const double c[3], double roots[2])
         return 0;
     }
     const double q = -0.5 * (c[1] + copysign(sqrt(square), c[1]));
-    /* q = 0 only if c1 = 0 and c0 c2 = 0. */
+    /* q is 0 only if c1 = 0 and c0 c2 = 0. */
     if (q == 0.0 || c[2] == 0.0) {
         return 0;
     }
@@ -128,7 +121,7 @@ static double share_before(const double b[4], double t, double least)
     double c[3], z[2];
     hankel_solve(b, t, least, c);
     if (!roots_find(c, z)) {
-        /* A single depth b1, up to rounding. */
+        /* Up to rounding the distribution is the single depth b1. */
         return t > b[0] ? 1.0 : 0.0;
     }
     if (t <= z[0]) {
@@ -153,7 +146,8 @@ static double msm_answer(const struct umb__map_query *query, const struct umb__r
 static double msm_slack(const struct umb_map *map)
 {
     const double bias = bias_of(&map->settings);
-    return bias < default_bias(&map->settings) ? 1.0 : fmin(bias, 1.0); /* less bounds nothing */
+    /* With a bias below what rounding needs, answers are no bounds. */
+    return bias < default_bias(&map->settings) ? 1.0 : fmin(bias, 1.0);
 }
 
 const struct umb__technique umb__map_msm = {

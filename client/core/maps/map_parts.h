@@ -2,12 +2,13 @@
 #ifndef UMBRAGE_CORE_MAPS_MAP_PARTS_H
 #define UMBRAGE_CORE_MAPS_MAP_PARTS_H
 /*
- * Parts that the techniques of umbrage/maps.h share: the built map, the prepared query, the
- * receiver, and the table that a technique fills in.
+ * Parts that the techniques of umbrage/maps.h share: the built map, the prepared query, the table
+ * that a technique fills in, and small functions that several techniques use.
  *
- * A technique is either a depth map (compares texels itself) or filterable: it turns a depth into
- * a few channels, channels are averaged by map_channels.c, and it turns averaged channels and a
- * receiver's depth into a visibility. All arithmetic is in doubles; formats only store.
+ * There are two sorts of techniques. A depth map compares texels with the receiver itself. A
+ * filterable technique turns a depth into a few channels; map_channels.c averages channels; then
+ * the technique turns averaged channels and a receiver's depth into a visibility. All arithmetic is
+ * in doubles; formats only store.
  */
 #include <math.h>
 #include "maps/map_receiver.h"
@@ -18,11 +19,13 @@
 struct umb__technique;
 struct umb__deep;
 
-/* A layer of depths, as stored. */
+/* A layer of depths, as stored: IEEE singles, or 24- or 16-bit steps of 1/(2^b - 1), rounded to
+ * nearest. The greatest value means "no caster"; a caster that would round up to it is stored one
+ * step nearer. */
 struct umb__depths {
     enum umb_map_format format; /* F32, U24 or U16 */
     uint32_t width, height;
-    void *texels; /* rows */
+    void *texels; /* [height][width] */
     uint64_t bytes;
 };
 
@@ -33,14 +36,14 @@ struct umb__channels {
     uint32_t width, height, count, level_count;
     double exponent[UMB__MAP_CHANNELS_MAX]; /* Exponent of a channel stored as a logarithm, else
                                                0 */
-    void *levels[16];                       /* level l: [height >> l][width >> l][count] */
+    void *levels[16];                       /* Level l: [height >> l][width >> l][count] */
     uint64_t *sums;                         /* SAT: [height + 1][width + 1][count] */
     uint64_t bytes;
 };
 
 /* A place where a texel absorbs light: its depth and the share. */
 struct umb__taken {
-    double depth; /* -1..1 */
+    double depth; /* Depth, -1..1 */
     double share; /* Share of the absorption as the technique counts it, 0..1; a texel's add up to
                      at most 1 */
 };
@@ -55,21 +58,21 @@ struct umb__texels {
 struct umb_map {
     const struct umb__technique *technique;
     struct umb_alloc alloc;
-    int own_alloc; /* 1: `alloc` holds, 0: malloc */
+    int own_alloc; /* 1: `alloc` is set; 0: malloc */
     struct umb_map_frustum frustum;
     struct umb_map_settings settings;
     double nearest; /* Depth of the nearest caster, which has the widest penumbra */
     struct umb__depths depths;
     struct umb__channels channels;
-    struct umb__deep *deep; /* DEEP */
+    struct umb__deep *deep; /* Lists of a DEEP map, else NULL */
 };
 
 /* Content of struct umb_map_query. */
 struct umb__map_query {
     const struct umb_map *map;
-    struct umb_map_filter filter;          /* with its defaults filled in */
-    uint32_t taps;                         /* of a box on texels */
-    double level;                          /* of MIPS */
+    struct umb_map_filter filter;          /* Filter, defaults filled in */
+    uint32_t taps;                         /* Width in texels of a box on texels */
+    double level;                          /* Mip level of a MIPS map */
     double kernel[UMB_MAP_SAMPLES_MAX][2]; /* POISSON: offsets in texels */
 };
 
@@ -77,17 +80,18 @@ struct umb__technique {
     const char *name;
     enum umb_map_bound bound;
     int filterable;
-    /* Checks settings (format and access are known enums); NULL if there is nothing to check. */
+    /* Checks settings (format and access are known enums). */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
-    /* Filterable: returns the channels a texel, and fills in the exponents of logarithmic ones. */
+    /* Filterable: returns the number of channels a texel, and fills in the exponents of channels
+     * that are stored as logarithms; the others are 0 before the call. */
     uint32_t (*channels)(const struct umb_map_settings *settings, double *exponent);
     /* Filterable: computes channel k of a depth (-1..1), whose surface gains gain[] of depth a
      * texel. */
     double (*encode)(const struct umb_map_settings *settings, uint32_t k, double depth,
                      const double gain[2]);
-    /* Filterable maps of translucent casters, instead of encode. `weigh` turns fragments, sorted by
-     * depth, into places of absorption, and returns their number, at most `count`. `encode_taken`
-     * computes channel k of such a list; an empty list absorbs nothing. */
+    /* Filterable maps of translucent casters have these two instead of encode. `weigh` turns
+     * fragments, sorted by depth, into places of absorption and returns their number, at most
+     * `count`. `encode_taken` computes channel k of such a list; an empty list absorbs nothing. */
     size_t (*weigh)(const struct umb_map_fragment *sorted, size_t count, struct umb__taken *taken);
     double (*encode_taken)(uint32_t k, const struct umb__taken *taken, size_t count);
     /* Returns the visibility, 0..1, before `reduction`. Filterable: `at` are the averaged
@@ -102,9 +106,9 @@ extern const struct umb__technique umb__map_pcf, umb__map_vsm, umb__map_lvsm, um
     umb__map_esm, umb__map_evsm, umb__map_msm, umb__map_deep, umb__map_moments, umb__map_absorbance;
 
 /*
- * Returns the depth up to which texels light the receiver, for a filter of `width` texels: its own
- * plane rises by gain * width / 2 within the filter. Infinite gains (grazing receivers) light
- * everything.
+ * Returns the depth up to which texels light the receiver, for a filter of `width` texels: the
+ * receiver's own plane rises by gain * width / 2 within the filter. Infinite gains (grazing
+ * receivers) light everything.
  */
 static inline double umb__biased_depth(const struct umb__map_query *query,
                                        const struct umb__receiver *receiver, double width)
@@ -138,5 +142,76 @@ static inline double umb__format_error(enum umb_map_format format)
     }
     return 1.0 / 33554432.0; /* 2^-25 */
 }
+
+/* Returns the rounding error of a stored channel: summed-area tables keep units of 2^-40. */
+static inline double umb__channel_error(const struct umb_map_settings *settings)
+{
+    return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
+}
+
+/* Checks that channels of -1..1 are stored as F32 or U16. In: channels: what messages call them.
+ * Fails: E_UNSUPPORTED. */
+UMB_CHECKED static inline enum umb_status
+umb__check_plain_format(const struct umb_map_settings *settings, const char *channels,
+                        struct umb_error *error)
+{
+    return settings->format == UMB_MAP_F32 || settings->format == UMB_MAP_U16
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: %s are F32 or U16", channels);
+}
+
+/* Checks that a setting is 0..1. Fails: E_ARGUMENT. */
+UMB_CHECKED static inline enum umb_status umb__check_share(const char *name, double value,
+                                                           struct umb_error *error)
+{
+    return value >= 0.0 && value <= 1.0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "settings.%s is %g; it must be 0..1", name, value);
+}
+
+/*
+ * Returns the greatest share of a distribution with the given variance that can lie at or beyond
+ * its mean plus `distance`: the one-sided Chebyshev inequality, s2 / (s2 + d^2). Returns 1 (lit) if
+ * distance is at most 0.
+ *
+ * In: variance: above 0. contrast: C of Fu and Liu 2013, s2 / (s2 + C d^2); 1 is the inequality
+ *     itself.
+ */
+static inline double umb__chebyshev(double variance, double distance, double contrast)
+{
+    if (!(distance > 0.0)) {
+        return 1.0;
+    }
+    /* An infinite distance gives x / inf = 0, the right limit; the variance is finite. */
+    return variance / (variance + contrast * distance * distance);
+}
+
+/* Stores a layer of depths (map_depths.c). Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
+                                             const float *layer, struct umb_error *error);
+void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map);
+
+/* Returns the depth of a texel; INFINITY without a caster, as beyond the border. */
+double umb__depth_at(const struct umb__depths *depths, int64_t x, int64_t y);
+
+/*
+ * Fills `count` points of a disc of radius 1 that keep apart from one another: each is the
+ * candidate farthest from the points before it. The first n points are the same for every count,
+ * with the same bits on every machine: they come from integers, products and sums only.
+ * Source: Mitchell 1991 (best candidate).
+ */
+void umb__poisson_disc(double (*points)[2], uint32_t count);
+
+/*
+ * Returns the number of texels that the penumbra of a blocker at `blocker_depth` spans, clamped to
+ * 1..filter.width: similar triangles between the light, the blocker and a plane through the
+ * receiver across the light. A blocker at or behind the receiver gives 1; one at a point light's
+ * own position gives filter.width.
+ * Source: Fernando 2005 (percentage-closer soft shadows), w = size (d_receiver - d_blocker) /
+ * d_blocker; for a directional light of angular diameter a, w = 2 tan(a/2) (d_receiver -
+ * d_blocker).
+ */
+double umb__penumbra_texels(const struct umb__map_query *query,
+                            const struct umb__receiver *receiver, double blocker_depth);
 
 #endif

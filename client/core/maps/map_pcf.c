@@ -8,8 +8,57 @@
  * Sources: Williams 1978; Reeves, Salesin, Cook 1987; Fernando 2005.
  */
 #include <math.h>
-#include "maps/map_depths.h"
-#include "maps/map_penumbra.h"
+#include "maps/map_parts.h"
+
+/* Returns the next number of SplitMix64 (Steele, Lea, Flood 2014). */
+static uint64_t next(uint64_t *state)
+{
+    uint64_t z = *state += 0x9e3779b97f4a7c15U;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
+    return z ^ (z >> 31);
+}
+
+/* Returns a number that is uniform in [-1, 1). */
+static double signed_unit(uint64_t *state)
+{
+    return (double)(next(state) >> 11) * 0x1p-52 - 1.0;
+}
+
+/* Returns the squared distance to the nearest of the points so far. */
+static double nearest(double (*points)[2], uint32_t count, const double at[2])
+{
+    double least = 8.0;
+    for (uint32_t i = 0; i < count; i++) {
+        const double dx = points[i][0] - at[0], dy = points[i][1] - at[1];
+        const double square = dx * dx + dy * dy;
+        least = square < least ? square : least;
+    }
+    return least;
+}
+
+void umb__poisson_disc(double (*points)[2], uint32_t count)
+{
+    uint64_t state = 20140704;
+    for (uint32_t i = 0; i < count; i++) {
+        double best = -1.0;
+        for (uint32_t candidates = 0; candidates < 8 * i + 8;) {
+            double at[2];
+            at[0] = signed_unit(&state);
+            at[1] = signed_unit(&state);
+            if (at[0] * at[0] + at[1] * at[1] > 1.0) {
+                continue; /* Ends: pi/4 of all candidates lie inside */
+            }
+            const double distance = nearest(points, i, at);
+            if (distance > best) {
+                best = distance;
+                points[i][0] = at[0];
+                points[i][1] = at[1];
+            }
+            candidates++;
+        }
+    }
+}
 
 static double box_answer(const struct umb__map_query *query, const struct umb__receiver *receiver)
 {
@@ -39,7 +88,7 @@ static double poisson_answer(const struct umb__map_query *query,
     return (double)lit / (double)query->filter.samples;
 }
 
-/* Finds the texels [first, last] that an interval of real width around `centre` touches. */
+/* An interval of real width, and the texels [first, last] that it touches. */
 struct span {
     double low, high;
     int64_t first, last;
@@ -56,9 +105,33 @@ static double span_share(const struct span *span, int64_t texel)
     return fmin(span->high, (double)(texel + 1)) - fmax(span->low, (double)texel);
 }
 
+double umb__penumbra_texels(const struct umb__map_query *query,
+                            const struct umb__receiver *receiver, double blocker_depth)
+{
+    const struct umb_map_frustum *frustum = &query->map->frustum;
+    const double limit = query->filter.width;
+    const double behind_m = (receiver->depth - blocker_depth) * frustum->depth_m;
+    double width_m = query->filter.light_size * behind_m;
+    if (frustum->directional) {
+        width_m = 2.0 * tan(0.5 * query->filter.light_size) * behind_m;
+    } else {
+        const double distance_m = frustum->near_m + blocker_depth * frustum->depth_m;
+        if (!(distance_m > 0.0)) {
+            return limit;
+        }
+        width_m /= distance_m;
+    }
+    const double texels = width_m * receiver->texels_per_m;
+    if (!(texels > 1.0)) {
+        return 1.0;
+    }
+    return texels < limit ? texels : limit;
+}
+
 /*
  * Returns the depth up to which a texel of a penumbra lights the receiver: that of the receiver's
- * plane there, where the plane rises towards the light. Space behind the receiver cannot block it.
+ * plane at the texel, where the plane rises towards the light. Elsewhere the receiver's own depth,
+ * since space behind the receiver cannot block its light.
  */
 static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
                           int64_t x, int64_t y)
@@ -69,13 +142,13 @@ static double plane_depth(const struct umb__map_query *query, const struct umb__
         return umb__biased_depth(query, receiver, 0.0);
     }
     if (!isfinite(rise)) {
-        return -INFINITY; /* the light grazes it */
+        return -INFINITY; /* The light grazes the plane */
     }
     return umb__biased_depth(query, receiver, 0.0) + fmin(query->filter.bias_slope * rise, 0.0);
 }
 
-/* Returns the mean depth of the texels that shadow the receiver within the widest penumbra; 0 if
- * there are none. */
+/* Computes the mean depth of the texels that shadow the receiver within the widest penumbra.
+ * Returns 0 if there are none. */
 static int blockers_find(const struct umb__map_query *query, const struct umb__receiver *receiver,
                          double *mean)
 {

@@ -119,7 +119,7 @@ static void point_read(const struct umb_points *points, size_t index, double wor
     }
 }
 
-/* Reads a unit normal; 0 if there is none. */
+/* Reads a point's normal, scaled to unit length. Returns 0 if it has none. */
 static int normal_read(const struct umb_points *points, size_t index, double normal[3])
 {
     if (points->normals == NULL) {
@@ -148,8 +148,9 @@ static int faces_away(const struct umb_map_frustum *frustum, const double world[
 }
 
 /*
- * Computes the depth that the plane gains per texel. A step v within it with x one texel on and y
- * as before solves n.v = 0, gx.v = 1, gy.v = 0: v = (gy x n) / (n . (gx x gy)).
+ * Computes the depth that a plane with normal n gains per texel. Let gx and gy be the gradients of
+ * x and y. A step v within the plane that changes x by one texel and y not at all solves n.v = 0,
+ * gx.v = 1 and gy.v = 0, so v = (gy x n) / (n . (gx x gy)).
  */
 static void plane_gain(const struct umb__map_point *point, const double normal[3], double gain[2])
 {
@@ -159,7 +160,7 @@ static void plane_gain(const struct umb__map_point *point, const double normal[3
     gain[0] = INFINITY;
     gain[1] = INFINITY;
     if (steep == 0.0 || isnan(steep)) {
-        return; /* the light grazes the plane */
+        return; /* The light grazes the plane */
     }
     umb__cross(point->gradient[1], normal, v);
     gain[0] = umb__dot(point->gradient[2], v) / steep;
@@ -167,8 +168,8 @@ static void plane_gain(const struct umb__map_point *point, const double normal[3
     gain[1] = umb__dot(point->gradient[2], v) / steep;
 }
 
-/* Returns the metres along the normal that clear half of the filter: the texels' world size at the
- * point. */
+/* Returns the length in metres of the shift along the normal that clears half of a filter of
+ * `width` texels. */
 static double normal_shift(const struct umb__map_point *point, const double normal[3], double width)
 {
     double sum = 0.0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See map_view.h. */
+/* The view of a camera; see map_view.h. */
 #include "maps/map_view.h"
 
 #include <math.h>

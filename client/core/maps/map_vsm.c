@@ -1,34 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Variance shadow maps, and layered ones.
+ * Variance shadow maps (VSM), and layered ones (LVSM).
  *
- * Channels are the mean and the mean square of depth, d in -1..1. The variance subtracts two large
- * numbers, and centred depths make the rounding of the square four times smaller than depths of
- * 0..1. A layered map has both for each of its slices of depth, clamped and stretched to -1..1; a
- * receiver asks the slice it lies in, where an occluder of another slice is at one end.
+ * Channels are the mean m1 and the mean square m2 of depth d in -1..1. The variance m2 - m1^2
+ * subtracts two large numbers; with centred depths the square's rounding error is four times
+ * smaller than with depths of 0..1. A layered map has both channels for each of its slices of
+ * depth, in which d is stretched to -1..1 and clamped. A receiver reads the slice that it lies in;
+ * an occluder of another slice appears at one end of it.
  *
- * Variance of rounded moments: with both off by e and |d| <= 1, s2 = m2 - m1^2 is off by at most e
- * + 2 e + e^2. The floor is twice that, so that a plane, whose variance is 0, cannot flicker.
+ * If both channels are off by e, the variance is off by at most e + 2 e + e^2, since |d| <= 1. The
+ * floor of the variance is twice that, so that a plane, whose variance is 0, cannot flicker.
  *
- * Sources: Donnelly, Lauritzen 2006 (moments, bound); Lauritzen 2007 (floor, second moment from the
- * depth plane: 0.25 (gx^2 + gy^2), a deviation of half a texel); Lauritzen, McCool 2008 (layers).
+ * Sources: Donnelly, Lauritzen 2006 (moments, bound); Lauritzen 2007 (floor; second moment of a
+ * plane in a texel, 0.25 (gx^2 + gy^2): a deviation of half a texel); Lauritzen, McCool 2008
+ * (layers).
  */
-#include <math.h>
-#include "maps/chebyshev.h"
-#include "maps/map_penumbra.h"
 #include "maps/map_channels.h"
 
-/* Rounding of a stored channel: tables keep units of 2^-40. */
-static double channel_error(const struct umb_map_settings *settings)
-{
-    return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
-}
-
-/* Least variance of depths of -1..1. */
+/* Returns the least variance of depths in -1..1. */
 static double variance_floor(const struct umb_map_settings *settings)
 {
-    const double rounding = 8.0 * channel_error(settings);
-    return fmax(4.0 * settings->min_variance, rounding);
+    return fmax(4.0 * settings->min_variance, 8.0 * umb__channel_error(settings));
 }
 
 static double second_moment(double depth, const double gain[2])
@@ -45,17 +37,13 @@ static double bound(const struct umb__map_query *query, const double moments[2],
 
 static enum umb_status vsm_check(const struct umb_map_settings *settings, struct umb_error *error)
 {
-    if (settings->format != UMB_MAP_F32 && settings->format != UMB_MAP_U16) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: moments are F32 or U16");
-    }
-    return UMB_OK;
+    return umb__check_plain_format(settings, "moments", error);
 }
 
 static uint32_t vsm_channels(const struct umb_map_settings *settings, double *exponent)
 {
     (void)settings;
-    exponent[0] = 0.0;
-    exponent[1] = 0.0;
+    (void)exponent;
     return 2;
 }
 
@@ -67,9 +55,10 @@ static double vsm_encode(const struct umb_map_settings *settings, uint32_t k, do
 }
 
 /*
- * Returns the mean depth of the casters that shadow the receiver, if a share `lit` of the filter
- * lies at its own depth: mean = lit depth + (1 - lit) blockers. Source: Yang et al. 2010 (variance
- * soft shadow mapping).
+ * Returns the width of the receiver's penumbra in texels. It follows from the mean depth of the
+ * blockers, which in turn follows from the mean depth under the widest filter: mean = lit * depth +
+ * (1 - lit) * blockers, if the share `lit` of the filter lies at the receiver's depth.
+ * Source: Yang et al. 2010 (variance soft shadow mapping).
  */
 static double penumbra_width(const struct umb__map_query *query,
                              const struct umb__receiver *receiver)
@@ -98,13 +87,14 @@ static double vsm_answer(const struct umb__map_query *query, const struct umb__r
 }
 
 /*
- * Bounds how far rounding can push an answer below the bound. With e of rounding, 3 e of variance
- * and a floor of 8 e, a lowered variance was at least 11 e. The bound's derivative by log variance,
- * p (1 - p) <= 1/4, times log(11/8) is 0.0796. The mean's own e adds at most 0.65 e / sqrt(8 e).
+ * Returns how far rounding can push an answer below Chebyshev's bound. Let e be the channels'
+ * error. Rounding lowers the variance by up to 3 e, and the floor is 8 e, so a true variance of 11
+ * e may count as 8 e. The bound's derivative by the logarithm of the variance is p (1 - p) <= 1/4;
+ * times log(11/8) that is 0.0796. The error e of the mean adds at most 0.65 e / sqrt(8 e).
  */
 static double vsm_slack(const struct umb_map *map)
 {
-    return 0.0797 + 0.23 * sqrt(channel_error(&map->settings));
+    return 0.0797 + 0.23 * sqrt(umb__channel_error(&map->settings));
 }
 
 const struct umb__technique umb__map_vsm = {
@@ -129,13 +119,11 @@ static enum umb_status lvsm_check(const struct umb_map_settings *settings, struc
 
 static uint32_t lvsm_channels(const struct umb_map_settings *settings, double *exponent)
 {
-    for (uint32_t k = 0; k < 2 * settings->terms; k++) {
-        exponent[k] = 0.0;
-    }
+    (void)exponent;
     return 2 * settings->terms;
 }
 
-/* Depth stretched so that slice `slice` of `count` becomes -1..1, clamped to it. */
+/* Stretches a depth so that slice `slice` of `count` becomes -1..1, and clamps it. */
 static double slice_depth(double depth, uint32_t slice, uint32_t count)
 {
     const double stretched = (depth + 1.0) * (double)count - 2.0 * (double)slice - 1.0;

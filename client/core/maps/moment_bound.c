@@ -6,26 +6,28 @@
 #include <string.h>
 
 #define DEGREE_MAX (UMB__MOMENTS_MAX / 2)
-/* Roots farther out are moved here. A place z has at most the last polynomial's squared norm over
- * (z - 1)^2K of the mass, which is below 2e-13 for K = 2 and 4e-11 for more: negligible. */
+/* Largest distance of a root from 0; farther roots are moved to it. The mass of a place z is at
+ * most the squared norm of the last polynomial divided by (z - 1)^2K. At these distances that is
+ * below 2e-13 for K = 2, and below 4e-11 for larger K: negligible. */
 #define FAR   1024.0 /* For quadratic polynomials */
-#define REACH 32.0   /* For the others, whose search it shortens */
+#define REACH 32.0   /* For the others: a shorter search for their roots */
 
 /* Monic orthogonal polynomials: p0 = 1, p(k+1) = (z - centre[k]) pk - pull[k] p(k-1). */
 struct polynomials {
-    uint32_t degree;               /* K */
-    double centre[DEGREE_MAX];     /* of 0..K-1 */
-    double pull[DEGREE_MAX];       /* of 1..K-1 */
-    double square[DEGREE_MAX + 1]; /* squared norms of 0..K */
+    uint32_t degree;               /* Degree K of the last polynomial */
+    double centre[DEGREE_MAX];     /* Coefficients for k = 0..K-1 */
+    double pull[DEGREE_MAX];       /* Coefficients for k = 1..K-1 */
+    double square[DEGREE_MAX + 1]; /* Squared norms of p0..pK */
 };
 
 double umb__moment_bias(uint32_t count, double e)
 {
-    static const double least[] = {1e-9, 1e-8, 1e-7}; /* of 4, 6 and 8 */
+    static const double least[] = {1e-9, 1e-8, 1e-7}; /* For 4, 6 and 8 moments */
     return fmin(fmax(4.0 * (double)count * e, least[count / 2 - 2]), 1.0);
 }
 
-/* Row k of the modified Chebyshev algorithm: means of pk Tl (monic), l = k..2K - k. */
+/* Computes the polynomials by the modified Chebyshev algorithm. Row k of it has the means of pk Tl
+ * for l = k..2K - k, with Tl scaled to be monic. */
 static void polynomials_make(const double *means, uint32_t count, double bias,
                              struct polynomials *p)
 {
@@ -39,10 +41,10 @@ static void polynomials_make(const double *means, uint32_t count, double bias,
     p->square[0] = 1.0;
     p->centre[0] = row[1];
     for (uint32_t k = 1; k <= p->degree; k++) {
-        least *= 0.25; /* Half of the least norm of the mixture */
+        least *= 0.25; /* Half of the least squared norm of the mixture: bias 4^-k / 2 */
         const double pull = k > 1 ? p->square[k - 1] / p->square[k - 2] : 0.0;
         for (uint32_t l = k; l <= count - k; l++) {
-            const double own = l == 1 ? 0.5 : 0.25; /* of the monic Tl */
+            const double own = l == 1 ? 0.5 : 0.25; /* From the recurrence of the monic Tl */
             next[l] = row[l + 1] - p->centre[k - 1] * row[l] + own * row[l - 1] - pull * last[l];
         }
         p->square[k] = fmax(next[k], least);
@@ -55,7 +57,7 @@ static void polynomials_make(const double *means, uint32_t count, double bias,
     }
 }
 
-/* Values of p0..pK at z. */
+/* Computes the values of p0..pK at z. */
 static void values_at(const struct polynomials *p, double z, double *values)
 {
     values[0] = 1.0;
@@ -65,7 +67,7 @@ static void values_at(const struct polynomials *p, double z, double *values)
     }
 }
 
-/* Mass of a place. */
+/* Returns the mass of the extremal distribution at a place z. */
 static double mass_at(const struct polynomials *p, double z)
 {
     double values[DEGREE_MAX + 1], sum = 0.0;
@@ -76,7 +78,8 @@ static double mass_at(const struct polynomials *p, double z)
     return 1.0 / sum;
 }
 
-/* Computes coefficients c[0..K] of z's powers in the kernel of t, times the last norm. */
+/* Computes the coefficients c[0..K] of the powers of z in the kernel of t, times the squared norm
+ * of pK. */
 static void kernel_make(const struct polynomials *p, double t, double *c)
 {
     double values[DEGREE_MAX + 1], power[DEGREE_MAX + 1][DEGREE_MAX + 1] = {{1.0}};
@@ -95,7 +98,7 @@ static void kernel_make(const struct polynomials *p, double t, double *c)
     }
 }
 
-/* Divides, and limits the quotient to -FAR..FAR; never a division by zero. */
+/* Divides, and limits the quotient to -FAR..FAR. Never divides by zero. */
 static double quotient(double above, double below)
 {
     return fabs(above) < FAR * fabs(below) ? above / below
@@ -125,9 +128,9 @@ static double horner(const double *c, uint32_t degree, double z, double *slope)
     return value;
 }
 
-/* Finds the root between two places where the polynomial has different signs: by Newton's steps, or
- * by bisection where these leave the range. If rounding leaves no change of sign, returns the end
- * with the value nearer to 0. */
+/* Finds the root between two places where the polynomial has different signs: by Newton's steps,
+ * or by bisection if such a step leaves the range. If rounding leaves no change of sign, returns
+ * the end with the value nearer to 0. */
 static double root_between(const double *c, uint32_t degree, double low, double high)
 {
     double slope;
@@ -158,7 +161,7 @@ static double within(double z)
     return fmin(fmax(z, -REACH), REACH);
 }
 
-/* Derives a polynomial until it has degree `to`. */
+/* Computes the derivative of a polynomial that has degree `to`. */
 static void derive(const double *c, uint32_t degree, uint32_t to, double *out)
 {
     memcpy(out, c, (degree + 1) * sizeof *c);

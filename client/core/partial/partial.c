@@ -14,11 +14,8 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Bytes for the links of a page and of the pages that it is the first to refer to; beyond it adding
- * fails. */
-enum {
-    ROOM_FOR_LINKS = 4096
-};
+/* Bytes kept free for the links of a new page and of the pages that it is the first to refer to. */
+#define ROOM_FOR_LINKS 4096U
 
 static enum umb_status no_memory(struct umb_error *error, const char *what)
 {
@@ -35,7 +32,7 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
     return held->links;
 }
 
-/* Checks the required id, and the id of the canonical block and hashes. */
+/* Checks that the head has the required id, and that this is the id of its content. */
 static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
                                 struct umb_error *error)
 {
@@ -52,7 +49,7 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
     return UMB_OK;
 }
 
-/* Makes room for all entries; takes the first block if the front has it whole. */
+/* Makes room for all entries, and adds the first block if the front holds all of it. */
 static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
                                        struct umb_error *error)
 {
@@ -107,26 +104,18 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
                         (unsigned long long)head.head_length, (unsigned long long)p->meter.limit);
     }
     memcpy(p->head_bytes, front, (size_t)head.head_length);
-    enum umb_status status =
-        umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error);
-    if (status == UMB_OK) {
-        status = check_id(p, id, error);
-    }
-    if (status == UMB_OK) {
-        status = umb__canonical_decode(p->head.canonical, p->head.canonical_length, &p->alloc,
-                                       &p->canonical, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__head_parse_front(p->head_bytes, (size_t)head.head_length, &p->head, error));
+    UMB__TRY(check_id(p, id, error));
+    UMB__TRY(umb__canonical_decode(p->head.canonical, p->head.canonical_length, &p->alloc,
+                                   &p->canonical, error));
     p->zstd = ZSTD_createDCtx();
     p->pages = umb__alloc_zeroed(&p->alloc, p->head.page_count, sizeof *p->pages);
     p->heap = umb__alloc(&p->alloc, p->head.page_count, sizeof *p->heap);
     if (!p->zstd || !p->pages || !p->heap) {
         return no_memory(error, "the list of pages");
     }
-    status = link_roots(p, error);
-    return status == UMB_OK ? prepare_entries(p, front, size, error) : status;
+    UMB__TRY(link_roots(p, error));
+    return prepare_entries(p, front, size, error);
 }
 
 enum umb_status umb_partial_open(const void *front, size_t size,
@@ -153,6 +142,22 @@ enum umb_status umb_partial_open(const void *front, size_t size,
     }
     *out = p;
     return UMB_OK;
+}
+
+void umb__partial_unbuild(struct umb_partial *p)
+{
+    umb__mapped_finish(&p->upper.mapped); /* Its bricks belong to the lower asset */
+    umb__mapped_finish(&p->lower.mapped);
+    for (size_t level = 0; level < UMB__LEVELS; level++) {
+        umb__free(&p->alloc, p->seen[level]);
+        p->seen[level] = NULL;
+    }
+    p->graph.alloc = &p->alloc;
+    umb__octree_finish(&p->graph);
+    umb__free(&p->alloc, p->order);
+    p->order = NULL;
+    p->order_count = 0;
+    p->built = false;
 }
 
 void umb_partial_close(struct umb_partial *p)
@@ -187,7 +192,7 @@ enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_f
     return UMB_OK;
 }
 
-/* Checks a page's links to other pages. */
+/* Arguments of check_link and note_link: a page whose links to other pages are visited. */
 struct link_check {
     struct umb_partial *p;
     const struct umb__page *page;
@@ -195,6 +200,7 @@ struct link_check {
     struct umb_error *error;
 };
 
+/* Checks that the node which a link names can be in the page that it names. */
 static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uint32_t position)
 {
     const struct link_check *c = user;
@@ -216,6 +222,7 @@ static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uin
                             c->number, position, level - 1, page);
 }
 
+/* Records that another page must hold the node which a link names. */
 static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint32_t position)
 {
     const struct link_check *c = user;
@@ -229,8 +236,8 @@ static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint
     return UMB_OK;
 }
 
-/* Checks the nodes that other pages expect of the page, and the asset's total counts: a page has at
- * most one copy of a node. */
+/* Checks that the page has the nodes to which other pages refer, and no more nodes than the asset:
+ * a page has at most one copy of a node. */
 static enum umb_status check_counts(const struct umb_partial *p, uint32_t number,
                                     const struct umb__page *page, struct umb_error *error)
 {
@@ -289,6 +296,21 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     return UMB_OK;
 }
 
+/* Proves a page, checks its links to and from other pages, and stores it. In: raw: room for the
+ * page, uncompressed. */
+static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__page_entry *entry,
+                                      const void *stored, uint8_t *raw, struct umb_error *error)
+{
+    struct umb__page page;
+    struct link_check check = {.p = p, .page = &page, .number = entry->page, .error = error};
+    UMB__TRY(umb__page_expand(p->zstd, stored, entry, raw, error));
+    UMB__TRY(prove(p, entry, raw, error));
+    UMB__TRY(umb__page_open(raw, entry, &page, error));
+    UMB__TRY(check_counts(p, entry->page, &page, error));
+    UMB__TRY(umb__partial_each_link(&page, check_link, &check));
+    return keep(p, &page, entry, stored, error);
+}
+
 /* Drops pages of less benefit than a new one, until the new one fits. */
 static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry)
 {
@@ -330,25 +352,8 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
         return no_memory(error, "a page that matters less than those here");
     }
     uint8_t *raw = umb__alloc(&p->alloc, entry.raw_length, 1);
-    struct umb__page parsed;
-    struct link_check check = {.p = p, .page = &parsed, .number = page, .error = error};
-    enum umb_status status =
-        raw ? umb__page_expand(p->zstd, stored, &entry, raw, error) : no_memory(error, "a page");
-    if (status == UMB_OK) {
-        status = prove(p, &entry, raw, error);
-    }
-    if (status == UMB_OK) {
-        status = umb__page_open(raw, &entry, &parsed, error);
-    }
-    if (status == UMB_OK) {
-        status = check_counts(p, page, &parsed, error);
-    }
-    if (status == UMB_OK) {
-        status = umb__partial_each_link(&parsed, check_link, &check);
-    }
-    if (status == UMB_OK) {
-        status = keep(p, &parsed, &entry, stored, error);
-    }
+    const enum umb_status status =
+        raw ? check_and_keep(p, &entry, stored, raw, error) : no_memory(error, "a page");
     umb__free(&p->alloc, raw);
     return status;
 }
@@ -379,16 +384,12 @@ enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, con
         return umb_fail(error, UMB_E_CORRUPT, "directory: block %u: %zu bytes came, it has %u",
                         block, size, umb__block_bytes(p->head.page_count, block));
     }
-    enum umb_status status = umb__block_check(&p->head, block, bytes, NULL, error);
-    if (status == UMB_OK) {
-        status = umb__block_prove(&p->head, block, bytes, p->sha256, error);
-    }
-    if (status == UMB_OK) {
-        memcpy(p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY, bytes, size);
-        p->blocks[block] = true;
-        p->block_count++;
-    }
-    return status;
+    UMB__TRY(umb__block_check(&p->head, block, bytes, NULL, error));
+    UMB__TRY(umb__block_prove(&p->head, block, bytes, p->sha256, error));
+    memcpy(p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY, bytes, size);
+    p->blocks[block] = true;
+    p->block_count++;
+    return UMB_OK;
 }
 
 int umb_partial_has(const struct umb_partial *p, uint32_t page)

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the held pages to the two assets of partial.h. First comes a graph: the octree of all held
- * nodes, in which a child in a missing page is UMB__ABSENT | its page. From it come the lower and
- * the upper octree, in which such a child is a uniform state, and their mapped layouts. Bricks are
- * the same in both and shared.
+ * From the held pages to the lower and the upper asset of partial.h. The first step is a graph: the
+ * octree of all held nodes, in which a child in a missing page is UMB__ABSENT | page. The second
+ * step makes the lower and the upper octree, in which such a child is a uniform state, and their
+ * mapped layouts. Both layouts share their bricks, which are the same.
  */
 #include <string.h>
 
@@ -19,26 +19,10 @@ static enum umb_status no_memory(struct umb_error *error)
                     "memory budget");
 }
 
-void umb__partial_unbuild(struct umb_partial *p)
-{
-    umb__mapped_finish(&p->upper.mapped); /* Its bricks belong to the lower asset */
-    umb__mapped_finish(&p->lower.mapped);
-    for (size_t level = 0; level < UMB__LEVELS; level++) {
-        umb__free(&p->alloc, p->seen[level]);
-        p->seen[level] = NULL;
-    }
-    p->graph.alloc = &p->alloc;
-    umb__octree_finish(&p->graph);
-    umb__free(&p->alloc, p->order);
-    p->order = NULL;
-    p->order_count = 0;
-    p->built = false;
-}
-
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* The node's page is the last one whose first node is not behind it. Pages without nodes of the
-     * level stand before the one that has it. */
+    /* The page is the last one whose first node of the level is not behind the node. Pages without
+     * nodes of the level have the same first number as the next page, and stand before it. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;
@@ -99,16 +83,17 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 /* Working memory for filling the graph from one page after another. */
 struct filling {
     struct umb_partial *p;
-    uint8_t *raw; /* room for the longest page */
-    /* For the nodes in other pages that a level of a page leads to: their numbers in the graph, or
+    uint8_t *raw; /* Room for the longest page, uncompressed */
+    /* Numbers in the graph of the nodes in other pages that a level of a page leads to, or
      * UMB__ABSENT | page. */
     uint32_t *others;
-    uint64_t *leaves; /* of a page */
+    uint64_t *leaves; /* Leaves of a page */
     size_t others_capacity, leaves_capacity;
-    size_t children_capacity[UMB__LEVELS]; /* of the graph */
+    size_t children_capacity[UMB__LEVELS]; /* Capacities of the graph's children */
 };
 
-/* False: out of memory. */
+/* Finds the numbers of the nodes in other pages that level l of a page leads to. False: out of
+ * memory. */
 static bool read_others(struct filling *f, const struct umb__page *page, uint32_t l)
 {
     const struct umb__held *pages = f->p->pages;
@@ -153,7 +138,7 @@ static bool fill_level(struct filling *f, uint32_t number, const struct umb__pag
     return true;
 }
 
-/* False: out of memory. */
+/* Adds one page's bricks to the graph. False: out of memory. */
 static bool fill_bricks(struct filling *f, uint32_t number, const struct umb__page *page)
 {
     uint64_t(*bricks)[8] = f->p->graph.bricks + f->p->pages[number].links->first[UMB_LEVEL_BRICK];
@@ -174,14 +159,8 @@ static enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_
     const struct umb_partial *p = f->p;
     const struct umb__page_entry entry = umb__directory_load(&p->head, number);
     struct umb__page page;
-    enum umb_status status =
-        umb__page_expand(p->zstd, p->pages[number].stored, &entry, f->raw, error);
-    if (status == UMB_OK) {
-        status = umb__page_open(f->raw, &entry, &page, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb__page_expand(p->zstd, p->pages[number].stored, &entry, f->raw, error));
+    UMB__TRY(umb__page_open(f->raw, &entry, &page, error));
     bool filled = fill_bricks(f, number, &page);
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX && filled; l++) {
         filled = fill_level(f, number, &page, l);
@@ -232,18 +211,18 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
         return status == UMB_E_CORRUPT ? umb_fail(error, status, "pages: 2^31 nodes of one level")
                                        : no_memory(error);
     }
-    status = fill_graph(p, error);
-    if (status == UMB_OK) {
-        place_roots(p);
-    }
-    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS && status == UMB_OK; l++) {
+    UMB__TRY(fill_graph(p, error));
+    place_roots(p);
+    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
         p->seen[l] = umb__alloc(&p->alloc, p->graph.level[l].count, sizeof *p->seen[l]);
-        status = p->seen[l] ? UMB_OK : no_memory(error);
+        if (!p->seen[l]) {
+            return no_memory(error);
+        }
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Makes one level of the octree: the graph with absent children set to `state`. False: out of
+/* Makes one level of an octree from the graph's: absent children get `state`. False: out of
  * memory. */
 static bool settle_level(struct umb_partial *p, const struct umb__octree_level *from,
                          enum umb__node_state state, struct umb__octree_level *to)
@@ -276,8 +255,8 @@ static bool settle_level(struct umb_partial *p, const struct umb__octree_level *
     return true;
 }
 
-/* Lays out the graph as an octree without absent children. bricks: taken by the layout, or NULL for
- * a layout that will share them. */
+/* Lays the graph out for queries, with `state` instead of absent children. In: bricks: bricks that
+ * the layout takes over; NULL for a layout that will share them. */
 static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state,
                                uint64_t (*bricks)[8], struct umb__mapped *mapped,
                                struct umb_error *error)
@@ -307,7 +286,7 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state
     return status == UMB_OK ? UMB_OK : no_memory(error);
 }
 
-/* Makes an asset for queries; content and id stay the partial asset's. */
+/* Makes an asset for queries of a layout; the partial asset keeps owning content and id. */
 static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;
@@ -325,13 +304,8 @@ static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
     UMB__TRY(build_graph(p, error));
     uint64_t(*bricks)[8] = p->graph.bricks;
     p->graph.bricks = NULL;
-    enum umb_status status = lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error);
-    if (status == UMB_OK) {
-        status = lay_out(p, UMB__NODE_LIT, NULL, &p->upper.mapped, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error));
+    UMB__TRY(lay_out(p, UMB__NODE_LIT, NULL, &p->upper.mapped, error));
     p->upper.mapped.view.bricks = p->lower.mapped.view.bricks;
     init_view(p, &p->lower);
     init_view(p, &p->upper);
@@ -353,7 +327,8 @@ static void shed(struct umb_partial *p)
 enum umb_status umb_partial_build(struct umb_partial *p, struct umb_error *error)
 {
     enum umb_status status = try_build(p, error);
-    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* Ends: each round drops a page */
+    while (status == UMB_E_NO_MEMORY &&
+           p->held_count > 0) { /* Ends, since each round drops a page */
         umb__partial_unbuild(p);
         shed(p);
         status = try_build(p, error);

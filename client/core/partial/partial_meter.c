@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* An allocator with a budget. Each block begins with its size, in 16 bytes for alignment. */
+/* An allocator with a budget. Each block begins with its size, which takes 16 bytes to keep the
+ * alignment. */
 #include <string.h>
 
 #include "base/memory.h"
 #include "partial/partial_parts.h"
 
-enum {
-    PREFIX = 16
-};
+#define PREFIX 16U /* Bytes of the size before a block */
 
 static void *resize(void *user, void *block, size_t bytes)
 {

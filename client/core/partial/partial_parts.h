@@ -14,20 +14,20 @@
 
 /* Facts about a page's nodes, level by level. */
 struct umb__links {
-    uint32_t count[UMB__LEVELS];  /* Number of nodes in the page, if it is held */
-    uint32_t first[UMB__LEVELS];  /* Number of its first node in the graph, if the page was held at
-                                     the last build */
+    uint32_t count[UMB__LEVELS];  /* Number of nodes in the page, if the page is held */
+    uint32_t first[UMB__LEVELS];  /* Number in the graph of the page's first node, if the page was
+                                     held at the last build */
     uint32_t needed[UMB__LEVELS]; /* Number of nodes that references require: one more than the
-                                     highest position */
+                                     highest position that a reference names */
 };
 
 struct umb__held {
     uint8_t *stored;          /* NULL: the page is not here */
     struct umb__links *links; /* NULL: the page is not held, and no page refers to it */
-    double benefit;           /* Sum of its benefits for the wanted views; 0: none */
+    double benefit;           /* Sum of the page's benefits for the wanted views; 0: none */
 };
 
-/* A meter: counts allocated bytes and refuses those beyond a limit. */
+/* Counts of allocated bytes; an allocation beyond the limit is refused. */
 struct umb__meter {
     const struct umb_alloc *inner;
     uint64_t used, peak, limit;
@@ -35,17 +35,17 @@ struct umb__meter {
 
 struct umb_partial {
     struct umb__meter meter;
-    struct umb_alloc alloc; /* through the meter */
+    struct umb_alloc alloc; /* Allocator through the meter */
     const struct umb_sha256 *sha256;
-    void *zstd;           /* ZSTD_DCtx */
+    void *zstd;           /* Decoder, a ZSTD_DCtx */
     uint8_t *head_bytes;  /* [head.head_length] */
     uint8_t *entries;     /* [head.page_count * UMB__PAGE_ENTRY]; head.entries point there */
     bool *blocks;         /* [head.directory_count] True for each held block of entries */
-    uint32_t block_count; /* of those */
+    uint32_t block_count; /* Number of held blocks */
     struct umb__head head;
     struct umb__canonical canonical;
     struct umb__held *pages; /* [head.page_count] */
-    uint32_t *heap;          /* [heap_count] of [head.page_count]; see partial_worst.c */
+    uint32_t *heap;          /* [heap_count] Heap of pages, the worst first (partial_worst.c) */
     uint32_t heap_count;
     bool heap_fresh; /* False if pages or benefits have changed since the heap was built */
     uint32_t held_count;
@@ -55,18 +55,18 @@ struct umb_partial {
     /* The last build. */
     bool built;
     struct umb__octree graph; /* Without bricks; children and roots may be UMB__ABSENT | page */
-    uint32_t *order;          /* [order_count] pages in the graph, ascending */
+    uint32_t *order;          /* [order_count] Pages in the graph, ascending */
     uint32_t order_count;
-    float *seen[UMB__LEVELS];      /* Greatest benefit of a whole cube of each node; see mark() */
-    uint64_t want_steps;           /* Number of cubes and nodes that the last want visited */
-    struct umb_asset lower, upper; /* canonical and id are borrowed from here */
+    float *seen[UMB__LEVELS]; /* Greatest benefit of a whole cube of each node (partial_want.c) */
+    uint64_t want_steps;      /* Number of cubes and nodes that the last want visited */
+    struct umb_asset lower, upper; /* Assets for queries, which borrow `canonical` */
 };
 
-/* Sets the meter up; its address must stay. */
+/* Starts a meter, and makes an allocator that goes through it. In: meter: its address must stay. */
 void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
                      struct umb_alloc *alloc);
 
-/* True if the block of a page's entry is held: umb__directory_load may then be called. */
+/* Returns true if the block of a page's entry is held: umb__directory_load may then be called. */
 static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page)
 {
     return p->blocks[page / UMB__BLOCK_PAGES];
@@ -78,9 +78,9 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);
 /* Frees the last build. */
 void umb__partial_unbuild(struct umb_partial *p);
 
-/* Returns the held page of the least benefit, of equal ones the last in the file; UINT32_MAX: none
- * is held. Cost: logarithmic, except the first call after benefits have changed (heap_fresh =
- * false). */
+/* Returns the held page of the least benefit, the last in the file among equal ones; UINT32_MAX:
+ * none is held. Cost: logarithmic, except for the first call after benefits have changed
+ * (heap_fresh false), which is linear. */
 uint32_t umb__partial_worst(struct umb_partial *p);
 
 /* Adds a page that has arrived to the heap of umb__partial_worst. */
@@ -92,7 +92,8 @@ uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint3
 /* Returns the number of nodes and bricks of the graph. */
 uint64_t umb__partial_nodes(const struct umb_partial *p);
 
-/* Calls visit for each reference of a page into another: the referring level, page, position. */
+/* Calls visit for each reference of a page to a node in another page. In: level: level of the
+ * referring node. page, position: place of the node, one level below. */
 typedef enum umb_status (*umb__link_fn)(void *user, uint32_t level, uint32_t page,
                                         uint32_t position);
 UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit,
@@ -100,12 +101,13 @@ UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page,
 
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
-    uint32_t level;   /* Level of the largest missing cube; 0: none is missing */
-    double occupancy; /* Occupancy of the node that contains it, absent parts counted half */
+    uint32_t level; /* Level of the largest missing cube; 0: none is missing */
+    /* Lit share of the node above that cube; mixed and absent children count half */
+    double occupancy;
 };
 
-/* Looks a box of voxels up in the graph; its bounds are inside the frustum and inclusive. want:
- * gives the missing pages a benefit of 1. */
+/* Looks a box of voxels up in the graph. In: low, high: bounds, inclusive and inside the frustum.
+ * want: true adds a benefit of 1 to each missing page found. */
 struct umb__lack umb__partial_look(struct umb_partial *p, uint32_t frustum, const uint32_t low[3],
                                    const uint32_t high[3], bool want);
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Queries both assets. Where their answers differ, the graph gives the bound of the error. */
+/* Queries the lower and the upper asset. Where their answers differ, the graph gives the bound of
+ * the error. */
 #include <math.h>
 #include <string.h>
 
@@ -10,16 +11,16 @@
 #include "query/perspective.h"
 #include "query/stages.h"
 
-enum {
-    CHUNK = 1024
-}; /* points asked of both at a time: their answers stay in the cache */
+/* Points that both assets answer at a time, so that the answers stay in the cache. */
+#define CHUNK 1024U
 
+/* A query of both assets. */
 struct bracket {
     struct umb_partial *p;
     struct umb_query lower, upper;
     const struct umb_points *points;
     bool want;
-    struct umb__query q; /* what `lower` holds */
+    struct umb__query q; /* Content of `lower` */
     struct umb_partial_answers *answers;
 };
 
@@ -28,7 +29,8 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Finds what point i misses: its window, looked up in the graph. */
+/* Looks the window of point i up in the graph. Out: error_m: error_m of struct
+ * umb_partial_answers. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
     static const struct umb_partial_view no_view;
@@ -45,12 +47,14 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
         high[axis] = clamp_voxel(floor(voxel[axis]) + reach, size);
     }
     const struct umb__lack lack = umb__partial_look(b->p, frustum, low, high, b->want);
-    /* All missing cubes are cut at one depth, so the largest in voxels has the widest edge. */
+    /* The window crosses all missing cubes at one depth, so the cube with the most voxels a side
+     * has the widest edge. */
     umb__space_init(&space, &b->p->canonical.content, frustum, &no_view);
     *error_m = umb__space_edge(&space, lack.level, low[2] >> lack.level << lack.level);
     return lack;
 }
 
+/* Writes the answers of point i from its two bounds. */
 static void settle(const struct bracket *b, size_t i, float low, float high)
 {
     struct umb_partial_answers *a = b->answers;

@@ -10,17 +10,17 @@
 #include "format/layout.h"
 #include "partial/partial_parts.h"
 
-/* The fixed part. */
+/* Offsets in bytes of the fixed part of a partial file, and its length. */
 enum {
     VERSION = 8,
     PAGES = 12,
     HEAD_LENGTH = 16,
-    CHECK = 24, /* XXH3-64 of everything from BLOCKS up to the blocks: counts, head, numbers */
+    CHECK = 24, /* XXH3-64 of the bytes from BLOCKS up to the first block */
     BLOCKS = 32,
     FIXED = 40,
 };
 
-/* Lists the numbers of the held pages and blocks, in that order. */
+/* Writes the numbers of the held pages, then those of the held blocks. */
 static void write_numbers(const struct umb_partial *p, uint8_t *at)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {
@@ -117,14 +117,12 @@ static enum umb_status add_pages(struct umb_partial *p, struct saved *s, struct 
         if (!umb__take(&s->at, s->end, length, 1, &stored)) {
             return umb_fail(error, UMB_E_TRUNCATED, "partial file: page %u is cut", page);
         }
-        enum umb_status status = umb_partial_add(p, page, stored, length, error);
+        const enum umb_status status = umb_partial_add(p, page, stored, length, error);
         if (status == UMB_E_NO_MEMORY) {
             p->dropped += s->pages - i;
             return UMB_OK;
         }
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(status);
     }
     return s->at == s->end
                ? UMB_OK
@@ -162,6 +160,16 @@ static enum umb_status parse_saved(const uint8_t *file, size_t size, struct save
                : umb_fail(error, UMB_E_VERSION, "partial file: uses fields of a newer writer");
 }
 
+static enum umb_status add_all(struct umb_partial *p, struct saved *s, struct umb_error *error)
+{
+    if (p->head.head_length != s->head_length) {
+        return umb_fail(error, UMB_E_CORRUPT, "partial file: its head is not that long");
+    }
+    UMB__TRY(add_blocks(p, s, error));
+    UMB__TRY(add_pages(p, s, error));
+    return umb_partial_build(p, error);
+}
+
 enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
                                        const struct umb_partial_options *options,
                                        struct umb_partial **out, struct umb_error *error)
@@ -169,22 +177,9 @@ enum umb_status umb_partial_open_saved(const void *bytes, size_t size,
     struct saved saved = {0};
     struct umb_partial *p;
     *out = NULL;
-    enum umb_status status = parse_saved(bytes, size, &saved, error);
-    if (status == UMB_OK) {
-        status = umb_partial_open(saved.head, (size_t)saved.head_length, options, &p, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = p->head.head_length == saved.head_length
-                 ? add_blocks(p, &saved, error)
-                 : umb_fail(error, UMB_E_CORRUPT, "partial file: its head is not that long");
-    if (status == UMB_OK) {
-        status = add_pages(p, &saved, error);
-    }
-    if (status == UMB_OK) {
-        status = umb_partial_build(p, error);
-    }
+    UMB__TRY(parse_saved(bytes, size, &saved, error));
+    UMB__TRY(umb_partial_open(saved.head, (size_t)saved.head_length, options, &p, error));
+    const enum umb_status status = add_all(p, &saved, error);
     if (status != UMB_OK) {
         umb_partial_close(p);
         return status;

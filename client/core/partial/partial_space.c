@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See partial_space.h. Comparisons are written so that NaN, which only a hostile frustum makes,
- * counts as inside. */
+/* Views and cubes; see partial_space.h. Comparisons are written so that NaN, which only a hostile
+ * frustum makes, counts as inside the view. */
 #include "partial/partial_space.h"
 
 #include <math.h>
@@ -123,21 +123,22 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
     return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }
 
-/* Inverts the linear part of a perspective frustum: X, Y and W as functions of the world. */
+/* Fills in the fields of a perspective frustum. */
 static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f)
 {
     struct umb__perspective perspective = {0};
-    (void)umb__perspective_derive(f, &perspective); /* proven when the file was opened */
+    (void)umb__perspective_derive(f, &perspective); /* Proven sound when the file was opened */
     memcpy(s->axis, perspective.axis, sizeof s->axis);
     s->w_step = perspective.scale;
     s->w0 = perspective.offset;
 }
 
 /*
- * Returns the largest distance of a point's look-up from the point. The bias moves it by (taps
- * (|n.ex| + |n.ey|) + |n.ez|) / 2 along a normal, or by (2 taps + 1) / (2 sqrt(3)) voxels of depth
- * without one (query.h). The window reaches half its width farther, and a voxel for the rounding
- * down. Between the faces of a perspective light a point moves at most twice as far.
+ * Returns the largest distance in metres of a point's look-up from the point: the bias, half the
+ * width of the window, and a voxel for rounding down. The automatic bias (umbrage/query.h) is at
+ * most (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along a normal n, or (2 taps + 1) / (2 sqrt(3)) voxels
+ * of depth without a normal. Where a point passes between the faces of a perspective light it moves
+ * at most twice as far.
  */
 static double margin_of(const struct umb__space *s, double taps)
 {
@@ -177,6 +178,7 @@ void umb__space_init(struct umb__space *s, const struct umb__content *content, u
     s->margin_m = margin_of(s, view->taps ? view->taps : UMB_TAPS_MAX) + view->bias_m;
 }
 
+/* Computes the world position of a point in voxel coordinates. */
 static void corner(const struct umb__space *s, const double v[3], double world[3])
 {
     const double w = s->perspective ? s->w0 + s->w_step * v[2] : 1.0;
@@ -187,8 +189,8 @@ static void corner(const struct umb__space *s, const double v[3], double world[3
     }
 }
 
-/* Returns the world box around a cube of voxels. The last layer answers for all space behind it, so
- * it reaches four frusta farther. */
+/* Computes the world box around a cube of voxels and the margin. The last layer of voxels answers
+ * for all space behind it, so its cubes are extended by four frusta. */
 static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_t at[3],
                        double low[3], double high[3])
 {
@@ -214,6 +216,7 @@ static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_
     }
 }
 
+/* Compares the world box around a cube with the view's box. */
 static void see_box(const struct umb_box *box, const double low[3], const double high[3],
                     struct umb__seen_cube *cube)
 {
@@ -223,6 +226,7 @@ static void see_box(const struct umb_box *box, const double low[3], const double
     }
 }
 
+/* Compares the world box around a cube with the camera's view. */
 static void see_camera(const struct umb__sight *sight, const double low[3], const double high[3],
                        struct umb__seen_cube *cube)
 {
@@ -257,7 +261,7 @@ double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t 
 {
     const double count = (double)(1U << level), *edges = space->edges;
     double across = fmax(edges[0], edges[1]);
-    if (space->perspective) { /* The edges hold at the W of the last voxels */
+    if (space->perspective) { /* The edges are those of the last voxels */
         const double size = (double)(1U << space->log2_size);
         across *=
             (space->w0 + space->w_step * ((double)z + count)) / (space->w0 + space->w_step * size);

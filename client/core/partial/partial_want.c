@@ -2,13 +2,14 @@
 /*
  * Finds the pages that matter. A walk follows the view through the graph from the roots, cube by
  * cube. An absent child gives its page the cube's benefit. So does every node on the way, so that a
- * page above is never worth less than one below it. If a whole cube of a node was visited, the node
- * is not walked again for a smaller benefit, as everything below it was found.
+ * page is never worth less than a page below it. A node of which a whole cube was visited is not
+ * walked again for a smaller benefit, since everything below the node was found.
  *
- * A graph represents a tree that may be larger by any factor, so the walk counts its cubes. Assets
- * of scenes take up to 11 cubes for each node held. At STEPS_A_NODE the walk stops and marks the
- * nodes that remain. One pass over the graph, from the top down and each node once, then wants
- * everything below the marked nodes. The result may have too many pages, never too few.
+ * The graph shares nodes, so the tree that it stands for may be larger by any factor, and the walk
+ * counts the cubes that it visits. Assets of scenes take up to 11 cubes for each node held. At
+ * STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the graph, from
+ * the top down and each node once, wants everything below the marked nodes. The result may have too
+ * many pages, never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -20,10 +21,10 @@
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 
-/* A node that is visited next, or an absent one. */
+/* A cube of voxels, and the node of the graph or the missing page that has it. */
 struct cube {
-    uint32_t level, x, y, z; /* first voxel */
-    uint32_t child;          /* node of the graph, brick, or UMB__ABSENT | page */
+    uint32_t level, x, y, z; /* Level, and first voxel */
+    uint32_t child;          /* Node of the graph, brick, or UMB__ABSENT | page */
 };
 
 struct walk {
@@ -33,13 +34,13 @@ struct walk {
     uint64_t steps; /* Number of cubes that the walk may still visit */
 };
 
-/* Limit of the cubes of a walk: a multiple of the nodes held, and some for small assets. */
+/* Limit of the cubes that a walk visits: STEPS_A_NODE for each node held, and STEPS_MIN more. */
 enum {
     STEPS_A_NODE = 64,
     STEPS_MIN = 1024,
 };
 
-/* Benefit of a root that the walk does not reach: any value will do. */
+/* Benefit given to what lies below a root that the walk does not reach; any value would do. */
 #define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
@@ -49,7 +50,7 @@ static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, d
     p->pages[page].benefit += benefit;
 }
 
-/* Child c of a cube. */
+/* Returns child c of a cube. */
 static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
 {
     const uint32_t half = 1U << (cube->level - 1);
@@ -77,8 +78,8 @@ static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, doub
     }
 }
 
-/* Wants everything below the marked nodes: each node once, from the top down. Half the edge is a
- * quarter of the benefit. */
+/* Wants everything below the marked nodes: each node once, from the top down. A child has half the
+ * edge, so a quarter of the benefit. */
 static void want_marked(struct umb_partial *p)
 {
     for (uint32_t l = UMB_LEVEL_MAX; l > UMB_LEVEL_BRICK; l--) {
@@ -98,8 +99,8 @@ static void want_marked(struct umb_partial *p)
     }
 }
 
-/* Depth ends at bricks: levels strictly descend. above: benefit of the cube that this is a part of.
- */
+/* Visits a cube and, if the view needs more than the cube shows, its children. Recursion ends at
+ * bricks, since levels descend. In: above: benefit of the cube's parent. */
 static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {
     struct umb_partial *p = w->p;
@@ -117,8 +118,9 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     }
     const bool absent = (cube->child & UMB__ABSENT) != 0;
     if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
-        /* Where the view's angle decides which cells are fine enough, a cube that appears larger
-         * may need more below it. */
+        /* A walk from another cube of this node has found everything below it. With max_error_rad a
+         * cube that appears larger may need finer cells; without, only a benefit more than four
+         * times as great is worth a second walk. */
         float *best = &p->seen[cube->level][cube->child];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {
@@ -172,6 +174,7 @@ static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
     }
 }
 
+/* Takes all benefits back. */
 static void forget(struct umb_partial *p)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {
@@ -209,7 +212,8 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     return UMB_OK;
 }
 
-/* Returns the benefit of a missing page a byte; 0 for a page that is held or does not matter. */
+/* Returns the benefit per stored byte of a missing page; 0 for a page that is held or does not
+ * matter. */
 static double worth(const struct umb_partial *p, uint32_t page)
 {
     const struct umb__held *held = &p->pages[page];
@@ -293,7 +297,7 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
         if (cube->level > l->lack.level) {
             l->lack = (struct umb__lack){cube->level, above};
         }
-        if (l->want) { /* Without `want`, other threads may read it, too */
+        if (l->want) { /* Without `want`, other threads may read the graph at the same time */
             l->p->heap_fresh = false;
             l->p->pages[cube->child & ~UMB__ABSENT].benefit += 1;
         }

@@ -5,14 +5,15 @@
  */
 #include "partial/partial_parts.h"
 
-/* True if page a is dropped before page b; of equal pages the last in the file is first. */
+/* Returns true if page a is dropped before page b: the page of less benefit, or the later one of
+ * equal pages. */
 static bool is_worse(const struct umb_partial *p, uint32_t a, uint32_t b)
 {
     const double x = p->pages[a].benefit, y = p->pages[b].benefit;
     return x < y || (!(y < x) && a > b);
 }
 
-/* Moves an entry down to where it belongs. */
+/* Moves an entry of the heap down until none below it is worse. */
 static void sift_down(struct umb_partial *p, uint32_t at)
 {
     for (;;) {

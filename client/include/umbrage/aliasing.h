@@ -5,14 +5,16 @@
  * Aliasing of a shadow map: how well its texels fit the pixels of a camera, at a point of a
  * surface.
  *
- * A texel covers a patch of the surface, and the patch covers a few pixels or a part of one. Both
- * maps are linear near the point. With A the derivative of texel coordinates along the surface and
- * B that of pixel coordinates, one texel covers the parallelogram B A^-1 of pixels. Where it is
- * longer than 1 pixel the map is undersampled and its edges show steps.
+ * A texel covers a patch of the surface, and the patch covers a few pixels or a part of one. Texel
+ * and pixel coordinates are nearly linear around the point. Let A be the derivative of texel
+ * coordinates along the surface and B that of pixel coordinates; then one texel covers the
+ * parallelogram B A^-1 of pixels. Where the parallelogram is longer than 1 pixel, the map is
+ * undersampled and shadow edges show steps.
  *
- * Along one axis of the map this is Lloyd's m. Under a light from above and for a surface in the
- * plane of view it is dp/ds of Stamminger and Drettakis: a perspective factor, which another
- * parametrisation (cascades, warps) can lower, times a projection factor, which it cannot.
+ * The length of the parallelogram along one axis of the map is Lloyd's m. For a light from above
+ * and a surface in the plane of view, m is dp/ds of Stamminger and Drettakis: a perspective factor,
+ * which another parametrisation (cascades, warps) can lower, times a projection factor, which none
+ * can.
  *
  * Sources: Stamminger, Drettakis: Perspective shadow maps, 2002; Lloyd: Logarithmic perspective
  * shadow maps, 2007, chapter 3.
@@ -27,15 +29,17 @@ extern "C" {
 
 struct umb_aliasing {
     double most;     /* Pixels that a texel covers in its longest direction */
-    double least;    /* Pixels that it covers across that direction */
+    double least;    /* Pixels that a texel covers across that direction */
     double along[2]; /* Pixels that a step of one texel in x, and in y, covers: Lloyd's m */
-    double perspective, projection; /* Factors of dp/ds, pixels a texel: (pixels a metre at the
-                                       point's distance) x (metres a texel), and cos a / cos b */
-    uint64_t reserved[4];           /* Zero: room for later versions (umbrage/version.h) */
+    /* The two factors of dp/ds. perspective: pixels a metre at the point's distance times metres a
+     * texel. projection: cos a / cos b, where a and b are the angles between the normal and the
+     * directions to the camera and to the light. */
+    double perspective, projection;
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
- * Analyses a point that the camera sees and the light reaches.
+ * Computes the aliasing at a point that the camera sees and the light reaches.
  *
  * In:    camera: near_m and far_m are not read. width, height: pixels. normal: of any length above
  *        0, towards the camera.

@@ -4,9 +4,9 @@
 /*
  * The allocator for opening and building. Queries allocate nothing.
  *
- * A NULL allocator means malloc, realloc and free. A program passes its own to bound memory; tests
- * pass one whose n-th allocation fails. zstd's working memory, a few MiB while a packed file is
- * opened or written, always comes from malloc.
+ * A NULL allocator means malloc, realloc and free. A program passes an allocator of its own to
+ * bound memory, or to test what happens when an allocation fails. zstd's working memory, a few MiB
+ * while a packed file is opened or written, always comes from malloc.
  * Threads: an asset uses its allocator only while it is opened, exported, calibrated
  * (umbrage/curve.h) and closed. If you calibrate from several threads at once, the allocator must
  * be thread-safe.
@@ -27,8 +27,8 @@ struct umb_alloc {
     void *user; /* First argument of `resize` */
 };
 
-/* Frees a block of memory whose function names umb_free: lists, descriptions, files in memory. NULL
- * is allowed. */
+/* Frees a list, a description or a file in memory that a function returned; the function's
+ * description names umb_free. NULL is allowed. */
 UMB_API void umb_free(void *block);
 
 #ifdef __cplusplus

@@ -46,7 +46,7 @@ extern "C" {
 #define UMB_LEVEL_MIN    6     /* smallest frustum: 64 voxels a side */
 #define UMB_LEVEL_MAX    20    /* largest: 1048576 voxels a side */
 #define UMB_LIGHTS_MAX   4096  /* lights in one asset */
-#define UMB_FRUSTA_MAX   24576 /* six a light */
+#define UMB_FRUSTA_MAX   24576 /* frusta in one asset: six a light */
 #define UMB_NAME_SIZE    64    /* bytes of a light's name with its NUL */
 
 struct umb_asset; /* opaque */
@@ -89,22 +89,23 @@ struct umb_light_info {
     double direction[3]; /* Unit vector in which the light travels (point light: 0) */
     double position[3];  /* Position, metres, scene origin included (spot, point) */
     double extent;       /* Angular diameter in radians (directional) or size in metres; 0: none */
-    uint32_t first_frustum; /* Index of its first frustum; the others follow */
-    uint32_t frustum_count; /* Number of its frusta: 1 if directional, else up to 6 */
+    uint32_t first_frustum; /* Index of the light's first frustum; its others follow */
+    uint32_t frustum_count; /* Number of the light's frusta: 1 if directional, else up to 6 */
     uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */
 struct umb_frustum_info {
-    uint32_t log2_size; /* Logarithm of its size: 1 << log2_size voxels a side */
-    uint32_t light;     /* Index of its light */
+    uint32_t log2_size; /* Binary logarithm of the voxels a side: 1 << log2_size voxels */
+    uint32_t light;     /* Index of the frustum's light */
     int closed;         /* 1: baked under the closed rule, undefined inside closed solids */
     /* Transform, row major: (X, Y, Z, W) = M * (world - origin, 1); voxel = (X / W, Y / W, Z), so
      * z is linear along the axis. Directional lights: W = 1. Spot and point lights: W is the
      * distance from the light along the frustum's axis, metres; points with W <= 0 are outside. */
     double world_to_voxel[4][4];
-    /* Row i: world vector of one voxel along voxel axis i, metres. In a perspective frustum x and y
-     * hold where W = 1 (they grow with W), and z runs along the frustum's axis. */
+    /* Row i: world vector of one voxel along voxel axis i, metres. In a perspective frustum the
+     * rows of x and y hold where W = 1 and grow with W; the row of z runs along the frustum's
+     * axis. */
     double voxel_step[3][3];
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -114,7 +115,7 @@ struct umb_asset_info {
     uint8_t id[UMB_ID_BYTES];
     enum umb_encoding encoding; /* Encoding of the file that the asset was opened from */
     uint64_t file_bytes;        /* Length of that file */
-    uint64_t memory_bytes;      /* Bytes that queries read: the sum of the next six */
+    uint64_t memory_bytes;      /* Bytes that queries read: the sum of the next six fields */
     uint64_t grid_bytes;
     uint64_t node_bytes;
     uint64_t brick_bytes;
@@ -126,7 +127,7 @@ struct umb_asset_info {
     uint64_t level_nodes[UMB_LEVEL_MAX + 1]; /* Unique nodes of each level; [3] are the bricks */
     uint64_t packed_bytes; /* Length of the packed file that was opened; 0 for a mapped one */
     uint64_t bytes_2014;   /* Bytes of the same voxels in the encoding of Sintorn et al. 2014; 0 if
-                            the bake did not record it */
+                              the bake did not record it */
     double origin[3];      /* Scene origin that transforms start from, metres, world space */
     struct umb_box bounds; /* Box around the casters, metres, world space */
     uint8_t scene_hash[UMB_ID_BYTES]; /* SHA-256 of the scene's content */
@@ -137,7 +138,7 @@ struct umb_asset_info {
 };
 
 /*
- * Opens an asset file, packed or mapped, told apart by content.
+ * Opens an asset file, packed or mapped; its first bytes say which.
  *
  * In:    path: NUL-terminated. options: NULL for the defaults; copied, except the allocator.
  * Out:   out: the asset, or NULL on failure.
@@ -183,8 +184,8 @@ umb_asset_get_light(const struct umb_asset *asset, uint32_t index, struct umb_li
 UMB_API UMB_CHECKED enum umb_status
 umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index, struct umb_frustum_info *info);
 
-/* Fills in the edges of a voxel along x, y and z, metres. In a perspective frustum: of its last
- * voxels along z, which are its largest. */
+/* Fills in the edges of a voxel along x, y and z, metres. In a perspective frustum, whose voxels
+ * grow with the distance from the light: the edges of the farthest voxels. */
 UMB_API void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3]);
 
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */

@@ -38,10 +38,12 @@ extern "C" {
 
 enum umb_cascade_fit {
     UMB_CASCADE_SLICE = 0, /* Sphere around the slice, for any scene. Its size stays when the camera
-                              turns, and its texels stay on a grid of the world when the camera
-                              moves (texel snapping), so that shadows do not swim */
-    UMB_CASCADE_SCENE,     /* Intersection of slice and scene: finer, but moves with both */
-    UMB_CASCADE_LISPSM,    /* The same, warped so that texels are finer near the eye */
+                              turns. Its texels stay on a grid of the world when the camera moves
+                              (texel snapping), so that shadows do not swim */
+    UMB_CASCADE_SCENE,     /* Intersection of slice and scene: finer texels, but they move with the
+                              camera and the scene */
+    UMB_CASCADE_LISPSM, /* Intersection of slice and scene, warped so that texels are finer near the
+                           eye */
 };
 
 struct umb_cascade_settings {
@@ -54,7 +56,8 @@ struct umb_cascade_settings {
 };
 
 struct umb_cascade_plan {
-    double eye[3], forward[3]; /* Origin and unit vector of distances along the view */
+    double eye[3], forward[3]; /* Camera's position and unit direction of view: splits are distances
+                                  from `eye` along `forward` */
     uint32_t count;
     double blend;
     double splits[UMB_CASCADES_MAX + 1]; /* Distances along forward, metres: near .. far */
@@ -64,8 +67,9 @@ struct umb_cascade_plan {
 };
 
 /*
- * Fills count + 1 distances: weight (n (f/n)^(i/count)) + (1 - weight) (n + (f - n) i/count).
- * Precision: pow within 1 ulp; the ends are exactly near and far.
+ * Computes the count + 1 distances of the splits, metres. With n = near_m and f = far_m, split i is
+ * weight * n (f/n)^(i/count) + (1 - weight) * (n + (f - n) i/count).
+ * Precision: that of pow, 1 ulp; the first and the last split are exactly near_m and far_m.
  */
 UMB_API void umb_cascades_split(double near_m, double far_m, uint32_t count, double weight,
                                 double *splits);
@@ -86,8 +90,8 @@ umb_cascades_plan(const struct umb_camera *camera, const double to_light[3],
                   struct umb_cascade_plan *plan, struct umb_error *error);
 
 /*
- * Answers points, each by the map of its slice. Points nearer than near use the first slice, points
- * beyond far the last. In the blended part of a slice both maps answer.
+ * Answers points, each by the map of the slice that it lies in. Points before the first slice use
+ * the first map, points behind the last slice the last. Where two slices blend, both maps answer.
  *
  * In:    queries: struct umb_map_query[plan->count], prepared on maps of plan->frusta.
  */
@@ -95,18 +99,19 @@ UMB_API void umb_cascades_run(const struct umb_cascade_plan *plan,
                               const struct umb_map_query *queries, const struct umb_points *points,
                               size_t first, size_t count, float *values);
 
-/* A seam: the maps on both sides of it, with their filters. */
+/* A seam between two layers: the maps on both sides and their filters. */
 struct umb_cascade_seam {
     const struct umb_map *fine, *coarse;
     struct umb_map_filter fine_filter, coarse_filter;
     double contrast;      /* Out: C for the coarse filter, 1/1024..1024 */
     double difference;    /* Out: root mean square of coarse - fine with C = 1 */
-    double after;         /* Out: the same with `contrast` */
+    double after;         /* Out: root mean square of coarse - fine with `contrast` */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
- * Finds the contrast C at which the coarser layer differs least from the finer one.
+ * Finds the contrast C (struct umb_map_filter) at which the coarser layer's answers differ least
+ * from the finer layer's.
  *
  * In:    points: along the seam, at least one. scratch: float[2 * points->count].
  * Fails: as umb_map_prepare.

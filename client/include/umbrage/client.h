@@ -14,7 +14,7 @@
  * A client owns one loop thread and one connection to each server of its address. A connection
  * opens at the first call for its server, and again after a loss. The client sends an HTTP/2 PING
  * when a call meets its deadline, or when a server that owes answers is silent for keepalive_ms.
- * Without a reply within connect_timeout_ms the connection counts as lost.
+ * Without a reply to the PING within connect_timeout_ms the connection counts as lost.
  *
  * Retries: a call that the server has not begun is sent again at once. A call whose connection was
  * lost, or that the server refused with UNAVAILABLE or with retry pushback ("retry after"), is sent
@@ -24,8 +24,8 @@
  * that was never reached fails the call at once.
  *
  * Several servers: "tcp:a:7420,tcp:b:7420" are replicas with the same assets, 64 at most. Each
- * asset has its own order of them (rendezvous hashing), the same for every client. A call goes to
- * the first replica that can be reached, and a retry to the next.
+ * asset has its own order of the replicas (rendezvous hashing), the same for every client. A call
+ * goes to the first replica in that order that can be reached, and a retry to the next.
  * Asynchronous functions return at once and call back on the client's own thread. Blocking ones
  * start the asynchronous call and wait for it. The library never aborts, exits or prints.
  *
@@ -75,15 +75,16 @@ struct umb_client_options {
                                     PING; 0 = 10000 */
     uint32_t max_retries;        /* Retries of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */
     uint32_t max_calls;          /* Calls under way and waiting; 0 = 1024; beyond: E_BUSY */
-    uint64_t max_request_bytes;  /* Bytes of those calls' requests together; 0 = 256 MiB; beyond:
-                                    E_BUSY. A call that is alone may have more */
+    uint64_t max_request_bytes;  /* Bytes of the requests of these calls together; 0 = 256 MiB;
+                                    beyond: E_BUSY. A call alone may have more */
     uint64_t max_reply_bytes;    /* Bytes of one reply; 0 = 64 MiB, at most 4 GiB */
     umb_log_fn log;              /* Log callback, called on the client's thread; NULL = silent */
     void *log_user;              /* First argument of `log` */
     /* For tls: addresses only: PEM files, read by umb_client_open and not again. */
     const char *ca_file;          /* Authorities to trust; NULL = those of the system */
     const char *certificate_file; /* Client's certificate chain, for mutual TLS; NULL = none */
-    const char *key_file;         /* Its private key, without a password; NULL = the same file */
+    const char *key_file;         /* Private key of the certificate, without a password; NULL = in
+                                     certificate_file */
     const char *server_name;      /* Name that the server's certificate must have; NULL = HOST */
     const char *token; /* Bearer token: 1 to 4096 printable characters, no blanks; NULL = none */
     const char *token_file; /* File that holds only the token; a newline at its end is cut off */
@@ -93,8 +94,9 @@ struct umb_client_options {
 struct umb_client_query_request {
     const char *asset; /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
-    /* Dial by which the server chooses taps and level, which must then be 0; zeroed: no choice.
-     * budget_ns is for one of the server's cores, calibrated there on points like these. */
+    /* Dial by which the server chooses taps and level, which must be 0 in `settings`; zeroed: none.
+     * budget_ns is time of one of the server's cores, which the server calibrates on points like
+     * these. */
     struct umb_dial dial;
     struct umb_points points; /* Batch of points; only the server checks that they are finite */
     /* Depth picture with a point for each pixel (umbrage/picture.h), instead of `points`, whose
@@ -123,7 +125,7 @@ struct umb_client_query_reply {
     double bound_m, visibility_error, lines;
     double expected_ns;    /* Expected nanoseconds a point, with a budget and stats; else 0 */
     uint64_t packed_bytes; /* Bytes of the answers on the wire, if they were packed; else 0 */
-    int changes_only;      /* 1: they were packed against `base` */
+    int changes_only;      /* 1: the answers were packed against `base` */
     uint64_t reserved[4];  /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -143,8 +145,9 @@ struct umb_client_light {
     int closed;                 /* 1: baked under the closed rule */
     size_t curve_count;         /* Number of rows; 0: the asset or the server gives no curve */
     struct umb_curve_row curve[UMB_CURVE_ROWS_MAX];
-    /* Nanoseconds a point of each row on one of the server's cores: for points scattered over the
-     * scene, and for points next to each other. 0 until a query of that kind has had a budget. */
+    /* Nanoseconds a point of each row on one of the server's cores: scattered_ns for points all
+     * over the scene, coherent_ns for points next to each other. 0 until a query with points of
+     * that kind has had a budget. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -172,7 +175,8 @@ typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
 
-/* Called at the end of a call: error is NULL if status is UMB_OK, else borrowed meanwhile.
+/* Called at the end of a call. In: error: NULL if status is UMB_OK, else borrowed during the
+ * callback.
  * Threads: called exactly once for each started call, on the client's thread. May start calls. */
 typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
                                    const struct umb_error *error);
@@ -237,9 +241,10 @@ umb_client_query_start(struct umb_client *client, const struct umb_client_query_
                        struct umb_error *error);
 
 /*
- * Cancels a call by its number. Its callback soon gets E_CANCELLED, unless the call has ended by
- * then; it is called once in any case. The server is told, and drops work it has not begun. The
- * other unanswered queries of the call's stream are sent again.
+ * Cancels a call by its number. The call's callback is called once in any case: soon with
+ * E_CANCELLED, or with the call's result if the call has ended by then. The server drops the part
+ * of the work that it has not begun. The other unanswered queries of the call's stream are sent
+ * again.
  *
  * In:    call: number from umb_client_query_start or struct umb_client_async. 0 and the numbers of
  *        ended calls cancel nothing; numbers are not used again.

@@ -102,9 +102,9 @@ UMB_API UMB_CHECKED enum umb_status umb_calibrate(const struct umb_asset *asset,
                                                   struct umb_error *error);
 
 /*
- * Measures the costs of a light's curve for points like these. Costs vary up to tenfold with the
- * distance between points, their place and their normals. So calibrate a budget on the points to
- * come, or on a fair sample: runs of a few thousand consecutive points from all over them.
+ * Measures the costs of a light's curve for the caller's points. Costs vary up to tenfold with the
+ * distance between points, their place and their normals. So calibrate a budget on the points that
+ * will be queried, or on a fair sample of them: runs of a few thousand consecutive points.
  *
  * In:    points: as umb_points_check accepts them, at least one; 10^5 and more, spread over the
  *        scene, leave the caches as cold as the whole batch does. now_s: a clock in seconds that
@@ -130,10 +130,10 @@ struct umb_dial {
 /*
  * Chooses level and taps from the curve of settings->light.
  *
- * With max_error_m, max_visibility or both, it chooses the row with the fewest lines among the rows
- * within these limits, so that every machine chooses the same row. So a smaller error never gives a
- * larger bound, nor a lower cost. With budget_ns alone, it chooses the row with the least
- * visibility error among the rows within the budget. With a budget and limits, a row must keep all.
+ * With max_error_m, max_visibility or both: the row with the fewest lines among the rows within
+ * these limits. The choice is the same on every machine, and a smaller limit never gives a larger
+ * bound or a lower cost. With budget_ns alone: the row with the least visibility error among the
+ * rows within the budget. With a budget and limits, a row must keep all of them.
  *
  * In:    calibration: of this light; NULL unless budget_ns is given.
  *        settings: light is read; taps, level and footprint_m must be 0, filter must be box.

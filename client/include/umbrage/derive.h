@@ -46,18 +46,20 @@ extern "C" {
 struct umb_derive_settings {
     uint32_t light;         /* Index of the light */
     uint32_t width, height; /* Texels, 1..16384; powers of two with mips; equal for cascades */
-    double rect[4]; /* Rectangle x0 y0 x1 y1 in voxels of the light's frustum. It may reach beyond
-                       the frustum, where nothing casts; all 0: the whole. Not for cascades */
+    /* Rectangle x0 y0 x1 y1 in voxels of the light's frustum. It may reach beyond the frustum,
+     * where nothing casts. All 0: the whole frustum. Not for cascades. */
+    double rect[4];
     /* Settings of the maps. technique: PCF (depth), VSM, ESM, EVSM or MSM; format: F32, F16 or U16;
      * access: BASE or MIPS. Exponents: 0 = as large as the format allows, at most 80 for ESM, 40
      * for EVSM, and 5 for its negative_exponent. `linear` counts as 1, as GPUs filter exponentials.
      */
     struct umb_map_settings map;
-    const struct umb_camera *camera;      /* View that cascades divide; without them not read */
-    struct umb_cascade_settings cascades; /* count 0: one map, of rect; resolution is width */
-    int (*cancelled)(void *user);         /* Called for each row; nonzero stops. May be NULL */
-    void *cancel_user;                    /* First argument of `cancelled` */
-    uint64_t reserved[4];                 /* Zero: room for later versions (umbrage/version.h) */
+    const struct umb_camera *camera; /* View that the cascades divide; not read without cascades */
+    /* Cascades; count 0: one map, of rect. Their `resolution` is not read: each has `width`. */
+    struct umb_cascade_settings cascades;
+    int (*cancelled)(void *user); /* Called for each row; nonzero stops. May be NULL */
+    void *cancel_user;            /* First argument of `cancelled` */
+    uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The maps of one call: one map, or one for each cascade. Made by umb_derive only. */
@@ -89,7 +91,7 @@ UMB_API UMB_CHECKED enum umb_status umb_derive(const struct umb_asset *asset,
                                                const struct umb_alloc *alloc,
                                                struct umb_derived **out, struct umb_error *error);
 
-/* Frees maps and file. NULL is allowed. */
+/* Frees the derived maps and their KTX file. NULL is allowed. */
 UMB_API void umb_derived_destroy(struct umb_derived *derived);
 
 /* Returns the most bytes that umb_derive and umb_derived_ktx2 hold at once for these settings. */

@@ -16,7 +16,7 @@
  * libumbrage-core alone wraps the hash of its own crypto library in one function.
  *
  * Trust: safe on hostile bytes.
- * Threads: any; each call on a sink and a hash of its own, or on ones that serve several threads.
+ * Threads: any number at once, each call with a sink and a hash of its own or thread-safe ones.
  * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stddef.h>
@@ -55,9 +55,9 @@ struct umb_file_head {
     enum umb_encoding encoding;
     uint8_t id[UMB_ID_BYTES]; /* Identity that the file claims */
     uint64_t file_bytes;      /* Length of the whole file */
-    uint64_t open_bytes;      /* Length of its head, with the first block of a packed file's
-                                 directory: the bytes that umb_partial_open needs */
-    uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t open_bytes;  /* Length of the file's head and, of a packed file, the first block of its
+                             directory: the bytes that umb_partial_open needs */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* A file's bytes, mapped for reading. */
@@ -112,8 +112,8 @@ UMB_API UMB_CHECKED enum umb_status umb_asset_write(const struct umb_asset *asse
                                                     struct umb_error *error);
 
 /*
- * Proves that an open asset has the content that its id names, by packing it again. It is the only
- * proof of a mapped file, which carries no hashes.
+ * Proves that an open asset has the content that its id names, by packing the asset again. This is
+ * the only proof of a mapped file, which carries no hashes.
  *
  * Fails: E_ARGUMENT (no sha256), E_CORRUPT (another id: damaged, or of a version that packs
  *        otherwise), E_NO_MEMORY.

@@ -84,8 +84,8 @@ struct umb_job_file {
 };
 
 struct umb_job_setting {
-    const char *name;  /* Option of umbrage-bake, without dashes */
-    const char *value; /* Its value; "" for an option without one */
+    const char *name;  /* Name of an option of umbrage-bake, without dashes */
+    const char *value; /* Value of the option; "" for an option without a value */
 };
 
 struct umb_job_submission {
@@ -104,7 +104,7 @@ struct umb_job_submission {
 
 struct umb_job_submitted {
     char job[UMB_JOB_ID_SIZE];
-    int existing;         /* 1: the same submission was made before, and this is its job */
+    int existing;         /* 1: the same submission was made before, and `job` is the job of it */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -123,7 +123,8 @@ UMB_API UMB_CHECKED enum umb_status umb_client_submit(struct umb_client *client,
                                                       struct umb_client_async *async,
                                                       struct umb_error *error);
 
-/* Called with the status of a watched job. Returns 0 to stop watching, else nonzero. */
+/* Called with the status of a watched job. The callback returns 0 to stop watching, else
+ * nonzero. */
 typedef int (*umb_job_status_fn)(void *user, const struct umb_job_status *status);
 
 /*
@@ -157,8 +158,8 @@ UMB_API UMB_CHECKED enum umb_status
 umb_client_list_jobs(struct umb_client *client, uint32_t limit, struct umb_job_status **jobs,
                      size_t *count, struct umb_client_async *async, struct umb_error *error);
 
-/* Called with the next `count` bytes of a file of `size` bytes, at `offset` in it. Returns UMB_OK,
- * or the status with which the fetch ends. */
+/* Called with the next `count` bytes of a file of `size` bytes; they begin at `offset` in the
+ * file. The callback returns UMB_OK, or the status with which the fetch ends. */
 typedef enum umb_status (*umb_job_bytes_fn)(void *user, uint64_t offset, const void *bytes,
                                             size_t count, uint64_t size);
 

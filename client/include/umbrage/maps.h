@@ -62,7 +62,7 @@ enum umb_map_technique {
     UMB_MAP_MSM,         /* Four moments (Peters, Klein 2015) */
     UMB_MAP_DEEP,        /* Transmittance lists; see umb_map_build_deep */
     UMB_MAP_MOMENTS,     /* `terms` moments of the depth where light is absorbed; see
-                           umb_map_build_translucent */
+                            umb_map_build_translucent */
     UMB_MAP_ABSORBANCE,  /* `terms` moments of absorbance, -log of transmittance, and its sum */
 };
 
@@ -84,9 +84,9 @@ enum umb_map_access {
 
 /* Relation of an answer to the share of the filter's texels that let light through. */
 enum umb_map_bound {
-    UMB_MAP_EXACT = 0,   /* Equal to it */
-    UMB_MAP_UPPER_BOUND, /* Not below it by more than `slack` (light may bleed) */
-    UMB_MAP_ESTIMATE,    /* Neither */
+    UMB_MAP_EXACT = 0,   /* Equal to that share */
+    UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed) */
+    UMB_MAP_ESTIMATE,    /* Neither: may be above or below */
 };
 
 enum umb_map_projection {
@@ -106,19 +106,20 @@ struct umb_map_frustum {
     uint32_t width, height; /* Texels */
     double origin[3];       /* Origin of p, metres, world space */
     double world_to_map[4][4];
-    double depth_m;  /* Metres along the light (along the axis) of depth 0..1, > 0 */
-    double near_m;   /* Metres from a point or spot light to depth 0 */
+    double depth_m; /* Metres of the depth range 0..1 along the light (perspective: along the axis),
+                       above 0 */
+    double near_m;  /* Metres from a point or spot light to depth 0 */
     int directional; /* 1: `light` is the unit vector towards the light, else its position */
     double light[3];
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* Depths of the first casters that the light meets through the centre of each texel. */
+/* A layer: the depth of the first caster that the light meets through the centre of each texel. */
 struct umb_map_layer {
     const float *depth;   /* float[height][width], 0..1, 1 = no caster */
     const float *slope;   /* float[height][width][2]: change of the surface's depth per texel in x
-                           and in y, finite. NULL: the smaller of the differences to both
-                           neighbours */
+                             and in y, finite. NULL: the smaller of the differences to both
+                             neighbours */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -139,9 +140,9 @@ struct umb_map_settings {
                                    and `slack` is 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
-    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of the light that may be
-                                   absorbed at the receiver's own depth that counts as absorbed; 0:
-                                   answers are upper bounds of light */
+    double overestimate;        /* MOMENTS, ABSORBANCE: of the light that may be absorbed at the
+                                   receiver's own depth, the share, 0..1, that counts as absorbed.
+                                   0: answers are upper bounds of the light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
     uint64_t reserved[4];       /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -153,15 +154,16 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width;     /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. BASE:
-                     only the biases use it */
+    double width;     /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. With
+                         BASE access only the biases use it */
     uint32_t samples; /* Number of POISSON samples, 1..64 */
     double bias_m;    /* Metres towards the light, 0..1e6 */
     /* Slope bias, 0..100, as a multiple of the depth that the receiver's plane gains over half the
      * filter (its width in texels in x and in y); 1 is exactly enough for a plane not to shadow
      * itself. A penumbra follows the plane from texel to texel instead, and needs 1. */
     double bias_slope;
-    double bias_normal; /* Normal bias, 0..100: the same by moving the point along its normal */
+    /* Normal bias, 0..100: a multiple as bias_slope, but the point is moved along its normal. */
+    double bias_normal;
     /* Size of the light: radians of its diameter if directional, else metres. If above 0, the
      * filter is as wide as the penumbra, at least 1 texel and at most `width`. PCF of a box, and
      * VSM with SAT. */
@@ -208,10 +210,11 @@ enum umb_map_deep_way {
 };
 
 struct umb_map_deep_settings {
-    double epsilon;  /* Transmittance below which a list ends, 0..1; 0 keeps all; 0.001 cannot be
-                        seen */
-    double exponent; /* c, 0..1e6: the last step fades in by exp(-c d) at depth d behind it; 0: a
-                        sharp step */
+    /* Transmittance below which a list ends, 0..1; 0 keeps all fragments. The effect of 0.001
+     * cannot be seen. */
+    double epsilon;
+    double exponent; /* Exponent c, 0..1e6: the last step before a receiver fades in; exp(-c d) of
+                        it is missing at depth d behind the step. 0: a sharp step */
     enum umb_map_deep_way way;
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -222,7 +225,8 @@ struct umb_map_query {
 };
 
 /*
- * Fits an affine frustum of a directional light to a box of world space, a texel to spare.
+ * Fits an affine frustum of a directional light to a box of world space, with one texel to spare on
+ * each side.
  *
  * In:    to_light: any length above 0. width, height: texels, 1..16384.
  * Fails: E_ARGUMENT (sizes, not finite, empty box, no direction).
@@ -290,8 +294,8 @@ umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_f
  * Builds a filterable map of translucent casters, MOMENTS or ABSORBANCE, as umb_map_build.
  *
  * MOMENTS averages linearly, as light does, so that any filter is right; opaque casters stay
- * opaque. ABSORBANCE is more accurate behind all casters, but a filter averages logarithms. There
- * casters that leave less than 2^-10 of the light, as opaque ones do, count as 2^-10.
+ * opaque. ABSORBANCE is more accurate behind all casters, but its filters average logarithms, and
+ * casters that leave less than 2^-10 of the light, as opaque casters do, count as leaving 2^-10.
  *
  * In:    settings: technique, format (F32 or U16), access, blur, terms, moment_bias, overestimate.
  * Fails also: as umb_map_build_deep for fragments; E_UNSUPPORTED (another technique or format).

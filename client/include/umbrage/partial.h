@@ -81,10 +81,12 @@ struct umb_partial_view {
     struct umb_box box; /* Box: finite, min <= max */
     int has_camera;     /* 1: only pages that answer points in the camera's view; near ones first */
     struct umb_camera camera; /* near_m is not read; far_m: distance from the eye, 0 = no limit */
-    double max_error_m;       /* Edge of cells that need no finer pages; 0: exact */
-    double max_error_rad;     /* The same as an angle at the eye, such as half a pixel; 0: exact */
-    uint32_t taps;            /* Widest window of the queries to come; 0 = UMB_TAPS_MAX */
-    double bias_m;            /* Longest bias of the queries to come, beyond UMB_BIAS_AUTO's */
+    double max_error_m;       /* Edge in metres of cells that need no finer pages; 0: exact */
+    double max_error_rad;     /* Angle at the eye of cells that need no finer pages, such as half a
+                                 pixel; 0: exact */
+    uint32_t taps;            /* Widest window of the queries to come, texels; 0 = UMB_TAPS_MAX */
+    double bias_m;            /* Longest bias of the queries to come, as far as it exceeds that of
+                                 UMB_BIAS_AUTO, metres */
     uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -101,8 +103,8 @@ struct umb_partial_stats {
 };
 
 /*
- * Opens the front of a packed file: its head at least. If the whole first block of the directory
- * follows, it is taken too. Bytes beyond it are ignored.
+ * Opens a partial asset from the front of a packed file: the file's head, and the first block of
+ * the directory if all of it is there. Bytes behind that block are ignored.
  *
  * In:    front: uint8[size], copied. options: copied, except what it borrows.
  * Out:   out: the partial asset without a page, or NULL on failure.
@@ -174,9 +176,9 @@ UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
  * cameras.
  *
  * Fails: E_ARGUMENT (view; the field is named), E_STATE (nothing built yet).
- * Cost:  linear in the nodes of the pages held: at most 65 steps for each, plus 1024. A view that
- *        needs more gets pages beyond its border too. Only hostile assets need more: their border
- *        cuts very many cubes of few nodes.
+ * Cost:  linear in the nodes of the pages held: at most 65 steps for each node, plus 1024. If a
+ *        view needs more steps, pages beyond the view's border get a benefit too. Only hostile
+ *        assets need more: in them few nodes stand for very many cubes that the border cuts.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial,
                                                      const struct umb_partial_view *view, int add,
@@ -209,12 +211,12 @@ UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *part
 
 /* Answers of a partial asset. Arrays of points->count; only values is needed. */
 struct umb_partial_answers {
-    float *values;        /* Best estimates, within [low, high] */
-    float *low, *high;    /* Bounds of the true answer; equal where it is known */
-    float *error_m;       /* 0 where exact, else the widest edge of the missing cubes, metres; of a
-                          spot or point light that of the cube's far side */
-    uint64_t exact;       /* Out: number of points whose low and high are equal */
-    double worst_error_m; /* Out: greatest error_m */
+    float *values;     /* Best estimates, within [low, high] */
+    float *low, *high; /* Bounds of the true answer; equal where it is known */
+    float *error_m;    /* 0 where exact, else the widest edge of the missing cubes, metres; under a
+                          spot or point light, of the cube's far side */
+    uint64_t exact;    /* Out: number of points whose low and high are equal */
+    double worst_error_m;         /* Out: greatest error_m */
     struct umb_query_stats stats; /* Counts of the run on the lower asset, added to */
     uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
 };

@@ -65,12 +65,13 @@ UMB_API void umb_picture_fill(const struct umb_picture *picture, size_t first, s
 /* Returns the largest packed size of `size` bytes of answers. */
 UMB_API size_t umb_picture_room(size_t size);
 
-/* Returns the mark of a picture's answers: a hash, never 0, that names them as the base of later
- * ones. */
+/* Returns the mark of a picture's answers: a hash, never 0, by which client and server check that
+ * they pack later answers against the same base. */
 UMB_API uint64_t umb_picture_mark(const void *values, size_t size);
 
 /*
- * Packs answers into one zstd frame; with a base, each byte is first XORed with the base's.
+ * Packs answers into one zstd frame. With a base, each byte is first XORed with the same byte of
+ * the base.
  *
  * In:    values, base: uint8[size]; base NULL: none. scratch: uint8[size], needed with a base.
  * Out:   packed: uint8[umb_picture_room(size)]. packed_size: length in bytes.

@@ -22,7 +22,7 @@
  * frustum of a spot light covers are lit and counted as outside.
  *
  * Outside: a texel beyond the frustum in x or y is lit. A point before z = 0 is lit, and a point
- * behind the last voxel takes the last voxel's answer. All are counted.
+ * behind the last voxel takes the last voxel's answer. struct umb_query_stats counts such points.
  *
  * Static rule: assets baked under it answer for points on surfaces only. Elsewhere an answer is
  * meaningless. A point farther from every surface than the plan's distance is counted as
@@ -73,17 +73,18 @@ enum umb_filter {
      * the lit texels' weights, and m^4 replaces taps * taps. Directional lights only. */
     UMB_FILTER_TENT = 1,
     /* Penumbras of a light that has an extent (percentage closer soft shadows). A search in the
-     * cone of its rays to the point finds the blockers; their distance gives the width of the
-     * penumbra, and a box of that width gives the answer. The answer is continuous in the width.
-     * `taps` is the least width, UMB_PENUMBRA_TAPS_MAX texels the widest. Directional lights that
-     * have an extent; under the closed rule assets with the effect `front`. */
+     * cone of the light's rays to the point finds the blockers. Their distance gives the width of
+     * the penumbra, and a box of that width gives the answer, which is continuous in the width.
+     * The least width is `taps` texels, the widest UMB_PENUMBRA_TAPS_MAX. For directional lights
+     * that have an extent; of assets baked under the closed rule only those with the effect
+     * `front`. */
     UMB_FILTER_PENUMBRA = 2,
-    /* Area of the receiver's surface that a pixel sees, or that each point gives. Up to `taps`
-     * texels wide it is the box. A wider one is a square of the surface around the point, looked up
-     * by 32 taps a level of detail and interpolated between two levels, each twice as wide as the
-     * one below. Far points neither sparkle nor switch: answers of footprints f1 < f2 differ by at
-     * most 2 (f2 - f1) / f1. Automatic bias lifts the square towards the light by half its side, so
-     * that relief smaller than a pixel casts no shadow. */
+    /* Mean over a footprint: the square of the receiver's surface around the point that a pixel
+     * sees, or that the point gives. A footprint up to `taps` texels wide is the box filter. A
+     * wider one is looked up by 32 taps in each of two levels of detail, of which each is twice as
+     * wide as the one below, and interpolated. Far points neither sparkle nor switch: the answers
+     * of footprints f1 < f2 differ by at most 2 (f2 - f1) / f1. Automatic bias lifts the square
+     * towards the light by half its side, so that relief smaller than a pixel casts no shadow. */
     UMB_FILTER_FOOTPRINT = 3,
     /* Weights of a Gaussian with a standard deviation of taps / 6 texels, as whole numbers of 2048
      * a row: texel (i, j) from the centre weighs w(|i|) w(|j|), and 2048^2 replaces taps * taps in
@@ -154,13 +155,13 @@ struct umb_query_settings {
     /* Angular diameter of the light in radians for UMB_FILTER_PENUMBRA, up to UMB_EXTENT_MAX;
      * 0: the asset's. */
     double light_extent;
-    /* 1: ignores the translucent casters of assets with the effect `transmittance`. 0: answers are
-     * multiplied by their transmittance, a mean over a box as wide as the window, at least as wide
-     * as the texels of their map (docs/explained/effects.md). */
+    /* 1: ignores the translucent casters of assets with the effect `transmittance`. 0: each answer
+     * is multiplied by the casters' transmittance, a mean over a box as wide as the window and at
+     * least as wide as a texel of the transmittance map (docs/explained/effects.md). */
     int opaque_only;
-    /* Eye in world space, metres, and the angle of its pixels in radians, up to 1, for
+    /* Eye in world space, metres, and angle of a pixel at the eye, radians, up to 1; for
      * UMB_FILTER_FOOTPRINT instead of footprint_m; 0: none. A point's square then has the area of
-     * the surface that a pixel covers: side = pixel_rad * distance / sqrt(c), with c the cosine
+     * the surface that a pixel covers: side = pixel_rad * distance / sqrt(c), where c is the cosine
      * between the normal and the direction to the eye, at least 1/16 (1 without a normal). */
     double eye[3], pixel_rad;
     uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
@@ -179,7 +180,7 @@ struct umb_points {
                             is zero or not finite counts as no normal for that point. */
     size_t count;
     const void *footprints; /* float[count], metres, 0 and up, any alignment; or NULL. Only
-                                UMB_FILTER_FOOTPRINT reads them, and they override footprint_m. */
+                               UMB_FILTER_FOOTPRINT reads them, and they override footprint_m. */
     uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -192,10 +193,10 @@ struct umb_query_stats {
     uint64_t facing_away; /* Points shadowed by their normal */
     uint64_t undefined; /* Points too far from any surface of an asset baked under the static rule:
                          * their answers are meaningless */
-    /* Reads. Neighbouring points of a run share reads, so these two counts depend on how a batch is
-     * split; the other counts and the answers do not. */
-    uint64_t nodes; /* Cells, columns and nodes; 1 for a window that the grid settles */
-    uint64_t bricks;
+    /* Neighbouring points of a run share reads, so the next two counts depend on how a batch is
+     * split. The other counts and the answers do not. */
+    uint64_t nodes;  /* Cells, columns and nodes read; 1 for a window that the grid alone answers */
+    uint64_t bricks; /* Bricks read */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -308,7 +309,7 @@ struct umb_explanation {
     int undefined;        /* 1: too far from any surface of an asset baked under the static rule */
     double bias_m;        /* Length of the bias, metres */
     double moved[3];      /* Position of the look-up, metres, world space */
-    double voxel[3];      /* The same in voxel space, before flooring */
+    double voxel[3];      /* Position of the look-up in voxel space, before flooring */
     int64_t cell[3];      /* Voxel index after flooring and clamping of z */
     double voxel_size_m;  /* Mean edge of the voxel (cell) that answered, metres */
     double answer;        /* 0..1 */
@@ -320,7 +321,9 @@ struct umb_explanation {
     double cosine;     /* Cosine of the angle between normal and light; 0 without a normal */
     int64_t window[2]; /* Voxel x, y of the window's first texel */
     enum umb_filter filter;
-    double footprint_m; /* UMB_FILTER_FOOTPRINT: the point's; the other fields are its window's */
+    /* UMB_FILTER_FOOTPRINT: side of the point's square, metres. The other fields are then those of
+     * a window of `taps`. */
+    double footprint_m;
     uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
     uint32_t nodes, bricks; /* Nodes and bricks read */

@@ -53,8 +53,8 @@ typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *by
 
 struct umb_region_source {
     /*
-     * Reads ranges, in any order or several at once, and calls `got` exactly once for each. A
-     * failing read may first call `got` for the complete ranges: they are not requested again.
+     * Reads ranges, in any order or several at once, and calls `got` exactly once for each range. A
+     * read that fails may first call `got` for complete ranges, which are not requested again.
      *
      * Fails: E_UNAVAILABLE, E_NO_INPUT, E_IO, E_PROTOCOL, E_DEADLINE, or the status that got
      *        returned.
@@ -93,7 +93,7 @@ struct umb_region_request {
     size_t view_count;
     uint64_t max_bytes;     /* Bytes to receive before the update stops; 0 = no limit */
     uint64_t round_bytes;   /* Bytes to receive before pages are laid out, about; 0 = a quarter of
-                             the bytes held, at least 512 KiB */
+                               the bytes held, at least 512 KiB */
     umb_region_fn progress; /* Called after each round; may be NULL */
     void *progress_user;    /* First argument of `progress` */
     uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
@@ -175,10 +175,10 @@ UMB_API void umb_region_file_close(struct umb_region_source *source);
  * Opens a source that reads from a daemon (Regions.Stream). A round of pages takes one round trip.
  *
  * In:    client: borrowed until close.
- *        asset: name or id, copied. A name stands for the asset that answers first: when the
- *        daemon replaces it, later reads fail with E_STATE.
+ *        asset: name or id, copied. A name stands for the asset that answers the first read: when
+ *        the daemon replaces that asset, later reads fail with E_STATE.
  * Owns:  the caller closes it with umb_region_daemon_close, after the regions that use it.
- * Fails: E_ARGUMENT, E_NO_MEMORY. Its reads fail as umb_client_query does.
+ * Fails: E_ARGUMENT, E_NO_MEMORY. Reads of the source fail as umb_client_query does.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_daemon_open(struct umb_client *client,
                                                            const char *asset,

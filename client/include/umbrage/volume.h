@@ -13,10 +13,10 @@
  *     }
  *     umb_volume_segments(&volume, &segments, 0, segments.count, &answers);  // cannot fail
  *
- * All three are exact for the voxels that the asset stores: they equal a march through every single
- * voxel. There is no filter and no bias; a segment that starts at a surface must be moved off it by
- * the caller. Translucent casters (effect `transmittance`) are not voxels and are ignored; see
- * umb_volume_ignores_translucent.
+ * All answers are exact for the voxels that the asset stores: they equal a march through every
+ * single voxel. There is no filter and no bias; the caller must move a segment that starts at a
+ * surface off that surface. Translucent casters (effect `transmittance`) are not voxels and are
+ * ignored; see umb_volume_ignores_translucent.
  *
  * Closed assets (the frustum's `closed`): voxels inside closed solids are undefined and stored as
  * lit or shadowed, whichever made the file smaller. Segments and boxes outside solids are exact;
@@ -27,8 +27,8 @@
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
  *
- * Spot and point lights: a segment or a column is answered, as points are, by the frustum (face)
- * that covers each place. Boxes are not supported, since those voxels differ in size.
+ * Spot and point lights: as for points, the frustum (face) that covers a place answers for that
+ * part of a segment, or for that column. Boxes are not supported, since voxels differ in size.
  *
  * Precision: ends become voxel coordinates in doubles. The parameter at which a line crosses the
  * boundary of a voxel is right to some 4 units in the last place (2^-50). Answers are bit-equal for
@@ -99,7 +99,7 @@ struct umb_interval {
 
 struct umb_segment_answer {
     double lit;              /* Share of the segment that is lit, 0..1: the sum of its intervals */
-    double lit_m;            /* The same in metres */
+    double lit_m;            /* Length of the lit intervals, metres */
     uint64_t interval_count; /* Number of lit intervals, with those beyond interval_max */
 };
 
@@ -123,18 +123,21 @@ UMB_API UMB_CHECKED enum umb_status umb_segments_check(const struct umb_segments
  *
  * An interval is half open and as long as possible. It begins and ends where the segment enters a
  * voxel of the other state, or at 0 and 1. A segment without length has the state of its point: its
- * `lit` is 1 or 0. With d the segment's direction in voxels, it crosses the plane k of an axis at
- * (k - start) * (1 / d), evaluated in doubles; at that parameter it is in the voxel behind the
- * plane. On an axis with d = 0 (or so small that 1 / d is infinite) it stays in floor(start).
+ * `lit` is 1 or 0. On an axis along which the segment runs from `start` over d voxels, it crosses
+ * plane k at the parameter (k - start) * (1 / d), evaluated in doubles; at that parameter it is in
+ * the voxel behind the plane. If d is 0, or so small that 1 / d is infinite, it stays in
+ * floor(start).
  *
- * Under a spot or point light a segment is cut where it passes from one face to another. With Wf
- * its distance along face f's axis, linear from W0f to W1f, face g of greater slope takes over at
- * (W0f - W0g) / ((W1g - W0g) - (W1f - W0f)). Before the near plane of a face it is lit. In the
- * piece from t = a to t = b it crosses plane k of x and y at s = (k - start) * (1 / d), as above,
- * that of z at s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)); then
- * t = a + (b - a) s Wa / (Wb - s (Wb - Wa)), or a + (b - a) s if Wa = Wb, and b at most. Here
- * Wk = c k + (w3 - c z3), c = w.w / w.z, with the third and fourth row of the frustum's transform,
- * (z, z3) and (w, w3). An interval that rounding makes empty is left out.
+ * Under a spot or point light a segment is cut where it passes from one face to another. Let Wf be
+ * the distance from the light along the axis of face f, which is linear in the parameter, from W0f
+ * to W1f. Face g, whose Wg grows faster, takes over from face f at the parameter (W0f - W0g) /
+ * ((W1g - W0g) - (W1f - W0f)). Before the near plane of a face the segment is lit. Consider the
+ * piece of one face from t = a to t = b, along which W goes from Wa to Wb. In voxel space it
+ * crosses plane k of x or y at the share s = (k - start) * (1 / d) of its length, as above, and
+ * plane k of z at s = (1 / Wa - 1 / Wk) * (1 / (1 / Wa - 1 / Wb)). The parameter there is t = a +
+ * (b - a) s Wa / (Wb - s (Wb - Wa)), or a + (b - a) s if Wa = Wb, and at most b. Wk is W at plane
+ * k: Wk = c k + (w3 - c z3) with c = w.w / w.z, where (z, z3) and (w, w3) are the third and fourth
+ * row of the frustum's transform. An interval that rounding makes empty is left out.
  *
  * Not guaranteed: a batch that umb_segments_check refuses is answered safely, but its answers are
  * meaningless. A segment whose voxel coordinates overflow a double is lit.
@@ -151,9 +154,9 @@ struct umb_column_answer {
     uint32_t lit;     /* Number of voxels before the first shadowed one: the first occluder lies
                          within half a voxel of this depth; 1 << log2_size if there is none */
     uint32_t outside; /* 1: the column is beyond the frustum in x or y, and lit to its end */
-    double
-        distance_m; /* Distance from the point along the light's direction to depth `lit`, metres;
-                       negative if the occluder lies between light and point; infinite if none */
+    /* Distance from the point along the light's direction to depth `lit`, metres; negative if the
+     * occluder lies between light and point; infinite if there is none. */
+    double distance_m;
 };
 
 struct umb_column_answers {
@@ -200,11 +203,11 @@ struct umb_box_answers {
 #define UMB_BOX_STEPS 65536 /* Steps between two calls of go_on: a few milliseconds at most */
 
 /*
- * Number of steps that a box without a watch may take for each column of bricks of the frustum,
- * which has (size / 8)^2 of them: 2^32 steps at 16384 voxels a side. The faces of a box cut each
- * row of bricks twice at most, so they take 6 * 64 of these steps; the other 640 are bricks and
- * nodes inside. No asset of up to 4096 voxels a side has more. At 16384 a box of the whole frustum
- * has more if 30 % of the bricks hold both lit and shadowed voxels.
+ * Number of steps that a box without a watch may take for each column of bricks of the frustum. A
+ * frustum has (size / 8)^2 such columns, so a box may take 2^32 steps at 16384 voxels a side. The
+ * faces of a box take at most 6 * 64 of the steps of a column; 640 remain for bricks and nodes
+ * inside. No box in an asset of up to 4096 voxels a side takes more. At 16384 a box of the whole
+ * frustum takes more if 30 % of the bricks hold both lit and shadowed voxels.
  */
 #define UMB_BOX_COLUMN_STEPS 1024
 

@@ -34,8 +34,8 @@ struct umb_volume_query {
 struct umb_volume_query_reply {
     uint8_t asset_id[UMB_ID_BYTES]; /* Id of the asset that answered */
     struct umb_volume_stats stats;
-    uint64_t nanoseconds;    /* CPU time on the server */
-    int ignores_translucent; /* as umb_volume_ignores_translucent */
+    uint64_t nanoseconds;    /* CPU time on the server, nanoseconds */
+    int ignores_translucent; /* Result of umb_volume_ignores_translucent for the light */
     uint64_t reserved[4];    /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -20,7 +20,7 @@ struct umb_workers {
     unsigned count; /* Number of threads, at least 1 */
     void (*run)(void *user, void (*job)(void *job_user, uint32_t number, unsigned worker),
                 void *job_user, uint32_t jobs);
-    void *user;
+    void *user; /* First argument of `run` */
 };
 
 #ifdef __cplusplus

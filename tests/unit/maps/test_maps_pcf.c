@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shadow maps, their biases and kernels, penumbrae: against plain loops and geometry. */
 #include "maps_fixture.h"
-#include "maps/map_poisson.h"
+#include "maps/map_parts.h"
 
 enum {
     W = 97,

@@ -2,9 +2,9 @@
 /*
  * Makes room in a pool for one more brick or node, within its budget.
  *
- * Tables double at three quarters full and are refilled from the old ones; arrays double. Near the
- * budget, tables fill to seven eighths and arrays grow by an eighth, so that most of the budget can
- * be used. Large arrays always grow by an eighth where that copies nothing.
+ * A table doubles when it is three quarters full, and an array when it is full. Near the budget,
+ * tables fill to seven eighths and arrays grow by an eighth, so that most of the budget can be
+ * used. Large arrays always grow by an eighth if the allocator moves pages instead of copying.
  */
 #include <string.h>
 
@@ -14,11 +14,11 @@
 #include "format/node_pool_parts.h"
 
 #define SLOTS_LOG2_MIN 10U
-#define SLOTS_LOG2_MAX 32U /* as many bits as a tag has */
+#define SLOTS_LOG2_MAX 32U /* As many bits as a tag has */
 #define ITEMS_MIN      1024U
 #define LARGE_BYTES    ((size_t)4 << 20) /* Size from which arrays are worth large pages */
 
-/* Reserves bytes of the budget. */
+/* Charges `more` bytes to the budget. Fails: E_LIMIT. */
 static enum umb_status charge(struct umb__pool *pool, size_t more, struct umb_error *error)
 {
     size_t total;
@@ -32,14 +32,13 @@ static enum umb_status charge(struct umb__pool *pool, size_t more, struct umb_er
     return UMB_OK;
 }
 
-/* True if arrays grow without a copy. */
+/* Returns true if the pool's allocator grows large blocks without a copy. */
 static int grows_by_pages(const struct umb__pool *pool)
 {
     return pool->alloc == &umb__page_alloc;
 }
 
-/* Resizes a block; a large one by moving it to large pages, since look-ups are scattered over
- * it. */
+/* Resizes a block. A large block moves to large pages of memory, since look-ups are scattered. */
 static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes, size_t bytes)
 {
     if (bytes < LARGE_BYTES || alloc == &umb__page_alloc) {
@@ -53,21 +52,23 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows an array of items to new_count; an old block that is copied stays charged until it is
- * freed. */
-static enum umb_status grow(struct umb__pool *pool, void **block, size_t item, size_t old_count,
+/* Grows *array of items from old_count to new_count. While items are copied, both blocks are
+ * charged. */
+static enum umb_status grow(struct umb__pool *pool, void *array, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
     const size_t copied = grows_by_pages(pool) ? 0 : old_count * item;
     const size_t more = (new_count - old_count) * item + copied;
+    void *block;
+    memcpy(&block, array, sizeof block);
     UMB__TRY(charge(pool, more, error));
-    void *grown = resize(pool->alloc, *block, old_count * item, new_count * item);
-    if (grown == NULL) {
+    block = resize(pool->alloc, block, old_count * item, new_count * item);
+    if (block == NULL) {
         pool->bytes -= more;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused",
                         new_count * item);
     }
-    *block = grown;
+    memcpy(array, &block, sizeof block);
     pool->bytes -= copied;
     return UMB_OK;
 }
@@ -77,7 +78,7 @@ static int can_afford(const struct umb__pool *pool, uint64_t more)
     return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
 }
 
-/* Returns the capacity after growth, at most `most`. In: item: bytes of each item. */
+/* Returns the capacity of a grown array, at most `most` items. In: item: bytes of each item. */
 static uint32_t grown(const struct umb__pool *pool, uint32_t capacity, size_t item, uint32_t most)
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
@@ -99,8 +100,8 @@ static int slots_full(const struct umb__pool *pool, const struct umb__hash_slots
            (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
 }
 
-/* Replaces a table by one twice as large. Words have the same order in both, so the new table is
- * filled from end to end. */
+/* Replaces a table by one twice as large. Words have the same order in both tables, so the new one
+ * is filled from end to end. */
 static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots *slots,
                                   struct umb_error *error)
 {
@@ -117,7 +118,7 @@ static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots
         pool->bytes -= bytes;
         return umb_fail(error, UMB_E_NO_MEMORY, "shadow octree: %zu bytes refused", bytes);
     }
-    if (!grows_by_pages(pool) || bytes < UMB__PAGE_ALLOC_LARGE) { /* else they are fresh */
+    if (!grows_by_pages(pool) || bytes < UMB__PAGE_ALLOC_LARGE) { /* Else the pages are fresh */
         memset(larger.words, 0, bytes);
     }
     for (size_t i = 0; i < old_count; i++) {
@@ -137,65 +138,52 @@ static enum umb_status bricks_grow(struct umb__pool *pool, struct umb_error *err
 {
     const uint32_t old = pool->brick_capacity;
     const uint32_t capacity = grown(pool, old, sizeof *pool->bricks, UMB__REF_INDEX_MAX + 1U);
-    void *block = pool->bricks;
-    enum umb_status status = grow(pool, &block, sizeof *pool->bricks, old, capacity, error);
-    pool->bricks = block;
-    if (status == UMB_OK && pool->is_loose) {
-        block = pool->brick_tags;
-        status = grow(pool, &block, sizeof *pool->brick_tags, old, capacity, error);
-        pool->brick_tags = block;
+    UMB__TRY(grow(pool, &pool->bricks, sizeof *pool->bricks, old, capacity, error));
+    if (pool->is_loose) {
+        const enum umb_status status =
+            grow(pool, &pool->brick_tags, sizeof *pool->brick_tags, old, capacity, error);
         if (status != UMB_OK) { /* The bricks keep their larger block, charged as the old one */
             pool->bytes -= (size_t)(capacity - old) * sizeof *pool->bricks;
+            return status;
         }
     }
-    pool->brick_capacity = status == UMB_OK ? capacity : old;
-    return status;
+    pool->brick_capacity = capacity;
+    return UMB_OK;
 }
 
 enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *error)
 {
+    struct umb__hash_slots *slots = &pool->brick_slots;
     if (pool->brick_count > UMB__REF_INDEX_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "shadow octree: more than %u unique bricks",
                         UMB__REF_INDEX_MAX);
     }
-    enum umb_status status = UMB_OK;
-    if (pool->is_loose && pool->brick_slots.words == NULL) {
-        /* The table comes first, even if it cannot grow: a pool with room for a brick must have a
-         * table. */
-        status = slots_grow(pool, &pool->brick_slots, error);
+    if (pool->is_loose && slots->words == NULL) {
+        /* The table of a loose pool comes before its array: a pool with room for a brick must have
+         * a table. */
+        UMB__TRY(slots_grow(pool, slots, error));
     }
-    if (status == UMB_OK && pool->brick_count == pool->brick_capacity) {
-        status = bricks_grow(pool, error);
+    if (pool->brick_count == pool->brick_capacity) {
+        UMB__TRY(bricks_grow(pool, error));
     }
-    if (status == UMB_OK && slots_full(pool, &pool->brick_slots, pool->brick_count)) {
-        status = slots_grow(pool, &pool->brick_slots, error);
-    }
-    return status;
+    return slots_full(pool, slots, pool->brick_count) ? slots_grow(pool, slots, error) : UMB_OK;
 }
 
 static enum umb_status nodes_grow(struct umb__pool *pool, struct umb__pool_level *level,
                                   struct umb_error *error)
 {
+    const uint32_t old = level->capacity;
     const uint32_t capacity =
-        grown(pool, level->capacity, sizeof *level->masks + sizeof *level->first,
-              UMB__REF_INDEX_MAX + 1U);
-    void *block = level->masks;
-    enum umb_status status =
-        grow(pool, &block, sizeof *level->masks, level->capacity, capacity, error);
-    level->masks = block;
-    if (status != UMB_OK) {
+        grown(pool, old, sizeof *level->masks + sizeof *level->first, UMB__REF_INDEX_MAX + 1U);
+    UMB__TRY(grow(pool, &level->masks, sizeof *level->masks, old, capacity, error));
+    const enum umb_status status =
+        grow(pool, &level->first, sizeof *level->first, level->first == NULL ? 0 : (size_t)old + 1,
+             (size_t)capacity + 1, error);
+    if (status != UMB_OK) { /* The masks keep their larger block, charged as the old one */
+        pool->bytes -= (size_t)(capacity - old) * sizeof *level->masks;
         return status;
     }
-    block = level->first;
-    const size_t old = level->first == NULL ? 0 : (size_t)level->capacity + 1;
-    status = grow(pool, &block, sizeof *level->first, old, (size_t)capacity + 1, error);
-    level->first = block;
-    if (status != UMB_OK) {
-        /* The masks keep their larger block; only their charge goes back to what is recorded. */
-        pool->bytes -= (size_t)(capacity - level->capacity) * sizeof *level->masks;
-        return status;
-    }
-    if (level->capacity == 0) {
+    if (old == 0) {
         level->first[0] = 0;
     }
     level->capacity = capacity;
@@ -208,12 +196,10 @@ static enum umb_status children_grow(struct umb__pool *pool, struct umb__pool_le
 {
     const uint32_t capacity =
         grown(pool, level->child_capacity, sizeof *level->children, UINT32_MAX);
-    void *block = level->children;
-    const enum umb_status status =
-        grow(pool, &block, sizeof *level->children, level->child_capacity, capacity, error);
-    level->children = block;
-    level->child_capacity = status == UMB_OK ? capacity : level->child_capacity;
-    return status;
+    UMB__TRY(grow(pool, &level->children, sizeof *level->children, level->child_capacity, capacity,
+                  error));
+    level->child_capacity = capacity;
+    return UMB_OK;
 }
 
 enum umb_status umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level,
@@ -224,13 +210,13 @@ enum umb_status umb__pool_node_room(struct umb__pool *pool, struct umb__pool_lev
                         "shadow octree: more than %u nodes or children in one level",
                         UMB__REF_INDEX_MAX);
     }
-    enum umb_status status =
-        level->count == level->capacity ? nodes_grow(pool, level, error) : UMB_OK;
-    if (status == UMB_OK && level->child_capacity - level->child_count < 8) {
-        status = children_grow(pool, level, error);
+    if (level->count == level->capacity) {
+        UMB__TRY(nodes_grow(pool, level, error));
     }
-    if (status == UMB_OK && !pool->is_loose && slots_full(pool, &level->slots, level->count)) {
-        status = slots_grow(pool, &level->slots, error);
+    if (level->child_capacity - level->child_count < 8) {
+        UMB__TRY(children_grow(pool, level, error));
     }
-    return status;
+    return !pool->is_loose && slots_full(pool, &level->slots, level->count)
+               ? slots_grow(pool, &level->slots, error)
+               : UMB_OK;
 }

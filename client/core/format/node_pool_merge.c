@@ -2,10 +2,10 @@
 /*
  * Adds one pool to another, from the bricks up.
  *
- * In a large pool nearly every look-up waits for memory, first for its slot, then for the key that
- * the slot names. Here all keys are known beforehand. They are taken in groups, and each step
- * prefetches the lines that a later one reads. Between the prefetch of a group's lines and the
- * reads, the next group's keys are hashed and its slots prefetched.
+ * In a large pool nearly every look-up waits for memory, first for its slot, then for the brick or
+ * node that the slot names. A merge knows all keys beforehand. It takes them in groups, and each
+ * step prefetches the cache lines that a later step reads. While the lines of one group arrive, the
+ * next group's keys are hashed and its slots prefetched.
  */
 #include <string.h>
 
@@ -14,7 +14,7 @@
 
 #define GROUP UMB__POOL_GROUP
 
-/* Prefetches the line that a look-up begins with, if there is a table. */
+/* Prefetches the slot that a look-up begins with, if there is a table. */
 static void slot_ahead(const struct umb__hash_slots *slots, uint32_t tag)
 {
     if (slots->words != NULL) {
@@ -32,17 +32,17 @@ static uint32_t number_in(const struct umb__hash_slots *slots, size_t place)
 /* Bricks to look for, and their tags if they are known. */
 struct bricks {
     const uint64_t (*slices)[8];
-    const uint32_t *tags; /* or NULL */
+    const uint32_t *tags; /* [count] or NULL */
     uint32_t count;
 };
 
-/* A group of them under way. */
+/* A group of bricks under way. */
 struct brick_group {
     const uint64_t (*bricks)[8];
     uint32_t count;
     uint32_t tags[GROUP];
     size_t places[GROUP];
-    uint32_t log2_size; /* Size of the table that the slots belong to */
+    uint32_t log2_size; /* Size of the table for which `places` hold */
 };
 
 /* Starts a group with the bricks from `first` on, possibly none; prefetches their slots. */
@@ -82,7 +82,7 @@ static enum umb_status find_bricks(struct umb__pool *pool, const struct brick_gr
         const uint64_t word = as_read ? slots->words[place] : UMB__SLOT_EMPTY;
         if (word != UMB__SLOT_EMPTY && umb__slot_tag(word) == tag &&
             umb__brick_equals(pool->bricks[umb__slot_number(word)], slices)) {
-            refs[i] = umb__slot_number(word); /* most are */
+            refs[i] = umb__slot_number(word); /* Most bricks end here */
             continue;
         }
         status = umb__pool_brick_from(pool, slices, tag, place, &refs[i], error);
@@ -138,7 +138,7 @@ static void nodes_ahead(const struct umb__pool *pool, uint32_t number,
     }
 }
 
-/* Prefetches their children. */
+/* Prefetches the children of the nodes that the group's slots name. */
 static void children_ahead(const struct umb__pool *pool, uint32_t number,
                            const struct umb__node_group *group, uint32_t count)
 {
@@ -174,7 +174,7 @@ enum umb_status umb__pool_find_nodes(struct umb__pool *pool, uint32_t level,
     return find_nodes(pool, level, group, count, refs, error);
 }
 
-/* Makes keys with the children's new numbers. */
+/* Makes the keys of n nodes of another pool. In: below: new numbers of the level below. */
 static void read_keys(const struct umb__pool_level *from, uint32_t first, uint32_t n,
                       const uint32_t *below, struct umb__node_group *group)
 {
@@ -189,7 +189,7 @@ static void read_keys(const struct umb__pool_level *from, uint32_t first, uint32
     }
 }
 
-/* In: below: new numbers of the level below. */
+/* Merges the nodes of a level. In: numbers: references of the level below in `below`. */
 static enum umb_status merge_nodes(struct umb__pool *pool, const struct umb__pool *from,
                                    uint32_t level, struct umb__pool_numbers *numbers,
                                    struct umb_error *error)
