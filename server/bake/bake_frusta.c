@@ -6,12 +6,11 @@
 #include <string.h>
 
 #include "base/page_alloc.h"
-#include "bake/analysis/cut_planes.h"
-#include "bake/depth/depth_embree.h"
-#include "bake/depth/depth_perspective.h"
-#include "bake/depth/depth_raster.h"
-#include "bake/interrupt.h"
-#include "bake/bake_progress.h"
+#include "base/try.h"
+#include "bake/analysis/voxel_casters.h"
+#include "bake/depth/depth.h"
+#include "bake/base/interrupt.h"
+#include "bake/base/bake_progress.h"
 #include "format/receiver_mask.h"
 
 /* State that all frusta share. */
@@ -75,26 +74,34 @@ static void wanted_tiles(const struct series *series, uint32_t frustum, uint32_t
     *end = (uint32_t)(last < before ? 0 : last - before < count ? last - before + 1 : count);
 }
 
-/* Bakes a frustum from casters in its voxel space. */
-static enum umb_status bake_one(struct series *series, const struct umbb_casters *casters,
-                                uint32_t number, uint32_t *root, struct umb_error *error)
+static void add_figures(struct umbb_bake_figures *sum, const struct umbb_bake_figures *one)
+{
+    sum->texels += one->texels;
+    sum->tiles += one->tiles;
+    sum->tiles_found += one->tiles_found;
+    sum->seconds_depth += one->seconds_depth;
+    sum->seconds_build += one->seconds_build;
+    sum->octree_bytes = one->octree_bytes; /* of all frusta so far */
+}
+
+/* Bakes a frustum from its depth. In: rule: the static rule, or NULL. */
+static enum umb_status bake_depth(struct series *series, const struct umbb_depth *depth,
+                                  struct umbb_static *rule, uint32_t number, uint32_t *root,
+                                  struct umb_error *error)
 {
     const struct umb_frustum_info *frustum = &series->job->analysis->frusta[number];
     struct umbb_tile_folder *tile_folder = series->job->tile_folder;
-    struct umbb_depth depth;
-    enum umb_status status = open_depth(series, casters, &depth, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    struct umb__occluder_depth *occluder_depth =
+        series->occluder_depths != NULL ? &series->occluder_depths[number] : NULL;
     struct umbb_cached_tiles cached_tiles = {0};
+    struct umbb_bake_figures figures = {0};
     if (tile_folder != NULL) {
         const struct umbb_tile_shape shape = {
             .log2_size = frustum->log2_size,
             .tile_log2 = series->memory->tile_log2,
-            .occluder_depth =
-                series->occluder_depths != NULL ? &series->occluder_depths[number] : NULL,
+            .occluder_depth = occluder_depth,
         };
-        umbb_tile_folder_frustum(tile_folder, number, &shape, &depth);
+        umbb_tile_folder_frustum(tile_folder, number, &shape, depth);
         cached_tiles = umbb_tile_folder_cached_tiles(tile_folder);
     }
     struct umbb_bake_options options = {
@@ -105,7 +112,8 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
         .octree_max_bytes = series->memory->octree_max_bytes,
         .shared_max_bytes = series->memory->shared_max_bytes,
         .cached_tiles = tile_folder != NULL ? &cached_tiles : NULL,
-        .occluder_depth = series->occluder_depths != NULL ? &series->occluder_depths[number] : NULL,
+        .occluder_depth = occluder_depth,
+        .rule = rule,
         .cancelled = umbb_interrupted,
         .progress = series_progress,
         .progress_user = series,
@@ -113,39 +121,43 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     if (series->options->task == UMBB_TASK_TILE) {
         wanted_tiles(series, number, &options.only_first, &options.only_end);
     }
-    struct umbb_bake_figures figures = {0};
-    struct umbb_static rule = {0};
-    if (series->job->receiver_mask_cells != NULL) {
-        status = umbb_static_init(
-            &rule, casters, frustum,
-            series->job->receiver_mask_cells + number * UMB__RECEIVER_MASK_WORDS, error);
-        options.rule = &rule;
-    }
-    if (status == UMB_OK) {
-        status = umbb_bake_into(&depth, &options, &series->pool, root, &figures, error);
-    }
-    umbb_static_finish(&rule);
-    depth.destroy(depth.state);
-    series->figures.texels += figures.texels;
-    series->figures.tiles += figures.tiles;
-    series->figures.tiles_found += figures.tiles_found;
-    series->figures.seconds_depth += figures.seconds_depth;
-    series->figures.seconds_build += figures.seconds_build;
-    series->figures.octree_bytes = figures.octree_bytes;
+    const enum umb_status status =
+        umbb_bake_into(depth, &options, &series->pool, root, &figures, error);
+    add_figures(&series->figures, &figures);
     series->texels_before += figures.texels;
     return status;
 }
 
-/* Bakes under the static rule, which has an `end` of its own even if no caster is closed: all
- * casters then count as open, under the closed rule. */
+/* Bakes a frustum from casters in its voxel space. */
+static enum umb_status bake_one(struct series *series, const struct umbb_casters *casters,
+                                uint32_t number, uint32_t *root, struct umb_error *error)
+{
+    uint64_t *cells = series->job->receiver_mask_cells;
+    struct umbb_static rule = {0};
+    struct umbb_depth depth;
+    UMB__TRY(open_depth(series, casters, &depth, error));
+    enum umb_status status = UMB_OK;
+    if (cells != NULL) {
+        status = umbb_static_init(&rule, casters, &series->job->analysis->frusta[number],
+                                  cells + number * UMB__RECEIVER_MASK_WORDS, error);
+    }
+    if (status == UMB_OK) {
+        status = bake_depth(series, &depth, cells != NULL ? &rule : NULL, number, root, error);
+    }
+    umbb_static_finish(&rule);
+    depth.destroy(depth.state);
+    return status;
+}
+
+/* Bakes under the static rule. The rule moves `end` away from `lit`, which needs the arrays of the
+ * closed rule: if no caster is closed, all casters count as open under the closed rule. */
 static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
                                    uint32_t number, uint32_t *root, struct umb_error *error)
 {
     struct umbb_casters ruled = *casters;
     uint8_t *open = NULL;
-    _Static_assert(UMBB_CASTER_OPEN == 0, "zeroed kinds are open");
     if (!casters->closed_rule) {
-        open = calloc(casters->count + 1, 1);
+        open = calloc(casters->count + 1, 1); /* UMBB_CASTER_OPEN */
         if (open == NULL) {
             return umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory for %zu triangles refused",
                             casters->count);
@@ -158,64 +170,40 @@ static enum umb_status bake_static(struct series *series, const struct umbb_cast
     return status;
 }
 
-/* Projects the casters, which are in world space, to the frustum and bakes it. */
+/* Makes the casters of a frustum and bakes it. */
 static enum umb_status bake_frustum(struct series *series, uint32_t number, uint32_t *root,
                                     struct umb_error *error)
 {
-    struct umbb_analysis *analysis = series->job->analysis;
-    const struct umb_frustum_info *frustum = &analysis->frusta[number];
-    const struct umb_light_info *light = &analysis->choice.lights[frustum->light];
-    struct umbb_cuts cuts;
-    umbb_cut_planes_make(analysis, number, &cuts);
-    struct umbb_casters casters = {
-        .corners = (const double(*)[3][3])analysis->corners,
-        .kinds = analysis->kinds,
-        .count = analysis->count,
-        .size = (int32_t)1 << frustum->log2_size,
-        .closed_rule = frustum->closed,
-        .cuts = &cuts,
-        .open_on_word = series->options->closed == UMBB_CLOSED_ON &&
-                        analysis->closed_part_count < analysis->part_count,
-    };
-    if (light->kind == UMB_LIGHT_DIRECTIONAL && series->job->receiver_mask_cells != NULL) {
-        umbb_analysis_to_voxels(analysis, number);
-        return bake_static(series, &casters, number, root, error);
-    }
-    if (light->kind == UMB_LIGHT_DIRECTIONAL) {
-        umbb_analysis_to_voxels(analysis, number);
-        return bake_one(series, &casters, number, root, error);
-    }
-    struct umbb_projected projected;
-    enum umb_status status = umbb_analysis_project(
-        analysis, number, &cuts, series->memory->projected_max_bytes, &projected, error);
+    const struct umbb_frusta_job *job = series->job;
+    struct umbb_voxel_casters voxels;
+    enum umb_status status = umbb_voxel_casters_make(
+        job->analysis, job->view, number, job->memory->projected_max_bytes, &voxels, error);
     if (status == UMB_OK) {
-        casters.corners = (const double(*)[3][3])projected.corners;
-        casters.kinds = projected.kinds;
-        casters.count = projected.count;
-        cuts.of = projected.cuts;
-        casters.depth_scale = projected.depth_scale;
-        casters.depth_offset = projected.depth_offset;
-        status = bake_one(series, &casters, number, root, error);
+        status = job->receiver_mask_cells != NULL
+                     ? bake_static(series, &voxels.casters, number, root, error)
+                     : bake_one(series, &voxels.casters, number, root, error);
     }
-    umbb_projected_finish(&projected);
+    umbb_voxel_casters_finish(&voxels);
     return status;
 }
 
 static enum umb_status open_occluder_depths(struct series *series, struct umb_error *error)
 {
     const struct umbb_analysis *analysis = series->job->analysis;
-    series->occluder_depths = calloc(analysis->frustum_count, sizeof *series->occluder_depths);
+    const uint32_t count = analysis->frustum_count;
+    if (series->job->occluder_depth == NULL) {
+        return UMB_OK;
+    }
+    series->occluder_depths = calloc(count, sizeof *series->occluder_depths);
     if (series->occluder_depths == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u fronts refused",
-                        analysis->frustum_count);
+        return umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u fronts refused", count);
     }
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < analysis->frustum_count && status == UMB_OK; i++) {
-        status = umb__occluder_depth_init(
-            &series->occluder_depths[i], NULL, analysis->frusta[i].log2_size,
-            series->job->occluder_depth_max_bytes / analysis->frustum_count, error);
+    for (uint32_t i = 0; i < count; i++) {
+        UMB__TRY(umb__occluder_depth_init(&series->occluder_depths[i], NULL,
+                                          analysis->frusta[i].log2_size,
+                                          series->job->occluder_depth_max_bytes / count, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static void close_occluder_depths(struct series *series)
@@ -235,48 +223,49 @@ static int is_unwanted(const struct series *series, uint32_t frustum)
     return series->options->task == UMBB_TASK_TILE && begin >= end;
 }
 
+/* Bakes the wanted frusta and joins their results. In: roots, levels: [frustum_count] zeroed. */
+static enum umb_status bake_all(struct series *series, uint32_t *roots, uint32_t *levels,
+                                struct umb__octree *octree, struct umb_error *error)
+{
+    const struct umbb_frusta_job *job = series->job;
+    const uint32_t count = job->analysis->frustum_count;
+    UMB__TRY(open_occluder_depths(series, error));
+    for (uint32_t i = 0; i < count; i++) {
+        if (!is_unwanted(series, i)) {
+            levels[i] = job->analysis->frusta[i].log2_size;
+            UMB__TRY(bake_frustum(series, i, &roots[i], error));
+        }
+    }
+    if (series->options->task == UMBB_TASK_TILE) {
+        return UMB_OK;
+    }
+    UMB__TRY(umb__pool_take(&series->pool, roots, levels, count, octree, error));
+    return job->occluder_depth == NULL
+               ? UMB_OK
+               : umb__occluder_depth_join(series->occluder_depths, count,
+                                          &job->occluder_depth->words, &job->occluder_depth->count,
+                                          error);
+}
+
 enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb__octree *octree,
                                  struct umbb_bake_figures *figures, struct umb_error *error)
 {
-    struct umbb_analysis *analysis = job->analysis;
     const struct umbb_options *options = job->options;
-    const uint32_t count = analysis->frustum_count;
+    const uint32_t count = job->analysis->frustum_count, tile_log2 = job->memory->tile_log2;
     struct series series = {.job = job, .options = options, .memory = job->memory};
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
     umb__pool_init(&series.pool, &umb__page_alloc, job->memory->octree_max_bytes);
-    const uint64_t tiles = options->only_given ? options->only_last - options->only_first + 1
-                                               : umbb_tile_count(analysis, job->memory->tile_log2);
-    series.tiles_total = tiles;
-    series.texels_total = tiles << (2 * job->memory->tile_log2);
-    umbb_progress_tiles(0, tiles, 0);
+    series.tiles_total = options->only_given ? options->only_last - options->only_first + 1
+                                             : umbb_tile_count(job->analysis, tile_log2);
+    series.texels_total = series.tiles_total << (2 * tile_log2);
+    umbb_progress_tiles(0, series.tiles_total, 0);
     umbb_progress_start(&series.progress, options->quiet, "Mtexel", series.texels_total);
-    enum umb_status status =
+    const enum umb_status status =
         roots != NULL && levels != NULL
-            ? UMB_OK
+            ? bake_all(&series, roots, levels, octree, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u roots refused", count);
-    if (status == UMB_OK && job->occluder_depth != NULL) {
-        status = open_occluder_depths(&series, error);
-    }
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        if (is_unwanted(&series, i)) {
-            continue;
-        }
-        status = umbb_analysis_to_world(analysis, job->view, error);
-        if (status == UMB_OK) {
-            levels[i] = analysis->frusta[i].log2_size;
-            status = bake_frustum(&series, i, &roots[i], error);
-        }
-    }
     umbb_progress_end(&series.progress);
-    if (status == UMB_OK && options->task != UMBB_TASK_TILE) {
-        status = umb__pool_take(&series.pool, roots, levels, count, octree, error);
-    }
-    if (status == UMB_OK && job->occluder_depth != NULL && options->task != UMBB_TASK_TILE) {
-        status =
-            umb__occluder_depth_join(series.occluder_depths, count, &job->occluder_depth->words,
-                                     &job->occluder_depth->count, error);
-    }
     close_occluder_depths(&series);
     umb__pool_finish(&series.pool);
     free(roots);

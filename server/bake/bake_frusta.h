@@ -18,16 +18,16 @@ struct umbb_occluder_depth_words {
 
 /* Input of baking all frusta. */
 struct umbb_frusta_job {
-    struct umbb_analysis *analysis; /* its corners end up in some voxel space */
+    struct umbb_analysis *analysis; /* may be left without corners */
     const struct umbs_scene_view *view;
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory; /* division of memory for these options */
     struct umbb_tile_folder *tile_folder;  /* NULL: no tile is kept or found */
-    struct umbb_occluder_depth_words
-        *occluder_depth;             /* receives the occluder depth map; NULL: not wanted */
-    size_t occluder_depth_max_bytes; /* limit of it: umbb_head_occluder_depth_bytes */
-    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] receives the cells with receivers, and turns on the
-     * static rule; NULL: off */
+    /* Result: the occluder depth map; NULL: not wanted. */
+    struct umbb_occluder_depth_words *occluder_depth;
+    size_t occluder_depth_max_bytes; /* limit of the map: umbb_head_occluder_depth_bytes */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] Result: the cells with receivers. Turns on the
+     * static rule; NULL: off. */
     uint64_t *receiver_mask_cells;
 };
 

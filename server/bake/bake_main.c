@@ -3,11 +3,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "bake/bake_run.h"
 #include "bake/import/import_child.h"
 #include "bake/sandbox/doctor.h"
-#include "common/standard_streams.h"
+#include "common/child_process.h"
 #include "tool/exit_code.h"
 #include "umbrage/version.h"
 

@@ -4,7 +4,7 @@
 
 #include "bake/analysis/plan.h"
 
-/* Bytes of 16-bit shadow maps of the same resolution, one a frustum. */
+/* Bytes of 16-bit shadow maps of the same resolution, one map a frustum. */
 static double shadow_map_bytes(const struct umbb_report *r)
 {
     return 2.0 *

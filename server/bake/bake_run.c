@@ -12,15 +12,14 @@
 #include <time.h>
 
 #include "bake/analysis/analysis.h"
-#include "bake/analysis/cut_planes.h"
 #include "bake/analysis/plan.h"
+#include "bake/analysis/voxel_casters.h"
 #include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
 #include "bake/bake_transmittance.h"
-#include "bake/head_room.h"
-#include "bake/interrupt.h"
+#include "bake/base/interrupt.h"
 #include "bake/memory_plan.h"
-#include "bake/bake_progress.h"
+#include "bake/base/bake_progress.h"
 #include "bake/resolution_choice.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
@@ -46,13 +45,11 @@ struct run {
     struct umb__octree octree;
     struct umbb_occluder_depth_words occluder_depth;
     struct umb__transmittance_bytes transmittance;
-    uint64_t
-        *receiver_mask_cells; /* [frusta][UMB__RECEIVER_MASK_WORDS] of the static rule, or NULL */
+    uint64_t *receiver_mask_cells; /* [frusta][UMB__RECEIVER_MASK_WORDS], or NULL: no static rule */
     struct umbb_publish publish;
     struct umbb_report report;
-    struct umbb_tile_folder
-        tile_folder;          /* folder of tile results; without a cache its folder is NULL */
-    uint64_t check_max_bytes; /* limit of the asset's memory during its check */
+    struct umbb_tile_folder tile_folder; /* its cache.folder is NULL if no folder is used */
+    uint64_t check_max_bytes;            /* limit of the asset's memory during its check */
     double start_s;
 };
 
@@ -88,20 +85,16 @@ static enum umb_status import(struct run *run, struct umb_error *error)
         .max_memory_bytes = o->memory_bytes, .shut_in = umbb_shut_in_calls, .user = &run->sandbox};
     const double start = umbu_clock_s();
     umbb_progress_phase("import");
-    enum umb_status status = umbb_shut_in_paths(o, &run->sandbox, error);
-    if (status == UMB_OK) {
-        status = o->scene_buffer
-                     ? umbs_scene_load("--scene-buffer", o->scene, &limits, &run->scene, error)
-                     : umbs_scene_import(o->scene, &limits, &run->scene, error);
-    }
-    if (!o->quiet && status == UMB_OK) {
-        umbb_shut_in_notice(&run->sandbox);
-    }
+    UMB__TRY(umbb_shut_in_paths(o, &run->sandbox, error));
+    UMB__TRY(o->scene_buffer
+                 ? umbs_scene_load("--scene-buffer", o->scene, &limits, &run->scene, error)
+                 : umbs_scene_import(o->scene, &limits, &run->scene, error));
     run->report.seconds_import = umbu_clock_s() - start;
-    if (status == UMB_OK && !o->quiet) {
+    if (!o->quiet) {
+        umbb_shut_in_notice(&run->sandbox);
         print_notices(run->scene->view.warnings);
     }
-    return status;
+    return UMB_OK;
 }
 
 /* 1 if any light is a spot or point light. */
@@ -146,12 +139,13 @@ static void print_choice(const struct umbb_options *options, const struct umbb_f
             "umbrage-bake: --max-error %g m: %u voxels a side, true boundaries within %.3g m at "
             "one tap",
             options->max_error_m, 1U << options->resolution_log2, forecast->bound_m);
-    if (forecast->seconds > 0) {
+    if (forecast->costs.seconds > 0) {
         fprintf(stderr,
                 "; about %.6g s of processor time, %.6g MB packed, %.6g MB of nodes, going by %u "
                 "voxels",
-                two_digits(forecast->seconds), two_digits(forecast->packed_bytes * 1e-6),
-                two_digits(forecast->octree_bytes * 1e-6), 1U << forecast->small_log2);
+                two_digits(forecast->costs.seconds),
+                two_digits(forecast->costs.packed_bytes * 1e-6),
+                two_digits(forecast->costs.octree_bytes * 1e-6), 1U << forecast->small_log2);
     }
     fputc('\n', stderr);
 }
@@ -206,29 +200,20 @@ static enum umb_status check_static(const struct run *run, struct umb_error *err
 
 static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
-    const struct umbb_options *o = run->options;
+    const struct umbs_scene_view *view = &run->scene->view;
     const double start = umbu_clock_s();
     umbb_progress_phase("analysis");
-    const struct umbs_scene_view *view = &run->scene->view;
-    enum umb_status status = umbb_analysis_run(view, o, &run->analysis, error);
-    if (status == UMB_OK) {
-        status = check_static(run, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (!o->quiet) {
+    UMB__TRY(umbb_analysis_run(view, run->options, &run->analysis, error));
+    UMB__TRY(check_static(run, error));
+    if (!run->options->quiet) {
         print_notices(run->analysis.choice.notices);
     }
-    UMB__TRY(choose_resolution(run, error));
-    o = run->options;
-    status = umbb_plan_text(&run->analysis, view, o, &run->plan, error);
-    if (status == UMB_OK) {
-        umbb_progress_plan(run->plan);
-        status = umbb_settings_text(&run->analysis, o, &run->settings, error);
-    }
+    UMB__TRY(choose_resolution(run, error)); /* may replace the options */
+    UMB__TRY(umbb_plan_text(&run->analysis, view, run->options, &run->plan, error));
+    umbb_progress_plan(run->plan);
+    UMB__TRY(umbb_settings_text(&run->analysis, run->options, &run->settings, error));
     run->report.seconds_analysis = umbu_clock_s() - start;
-    return status;
+    return UMB_OK;
 }
 
 /* Opens the folder of tiles that the options name, if any. */
@@ -321,12 +306,24 @@ static struct umb__content content_of(const struct run *run)
     };
 }
 
-static enum umb_status divide_head(const struct run *run, size_t *occluder_depth_bytes,
-                                   struct umb_error *error)
+/* Bakes with memory, head and folder of tiles prepared. */
+static enum umb_status bake_prepared(struct run *run, const struct umbb_memory_plan *memory,
+                                     size_t occluder_depth_bytes, struct umb_error *error)
 {
-    const struct umb__content content = content_of(run);
-    return umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
-                                          occluder_depth_bytes, error);
+    const struct umbb_options *o = run->options;
+    const struct umbb_frusta_job job = {
+        .analysis = &run->analysis,
+        .view = &run->scene->view,
+        .options = o,
+        .memory = memory,
+        .tile_folder = run->tile_folder.cache.folder != NULL ? &run->tile_folder : NULL,
+        .occluder_depth =
+            o->occluder_depth && run->analysis.closed_rule ? &run->occluder_depth : NULL,
+        .occluder_depth_max_bytes = occluder_depth_bytes,
+        .receiver_mask_cells = run->receiver_mask_cells,
+    };
+    UMB__TRY(umbb_bake_frusta(&job, &run->octree, &run->report.figures, error));
+    return o->task == UMBB_TASK_TILE ? UMB_OK : bake_transmittance(run, memory, error);
 }
 
 static enum umb_status bake(struct run *run, struct umb_error *error)
@@ -334,23 +331,14 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     const struct umbb_options *o = run->options;
     const struct umbb_memory_input input = memory_input(run);
     struct umbb_memory_plan memory;
-    size_t occluder_depth_bytes = 0;
-    enum umb_status status = umbb_memory_divide(&input, &memory, error);
-    if (status == UMB_OK) {
-        status = check_tiles(run, &memory, error);
-    }
-    if (status == UMB_OK) {
-        status = open_static(run, error);
-    }
-    if (status == UMB_OK) {
-        status = divide_head(run, &occluder_depth_bytes, error);
-    }
-    if (status == UMB_OK) {
-        status = open_tile_folder(run, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    size_t occluder_depth_bytes;
+    UMB__TRY(umbb_memory_divide(&input, &memory, error));
+    UMB__TRY(check_tiles(run, &memory, error));
+    UMB__TRY(open_static(run, error));
+    const struct umb__content content = content_of(run);
+    UMB__TRY(umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
+                                            &occluder_depth_bytes, error));
+    UMB__TRY(open_tile_folder(run, error));
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbu_clock_s();
@@ -358,23 +346,10 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     run->report.depth_path = o->depth == UMBB_DEPTH_EMBREE  ? "embree"
                              : o->depth == UMBB_DEPTH_PLAIN ? "plain"
                                                             : "raster";
-    const struct umbb_frusta_job job = {
-        .analysis = &run->analysis,
-        .view = &run->scene->view,
-        .options = o,
-        .memory = &memory,
-        .tile_folder = run->tile_folder.cache.folder != NULL ? &run->tile_folder : NULL,
-        .occluder_depth =
-            run->options->occluder_depth && run->analysis.closed_rule ? &run->occluder_depth : NULL,
-        .occluder_depth_max_bytes = occluder_depth_bytes,
-        .receiver_mask_cells = run->receiver_mask_cells,
-    };
-    status = umbb_bake_frusta(&job, &run->octree, &run->report.figures, error);
-    if (status == UMB_OK && o->task != UMBB_TASK_TILE) {
-        status = bake_transmittance(run, &memory, error);
-    }
+    const enum umb_status status = bake_prepared(run, &memory, occluder_depth_bytes, error);
     run->report.seconds_bake = umbu_clock_s() - start;
-    if (status == UMB_E_CANCELLED && job.tile_folder != NULL && o->task != UMBB_TASK_MERGE) {
+    if (status == UMB_E_CANCELLED && run->tile_folder.cache.folder != NULL &&
+        o->task != UMBB_TASK_MERGE) {
         return umb_fail(error, status,
                         "interrupted: no asset was written; tiles that were done stay in '%.200s'",
                         run->tile_folder.cache.folder);
@@ -406,13 +381,11 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
     umbs_scene_hash(&run->scene->view, content.scene_hash);
     run->publish.threads = run->options->threads;
-    enum umb_status status = umbb_analysis_to_world(&run->analysis, &run->scene->view, error);
-    if (status == UMB_OK && run->analysis.count > 0) {
-        status = umbb_curve_add(&run->analysis, &run->octree, &content, error);
+    UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
+    if (run->analysis.count > 0) {
+        UMB__TRY(umbb_curve_add(&run->analysis, &run->octree, &content, error));
     }
-    if (status == UMB_OK) {
-        status = umbb_publish_write(&run->publish, &content, &run->octree, error);
-    }
+    const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
     umb__octree_finish(&run->octree);
     run->report.seconds_write = umbu_clock_s() - start;
@@ -421,54 +394,47 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
 
 static enum umb_status check_asset(struct run *run, struct umb_error *error)
 {
+    struct umbb_analysis *analysis = &run->analysis;
     const double start = umbu_clock_s();
+    double(*corners)[3][3] = NULL;
     umbb_progress_phase("verify");
-    const uint64_t points = run->analysis.count > 0 ? run->options->verify_points : 0;
+    const uint64_t points = analysis->count > 0 ? run->options->verify_points : 0;
     if (points > 0) {
-        UMB__TRY(umbb_analysis_to_world(&run->analysis, &run->scene->view, error));
-        umbb_analysis_orient(&run->analysis); /* from here on kinds are 1 for closed or 0 */
+        UMB__TRY(umbb_analysis_need_corners(analysis, &run->scene->view, error));
+        corners = umbb_analysis_take_turned(analysis);
     }
     const struct umbb_check check = {
-        .corners = (const double(*)[3][3])run->analysis.corners,
-        .closed = run->analysis.closed_rule ? run->analysis.kinds : NULL,
-        .cuts = &run->analysis.cuts,
-        .count = run->analysis.count,
-        .open_on_word = run->options->closed == UMBB_CLOSED_ON
-                            ? run->analysis.part_count - run->analysis.closed_part_count
-                            : 0,
+        .corners = (const double(*)[3][3])corners,
+        .closed = analysis->closed_rule ? analysis->kinds : NULL,
+        .cuts = &analysis->cuts,
+        .count = analysis->count,
+        .open_on_word = analysis->open_on_word,
         .points = points,
         .threads = run->options->threads,
         .quiet = run->options->quiet,
         .max_memory_bytes = run->check_max_bytes,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
+    free(corners);
     run->report.seconds_verify = umbu_clock_s() - start;
     return status;
 }
 
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
 {
-    umbb_interrupt_defer();
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
-    enum umb_status status = bake(run, error);
-    if (status == UMB_OK) {
-        status = write_asset(run, error);
-    }
-    if (status == UMB_OK) {
-        status = check_asset(run, error);
-    }
-    if (status == UMB_OK) {
-        status = umbb_publish_commit(&run->publish, error);
-    }
-    return status;
+    UMB__TRY(bake(run, error));
+    UMB__TRY(write_asset(run, error));
+    UMB__TRY(check_asset(run, error));
+    return umbb_publish_commit(&run->publish, error);
 }
 
 /* Saves the imported scene as a file. */
 static enum umb_status save_scene(struct run *run, struct umb_error *error)
 {
     umbb_interrupt_defer(); /* so that a signal also removes its temporary */
-    const enum umb_status status = umbs_scene_save(run->scene, run->options->output, error);
-    if (status == UMB_OK && run->options->json) {
+    UMB__TRY(umbs_scene_save(run->scene, run->options->output, error));
+    if (run->options->json) {
         char id[UMB_ID_TEXT_SIZE];
         uint8_t hash[UMB_ID_BYTES];
         umbs_scene_hash(&run->scene->view, hash);
@@ -481,14 +447,18 @@ static enum umb_status save_scene(struct run *run, struct umb_error *error)
         umbu_json_integer(&json, "lights", run->scene->view.light_count);
         umbu_json_close(&json);
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Bakes tiles for a merge elsewhere. */
-static enum umb_status bake_tiles(struct run *run, struct umb_error *error)
+static void print_plan(const struct run *run)
 {
-    umbb_interrupt_defer();
-    return bake(run, error);
+    const uint64_t tiles = umbb_tile_count(&run->analysis, run->options->tile_log2);
+    umbb_progress_tiles(0, tiles, 0);
+    if (run->options->json) {
+        umbb_plan_print_json(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
+    } else {
+        umbb_plan_print(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
+    }
 }
 
 static void print_report(struct run *run)
@@ -507,28 +477,24 @@ static void print_report(struct run *run)
     }
 }
 
-/* Runs the task on an imported scene. */
-static enum umb_status analyse_and_bake(struct run *run, struct umb_error *error)
+/* Runs the task from import to report. */
+static enum umb_status run_task(struct run *run, struct umb_error *error)
 {
-    enum umb_status status = analyse(run, error);
-    /* --max-error may have replaced the options. */
-    const struct umbb_options *options = run->options;
-    if (status == UMB_OK && options->plan) {
-        const uint64_t tiles = umbb_tile_count(&run->analysis, options->tile_log2);
-        umbb_progress_tiles(0, tiles, 0);
-        if (options->json) {
-            umbb_plan_print_json(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
-        } else {
-            umbb_plan_print(stdout, &run->analysis, &run->scene->view, run->plan, tiles);
-        }
-    } else if (status == UMB_OK) {
-        status =
-            options->task == UMBB_TASK_TILE ? bake_tiles(run, error) : bake_and_publish(run, error);
-        if (status == UMB_OK) {
-            print_report(run);
-        }
+    UMB__TRY(check_output(run->options, error));
+    UMB__TRY(import(run, error));
+    if (run->options->task == UMBB_TASK_IMPORT) {
+        return save_scene(run, error);
     }
-    return status;
+    UMB__TRY(analyse(run, error));
+    if (run->options->plan) {
+        print_plan(run);
+        return UMB_OK;
+    }
+    umbb_interrupt_defer();
+    UMB__TRY(run->options->task == UMBB_TASK_TILE ? bake(run, error)
+                                                  : bake_and_publish(run, error));
+    print_report(run);
+    return UMB_OK;
 }
 
 enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *error)
@@ -536,15 +502,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     struct run run = {.options = options, .start_s = umbu_clock_s()};
     umbb_interrupt_install();
     umbb_progress_tell_to(options->progress_fd);
-    enum umb_status status = check_output(options, error);
-    if (status == UMB_OK) {
-        status = import(&run, error);
-    }
-    if (status == UMB_OK && options->task == UMBB_TASK_IMPORT) {
-        status = save_scene(&run, error);
-    } else if (status == UMB_OK) {
-        status = analyse_and_bake(&run, error);
-    }
+    enum umb_status status = run_task(&run, error);
     if (status == UMB_OK && fflush(stdout) != 0) {
         status = umb_fail(error, UMB_E_IO, "cannot write to standard output");
     }

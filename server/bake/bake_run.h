@@ -5,7 +5,7 @@
  * One run of umbrage-bake after its options are known: import, analysis, plan, bake, write, check,
  * publish, summary.
  */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "umbrage/status.h"
 
 /* Runs the program. Notices go to stderr, the plan or summary to stdout. A failure leaves no new

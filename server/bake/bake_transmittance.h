@@ -5,28 +5,28 @@
  * The maps of translucent casters of all frusta (depth/transmittance_make.h), as an asset's head
  * stores them.
  *
- * Every reader of an asset loads its head, so the maps are kept small: at most 2048 texels a side,
- * no more than the frustum has voxels, and fewer, for all frusta alike, while the maps take more
- * than 16 MiB. The shadows of such casters have soft edges where it matters (hair, glass and smoke
- * fade in depth and by their textures). Four texels for one would take about four times the bytes.
+ * Every reader of an asset loads its head, so the maps are kept small. A map has at most 2048
+ * texels a side, and no more than the frustum has voxels. If the maps of all frusta take more than
+ * 16 MiB together, all are made again with half the texels a side. Coarse maps suffice, because the
+ * shadows of such casters have soft edges: hair, glass and smoke fade in depth and by their
+ * textures.
  */
 #include "bake/analysis/analysis.h"
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "format/transmittance_write.h"
 
-#define UMBB_TRANSMITTANCE_LEVEL_MAX 11U
 #define UMBB_TRANSMITTANCE_BYTES_MAX ((size_t)16 << 20)
 
 /*
  * Makes the entry.
  *
- * In:    analysis: its translucent triangles. working_bytes: limit of lists of triangles and
- *        fragments.
- * Out:   bytes: the entry, or empty if nothing is translucent; finish it after any result. level:
- *        of the maps, 0 if there are none.
+ * In:    analysis: read for its translucent triangles. working_bytes: limit of lists of triangles
+ *        and fragments.
+ * Out:   bytes: the entry, or empty if nothing is translucent; to be finished after any result.
+ *        level: log2 of the texels a side of the largest maps; 0: there are no maps.
  * Fails: E_LIMIT (no map is small enough, --memory), E_NO_MEMORY, E_CANCELLED.
  */
-UMB_CHECKED enum umb_status umbb_transmittance_bake(struct umbb_analysis *analysis,
+UMB_CHECKED enum umb_status umbb_transmittance_bake(const struct umbb_analysis *analysis,
                                                     const struct umbb_options *options,
                                                     size_t working_bytes,
                                                     struct umb__transmittance_bytes *bytes,

@@ -3,22 +3,34 @@
 #include "bake/memory_plan.h"
 
 #include "bake/analysis/analysis.h"
+#include "bake/bake_transmittance.h"
 #include "bake/build/tile_loop.h"
+#include "format/layout.h"
 #include "format/receiver_mask.h"
+#include "umbrage/curve.h"
 
-#define PROGRAM_BYTES ((uint64_t)16 << 20) /* code, stacks, buffers of the libraries */
-#define CORNER_BYTES  75U                  /* bytes of a triangle during the bake */
-/* Of a triangle's projections: few are cut, and the array grows by half at a time. */
+/* Bytes of code, stacks and buffers of the libraries. */
+#define PROGRAM_BYTES ((uint64_t)16 << 20)
+/* Bytes of a triangle during the bake. */
+#define CORNER_BYTES 75U
+/* Bytes of a triangle's projections: few are cut, and the array grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
-#define EMBREE_BYTES    200U /* user primitive in a hierarchy, during its building */
-/* Of a triangle under the static rule: its survey flags, its place in a list, its kind. */
+/* Bytes of a user primitive in Embree's hierarchy while it is built. */
+#define EMBREE_BYTES 200U
+/* Bytes of a triangle under the static rule: its survey flags, its place in a list, its kind. */
 #define RULED_BYTES (1 + 4 + 1)
-#define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4) /* layers of a thread */
-#define RECEIVER_MASK_BYTES                                                                        \
-    ((uint64_t)UMB__RECEIVER_MASK_WORDS * 8) /* of a frustum under the static rule */
-#define GRID_CELL  80U                       /* bytes of a tile: column, runs, bounds, bins */
-#define OCTREE_MIN ((uint64_t)1 << 20)       /* the smallest octree worth starting with */
+/* Bytes of a thread's layers. */
+#define LAYER_BYTES ((uint64_t)3 * UMBB_BLOCK * UMBB_BLOCK * 4)
+/* Bytes of a frustum's receiver mask. */
+#define RECEIVER_MASK_BYTES ((uint64_t)UMB__RECEIVER_MASK_WORDS * 8)
+/* Bytes of a tile beside its texels: column, runs, bounds, bins. */
+#define GRID_CELL 80U
+/* Bytes of the smallest octree worth starting with. */
+#define OCTREE_MIN ((uint64_t)1 << 20)
+
+#define OCCLUDER_DEPTH_MAX_BYTES ((uint64_t)48 << 20)
+#define OCCLUDER_DEPTH_ENTRY     (UMB__ENTRY_HEAD + 8U) /* its head, and the padding after it */
 
 /* Everything that depends on the tile size, except the octree. */
 static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_log2)
@@ -83,4 +95,26 @@ enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
                     (unsigned long long)(input->memory_bytes >> 20), input->triangles,
                     1U << input->log2_size,
                     (unsigned long long)((least + (least - base) + OCTREE_MIN) >> 20));
+}
+
+enum umb_status umbb_head_occluder_depth_bytes(const struct umb__content *content, int translucent,
+                                               size_t *bytes, struct umb_error *error)
+{
+    struct umb__content whole = *content;
+    struct umb_error cause = {0};
+    uint64_t taken;
+    whole.curve_count = content->light_count * UMB_CURVE_ROWS_MAX;
+    whole.occluder_depth_words = 0;
+    whole.transmittance_bytes = translucent ? UMBB_TRANSMITTANCE_BYTES_MAX : 0;
+    *bytes = 0;
+    const enum umb_status status = umb__content_head_bytes(&whole, &taken, &cause);
+    if (status != UMB_OK || taken + OCCLUDER_DEPTH_ENTRY > UMB__CANONICAL_MAX) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "%u lights with %u frusta are too many: %s",
+                        content->light_count, content->frustum_count,
+                        status != UMB_OK ? cause.message
+                                         : "they leave no room in a head of 64 MiB");
+    }
+    const uint64_t left = UMB__CANONICAL_MAX - OCCLUDER_DEPTH_ENTRY - taken;
+    *bytes = (size_t)(left < OCCLUDER_DEPTH_MAX_BYTES ? left : OCCLUDER_DEPTH_MAX_BYTES);
+    return UMB_OK;
 }

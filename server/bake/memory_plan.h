@@ -7,10 +7,14 @@
  *
  * Three moments count: the search for parts, the bake, and the comparison with rays. Triangles take
  * the most in the first and the last. In the bake, lists of triangles may use the difference.
+ *
+ * The space in an asset's head is divided before the work, too. Readers accept canonical blocks of
+ * up to 64 MiB (docs/reference/umb-format.md); a bake that exceeded that would find out only at its
+ * end.
  */
 #include <stddef.h>
 #include <stdint.h>
-#include "umbrage/status.h"
+#include "format/content.h"
 
 struct umbb_memory_input {
     uint64_t memory_bytes;
@@ -39,5 +43,18 @@ struct umbb_memory_plan {
 UMB_CHECKED enum umb_status umbb_memory_divide(const struct umbb_memory_input *input,
                                                struct umbb_memory_plan *plan,
                                                struct umb_error *error);
+
+/*
+ * Computes the limit of first occluders: 48 MiB, or the space that everything else leaves in the
+ * head.
+ *
+ * In:    content: counts of lights and frusta and both texts are read; receiver_mask_cells only for
+ *        NULL or not; the curve counts in full. translucent: 1 if maps of translucent casters
+ *        follow.
+ * Fails: E_BAD_SCENE: so many lights and frusta do not fit even without an occluder depth map.
+ */
+UMB_CHECKED enum umb_status umbb_head_occluder_depth_bytes(const struct umb__content *content,
+                                                           int translucent, size_t *bytes,
+                                                           struct umb_error *error);
 
 #endif

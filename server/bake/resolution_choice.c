@@ -13,14 +13,10 @@
 #include "umbrage/curve.h"
 
 #define SMALL_LOG2 11U /* voxels a side of the second small bake */
-#define GROWTH_MIN                                                                                 \
-    1.5 /* growth of time and bytes with each doubling: lines grow twofold, areas fourfold */
-#define GROWTH_MAX 3.5
 
-/* Costs of a small bake. */
-struct sample {
-    double seconds, packed_bytes, octree_bytes;
-};
+/* Growth of time and bytes with each doubling: of lines twofold, of areas fourfold. */
+#define GROWTH_MIN 1.5
+#define GROWTH_MAX 3.5
 
 static double bound_m(const struct umbb_analysis *analysis)
 {
@@ -34,8 +30,8 @@ static double bound_m(const struct umbb_analysis *analysis)
 static enum umb_status fit(const struct umbb_resolution_job *job, uint32_t log2_size,
                            struct umb_error *error)
 {
-    const enum umb_status status = umbb_analysis_to_world(job->analysis, job->view, error);
-    return status == UMB_OK ? umbb_analysis_refit(job->analysis, log2_size, error) : status;
+    UMB__TRY(umbb_analysis_need_corners(job->analysis, job->view, error));
+    return umbb_analysis_refit(job->analysis, log2_size, error);
 }
 
 static enum umb_status divide(const struct umbb_resolution_job *job, uint32_t log2_size,
@@ -75,27 +71,23 @@ static enum umb_status pack(const struct umbb_resolution_job *job, const struct 
 
 /* Bakes at a small resolution. */
 static enum umb_status bake_small(const struct umbb_resolution_job *job, uint32_t log2_size,
-                                  struct sample *sample, struct umb_error *error)
+                                  struct umbb_costs *sample, struct umb_error *error)
 {
     struct umbb_options options = *job->options;
     struct umbb_memory_plan memory;
     struct umb__octree octree = {0};
     struct umbb_bake_figures figures = {0};
     const double start = umbu_process_cpu_s();
+    const struct umbb_frusta_job bake = {
+        .analysis = job->analysis, .view = job->view, .options = &options, .memory = &memory};
     memset(sample, 0, sizeof *sample);
     options.task = UMBB_TASK_BAKE; /* everything, also if only tiles are wanted afterwards */
     options.only_given = 0;
     options.resolution_log2 = log2_size;
     options.quiet = 1;
-    enum umb_status status = fit(job, log2_size, error);
-    if (status == UMB_OK) {
-        status = divide(job, log2_size, &memory, error);
-    }
-    if (status == UMB_OK) {
-        const struct umbb_frusta_job bake = {
-            .analysis = job->analysis, .view = job->view, .options = &options, .memory = &memory};
-        status = umbb_bake_frusta(&bake, &octree, &figures, error);
-    }
+    UMB__TRY(fit(job, log2_size, error));
+    UMB__TRY(divide(job, log2_size, &memory, error));
+    enum umb_status status = umbb_bake_frusta(&bake, &octree, &figures, error);
     if (status == UMB_OK) {
         status = pack(job, &octree, &sample->packed_bytes, error);
     }
@@ -111,14 +103,16 @@ static double grown(double first, double second, uint32_t doublings)
     return second * pow(fmin(fmax(growth, GROWTH_MIN), GROWTH_MAX), doublings);
 }
 
-static void extrapolate(const struct sample samples[2], uint32_t log2_size,
+static void extrapolate(const struct umbb_costs samples[2], uint32_t log2_size,
                         struct umbb_forecast *forecast)
 {
     const uint32_t doublings = log2_size - SMALL_LOG2;
     forecast->small_log2 = SMALL_LOG2;
-    forecast->seconds = grown(samples[0].seconds, samples[1].seconds, doublings);
-    forecast->packed_bytes = grown(samples[0].packed_bytes, samples[1].packed_bytes, doublings);
-    forecast->octree_bytes = grown(samples[0].octree_bytes, samples[1].octree_bytes, doublings);
+    forecast->costs.seconds = grown(samples[0].seconds, samples[1].seconds, doublings);
+    forecast->costs.packed_bytes =
+        grown(samples[0].packed_bytes, samples[1].packed_bytes, doublings);
+    forecast->costs.octree_bytes =
+        grown(samples[0].octree_bytes, samples[1].octree_bytes, doublings);
 }
 
 /* 1 if a bake is likely to fit its memory. */
@@ -127,12 +121,12 @@ static int fits(const struct umbb_resolution_job *job, uint32_t log2_size,
 {
     struct umbb_memory_plan plan;
     return divide(job, log2_size, &plan, NULL) == UMB_OK &&
-           forecast->octree_bytes <= (double)plan.octree_max_bytes;
+           forecast->costs.octree_bytes <= (double)plan.octree_max_bytes;
 }
 
 /* Fails because the wanted resolution is out of reach; names the best one within it. */
 static enum umb_status fail_memory(const struct umbb_resolution_job *job,
-                                   const struct sample samples[2], uint32_t wanted_log2,
+                                   const struct umbb_costs samples[2], uint32_t wanted_log2,
                                    const struct umbb_forecast *wanted, struct umb_error *error)
 {
     uint32_t log2_size = wanted_log2;
@@ -144,12 +138,13 @@ static enum umb_status fail_memory(const struct umbb_resolution_job *job,
     return umb_fail(error, UMB_E_LIMIT,
                     "--max-error: %g m needs %u voxels a side, about %.0f MiB of nodes while it is "
                     "baked: too much for --memory %llu MiB; %u voxels reach %.3g m",
-                    job->options->max_error_m, 1U << wanted_log2, wanted->octree_bytes / 1048576.0,
+                    job->options->max_error_m, 1U << wanted_log2,
+                    wanted->costs.octree_bytes / 1048576.0,
                     (unsigned long long)(job->memory.memory_bytes >> 20), 1U << log2_size,
                     bound_m(job->analysis));
 }
 
-/* Finds the smallest resolution within the bound; the frusta stay fitted to it. */
+/* Finds the smallest resolution within the bound, and leaves the frusta fitted to it. */
 static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log2_size,
                             struct umbb_forecast *forecast, struct umb_error *error)
 {
@@ -161,8 +156,8 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
         if (forecast->bound_m <= wanted_m) {
             return UMB_OK;
         }
-        /* The bound halves with each doubling, margins apart: skips resolutions that cannot reach
-         * it. */
+        /* A doubling halves the bound, apart from margins. So resolutions that cannot reach the
+         * wanted bound are skipped. */
         while (*log2_size < UMBB_RESOLUTION_LOG2_MAX && forecast->bound_m > 4 * wanted_m) {
             forecast->bound_m /= 2;
             ++*log2_size;
@@ -177,18 +172,14 @@ static enum umb_status find(const struct umbb_resolution_job *job, uint32_t *log
 enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job, uint32_t *log2_size,
                                        struct umbb_forecast *forecast, struct umb_error *error)
 {
-    struct sample samples[2];
+    struct umbb_costs samples[2];
     memset(forecast, 0, sizeof *forecast);
-    enum umb_status status = find(job, log2_size, forecast, error);
-    if (status != UMB_OK || *log2_size <= SMALL_LOG2 + 1) {
-        return status;
+    UMB__TRY(find(job, log2_size, forecast, error));
+    if (*log2_size <= SMALL_LOG2 + 1) {
+        return UMB_OK;
     }
-    for (uint32_t i = 0; i < 2 && status == UMB_OK; i++) {
-        status = bake_small(job, SMALL_LOG2 - 1 + i, &samples[i], error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(bake_small(job, SMALL_LOG2 - 1, &samples[0], error));
+    UMB__TRY(bake_small(job, SMALL_LOG2, &samples[1], error));
     extrapolate(samples, *log2_size, forecast);
     if (!fits(job, *log2_size, forecast)) {
         return fail_memory(job, samples, *log2_size, forecast, error);

@@ -12,15 +12,20 @@
 #include "bake/analysis/analysis.h"
 #include "bake/memory_plan.h"
 
+/* Costs of a bake. */
+struct umbb_costs {
+    double seconds; /* processor time of baking and packing, on this machine */
+    double packed_bytes, octree_bytes;
+};
+
 struct umbb_forecast {
-    double bound_m; /* at one tap, the largest of all frusta */
-    double seconds; /* time of baking and packing, on this machine; 0: no forecast */
-    double packed_bytes, octree_bytes; /* 0: no forecast */
-    uint32_t small_log2;               /* size of the larger small bake */
+    double bound_m;          /* bound at one tap, metres: the largest of all frusta */
+    struct umbb_costs costs; /* zero: no forecast */
+    uint32_t small_log2;     /* voxels a side of the larger small bake, log2 */
 };
 
 struct umbb_resolution_job {
-    struct umbb_analysis *analysis; /* fitted anew; corners end up in world space */
+    struct umbb_analysis *analysis; /* fitted to the result */
     const struct umbs_scene_view *view;
     const struct umbb_options *options; /* max_error_m above 0 */
     struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are set here */

@@ -63,12 +63,11 @@ enum umb_status umbb_shut_in_paths(const struct umbb_options *options,
         return UMB_OK;
     }
     enum umb_status status =
-        collect(options, &places) ? UMB_OK : umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+        umbb_bake_sandbox_limits(options->memory_bytes, options->threads, error);
     if (status == UMB_OK) {
-        status = umbb_bake_sandbox_limits(options->memory_bytes, options->threads, error);
-    }
-    if (status == UMB_OK) {
-        status = umbb_bake_sandbox_paths(sandbox, places.rules, places.count, error);
+        status = collect(options, &places)
+                     ? umbb_bake_sandbox_paths(sandbox, places.rules, places.count, error)
+                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
     }
     free(places.owned[0]);
     free(places.owned[1]);

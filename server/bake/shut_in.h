@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_SHUT_IN_H
 #define UMBRAGE_SERVER_BAKE_SHUT_IN_H
 /* The sandbox of a bake (sandbox/bake_sandbox.h) with the paths that its options name. */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "scene/scene.h"
 
 /*

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_CHILD_PROCESS_H
 #define UMBRAGE_SERVER_COMMON_CHILD_PROCESS_H
 /*
- * Child processes, as all programs here start them: a near-empty environment, only the agreed
- * descriptors, default signals, and a process group of their own that ends with them. A child dies
- * when its parent does. Linux only.
+ * Child processes, as all programs of the server start them: a near-empty environment, only the
+ * agreed descriptors, default signals, and a process group of their own that ends with them. A
+ * child dies when its parent does. Linux only.
  *
  * Between fork and exec only async-signal-safe calls are made, because the caller may have many
  * threads. Functions marked "in the child" keep to that, and return 0 or -1 with errno.
@@ -44,5 +44,12 @@ int umbs_child_reap(pid_t child, int *exit_code, int *signal);
 
 /* Closes a descriptor, unless it is -1, and sets it to -1. */
 void umbs_hang_up(int *fd);
+
+/*
+ * Opens /dev/null in place of each closed standard descriptor. Without this the next file or socket
+ * would get that number and all printed text; libuv ends the process when it closes one of them.
+ * Without a /dev/null nothing changes. Call it before anything else is opened.
+ */
+void umbs_standard_streams_open(void);
 
 #endif

@@ -11,8 +11,8 @@
 #include <stddef.h>
 
 /*
- * Copies text and makes it clean: each byte that is a control character or no valid UTF-8 becomes
- * '?'. Cut at a character boundary so that it fits.
+ * Copies text and makes it clean: each byte of a control character or of invalid UTF-8 becomes '?'.
+ * The copy is cut at a character boundary so that it fits.
  *
  * In:    text: char[length], need not end in a NUL; stops at one. size: bytes of out, >= 1.
  * Out:   out: char[size], NUL-terminated, the tail filled with NULs.

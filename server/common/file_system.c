@@ -2,9 +2,47 @@
 /* See file_system.h. */
 #include "common/file_system.h"
 
-#include <stddef.h>
-#include <stdint.h>
+#include <errno.h>
+#include <stdlib.h>
 #include <sys/vfs.h>
+#include <unistd.h>
+
+ssize_t umbs_read_full(int fd, void *bytes, size_t size)
+{
+    size_t have = 0;
+    while (have < size) {
+        const ssize_t count = read(fd, (char *)bytes + have, size - have);
+        if (count == 0) {
+            break;
+        }
+        if (count < 0 && errno != EINTR) {
+            return -1;
+        }
+        have += count > 0 ? (size_t)count : 0;
+    }
+    return (ssize_t)have;
+}
+
+enum umb_status umbs_read_file(int fd, size_t size, const char *what, uint8_t **bytes,
+                               struct umb_error *error)
+{
+    *bytes = NULL;
+    uint8_t *block = malloc(size + 1);
+    if (block == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory to read %zu bytes of %.210s", size,
+                        what);
+    }
+    const ssize_t count = umbs_read_full(fd, block, size);
+    if (count == (ssize_t)size) {
+        *bytes = block;
+        return UMB_OK;
+    }
+    const int cause = errno;
+    free(block);
+    return count < 0 ? umb_fail_errno(error, UMB_E_IO, cause, "cannot read %.210s", what)
+                     : umb_fail(error, UMB_E_TRUNCATED, "%.210s ended at byte %zd of %zu", what,
+                                count, size);
+}
 
 static const struct known {
     uint32_t magic;

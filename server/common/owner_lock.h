@@ -25,16 +25,16 @@
 #include "common/file_system.h"
 #include "umbrage/status.h"
 
-#define UMBS_BEAT_MS       3000
-#define UMBS_TAKE_OVER_MS  15000
-#define UMBS_OWNER_SIZE    320 /* bytes of an owner's line, with its NUL */
+#define UMBS_BEAT_MS       3000  /* milliseconds between two beats */
+#define UMBS_TAKE_OVER_MS  15000 /* milliseconds without a beat after which an owner is dead */
+#define UMBS_OWNER_SIZE    320   /* bytes of an owner's line, with its NUL */
 #define UMBS_LOCK_PATH_MAX 4200
 
 struct umbs_owner_lock {
-    int fd;                        /* -1 = not held */
-    int beats;                     /* 1 = the locks alone are not enough */
+    int fd;                        /* Descriptor of the file; -1 = not held */
+    int beats;                     /* 1 = the kernel's locks alone are not enough */
     uint64_t number;               /* Number of the last beat */
-    char owner[UMBS_OWNER_SIZE];   /* this process: host, boot, pid, a random word */
+    char owner[UMBS_OWNER_SIZE];   /* Name of this process: host, boot, pid, a random word */
     char path[UMBS_LOCK_PATH_MAX]; /* Path of the file */
 };
 

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "base/open_status.h"
+#include "base/try.h"
 
 static int is_ours(const struct stat *facts)
 {
@@ -69,16 +70,15 @@ static enum umb_status check_one(const char *path, const char *folder, int is_la
 static enum umb_status check_all(const char *path, char *resolved, struct umb_error *error)
 {
     const size_t length = strlen(resolved);
-    enum umb_status status = check_one(path, "/", length == 1, error);
-    for (size_t i = 1; status == UMB_OK && i < length; i++) {
-        const size_t step = strcspn(resolved + i, "/");
-        const char end = resolved[i + step];
-        resolved[i + step] = '\0';
-        status = check_one(path, resolved, end == '\0', error);
-        resolved[i + step] = end;
-        i += step;
+    UMB__TRY(check_one(path, "/", length == 1, error));
+    for (size_t i = 1; i < length; i++) {
+        i += strcspn(resolved + i, "/");
+        const char end = resolved[i];
+        resolved[i] = '\0';
+        UMB__TRY(check_one(path, resolved, end == '\0', error)); /* names the folder */
+        resolved[i] = end;
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbs_private_folder(const char *path, char **resolved, struct umb_error *error)

@@ -16,7 +16,7 @@
 #endif
 
 #include "base/compat.h"
-#include "common/standard_streams.h"
+#include "common/child_process.h"
 #include "daemon/admin.h"
 #include "daemon/listener.h"
 #include "daemon/loop_group.h"

@@ -47,22 +47,13 @@ enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status sta
                                        const struct umb_error *error)
 {
     enum umbj_failure failure = UMBJ_INTERNAL;
-    switch (status) {
-    case UMB_E_NO_MEMORY:
-    case UMB_E_LIMIT:
-    case UMB_E_BUSY:
-    case UMB_E_UNAVAILABLE:
+    if (status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT || status == UMB_E_BUSY ||
+        status == UMB_E_UNAVAILABLE) {
         failure = UMBJ_TEMPORARY;
-        break;
-    case UMB_E_IO:
-    case UMB_E_CANNOT_CREATE:
+    } else if (status == UMB_E_IO || status == UMB_E_CANNOT_CREATE) {
         failure = UMBJ_IO;
-        break;
-    case UMB_E_TOO_LARGE:
+    } else if (status == UMB_E_TOO_LARGE) {
         failure = UMBJ_REJECTED;
-        break;
-    default:
-        break;
     }
     return umbj_try_fail(try, failure, "%s", error->message);
 }
@@ -141,26 +132,28 @@ enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process
 
 enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, const char *folder)
 {
-    const struct umbj_try_options *options = try->options;
-    struct umbj_process_end end = {.exit_code = -1};
+    struct umbj_process_end end;
     struct umb_error error = {0};
     const struct umbj_process process = {
-        .program = options->program,
-        .arguments = words->list,
         .folder = folder,
-        .max_output_bytes = options->max_output_bytes,
-        .timeout_ms = options->timeout_ms,
+        .max_output_bytes = try->options->max_output_bytes,
+        .timeout_ms = try->options->timeout_ms,
         .stop = try->stop,
         .said = on_said,
         .progress = on_progress,
         .user = try,
     };
     try->said[0] = '\0';
-    const enum umb_status status =
-        words->failed ? umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a command line")
-                      : umbj_process_run(&process, &end, &error);
-    umbj_words_finish(words);
+    const enum umb_status status = umbj_process_run(&process, words, &end, &error);
     return status == UMB_OK ? umbj_try_judge(try, &end) : umbj_try_fail_status(try, status, &error);
+}
+
+int umbj_try_keeps_tiles(const struct umbj_try *try)
+{
+    const char *settings = try->work->settings;
+    return !umbj_settings_have(settings, "--depth=embree") &&
+           !umbj_settings_have(settings, "--static") &&
+           !umbj_settings_have(settings, "--effect=static=on");
 }
 
 enum umbj_failure umbj_bake_here(struct umbj_try *try)
@@ -174,10 +167,7 @@ enum umbj_failure umbj_bake_here(struct umbj_try *try)
     umbj_words_add(&words, "--threads=%u", options->threads);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
     umbj_words_add_sandbox(&words, options->sandbox);
-    /* With Embree the triangles that reach a tile are not known, so its tiles cannot be kept. */
-    if (work->cache != NULL && !umbj_settings_have(work->settings, "--depth=embree") &&
-        !umbj_settings_have(work->settings, "--static") &&
-        !umbj_settings_have(work->settings, "--effect=static=on")) {
+    if (work->cache != NULL && umbj_try_keeps_tiles(try)) {
         umbj_words_add(&words, "--cache=%s", work->cache);
         umbj_words_add(&words, "--cache-size=%llu", (unsigned long long)options->cache_bytes);
     }

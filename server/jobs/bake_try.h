@@ -8,8 +8,6 @@
  *     struct umbj_try try = {.options = &options, .work = &work, .stop = fd};
  *     failure = umbj_bake_here(&try);       or umbj_bake_on_farm(&try)
  */
-#include "jobs/command_words.h"
-#include "jobs/try_executor.h"
 #include "jobs/worker_process.h"
 
 struct umbj_try {
@@ -43,6 +41,10 @@ enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, c
 
 /* Classifies the end of a process of the try, and stores its cause. */
 enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process_end *end);
+
+/* 1 if the tiles of the bake can be kept for later bakes. With Embree the triangles that reach a
+ * tile are not known, nor with the static effect. */
+int umbj_try_keeps_tiles(const struct umbj_try *try);
 
 /* Bakes on this machine, in one process; the owner's folder of tiles is its cache. */
 enum umbj_failure umbj_bake_here(struct umbj_try *try);

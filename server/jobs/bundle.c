@@ -74,14 +74,15 @@ static int ends_in(const char *text, const char *ending)
     return length > tail && strcasecmp(text + length - tail, ending) == 0;
 }
 
-static int is_scene_name(const char *path)
+static enum umb_status check_scene_name(const char *path, struct umb_error *error)
 {
     for (size_t i = 0; i < sizeof scene_endings / sizeof scene_endings[0]; i++) {
         if (ends_in(path, scene_endings[i])) {
-            return 1;
+            return UMB_OK;
         }
     }
-    return 0;
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "scene: '%.80s' is not a .gltf, .glb, .obj, .ply or .stl file", path);
 }
 
 static int compare_files(const void *a, const void *b)
@@ -189,11 +190,7 @@ static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_
         return umb_fail(error, UMB_E_ARGUMENT, "scene: '%.80s' is not one of the files",
                         manifest->scene);
     }
-    if (!is_scene_name(manifest->scene)) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "scene: '%.80s' is not a .gltf, .glb, .obj, .ply or .stl file",
-                        manifest->scene);
-    }
+    UMB__TRY(check_scene_name(manifest->scene, error));
     return check_twins(manifest, error);
 }
 
@@ -222,20 +219,19 @@ static enum umb_status check_setting(const struct umbj_setting *setting, struct 
 enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest, uint64_t max_bytes,
                                     uint64_t *bytes, struct umb_error *error)
 {
-    enum umb_status status = check_files(manifest, max_bytes, bytes, error);
-    if (status == UMB_OK && manifest->setting_count > UMBJ_SETTINGS_MAX) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "settings: %zu are given, the limit is %d",
-                          manifest->setting_count, UMBJ_SETTINGS_MAX);
+    UMB__TRY(check_files(manifest, max_bytes, bytes, error));
+    if (manifest->setting_count > UMBJ_SETTINGS_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "settings: %zu are given, the limit is %d",
+                        manifest->setting_count, UMBJ_SETTINGS_MAX);
     }
-    for (size_t i = 0; status == UMB_OK && i < manifest->setting_count; i++) {
-        status = check_setting(&manifest->settings[i], error);
+    for (size_t i = 0; i < manifest->setting_count; i++) {
+        UMB__TRY(check_setting(&manifest->settings[i], error));
     }
-    if (status == UMB_OK &&
-        (manifest->priority < -UMBJ_PRIORITY_MAX || manifest->priority > UMBJ_PRIORITY_MAX)) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "priority: %d is not in -%d..%d",
-                          manifest->priority, UMBJ_PRIORITY_MAX, UMBJ_PRIORITY_MAX);
+    if (manifest->priority < -UMBJ_PRIORITY_MAX || manifest->priority > UMBJ_PRIORITY_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "priority: %d is not in -%d..%d", manifest->priority,
+                        UMBJ_PRIORITY_MAX, UMBJ_PRIORITY_MAX);
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbj_bundle_check_head(size_t index, const char *path, const uint8_t *head,
@@ -292,30 +288,24 @@ enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
                                   uint8_t key[UMBJ_HASH_BYTES], struct umb_error *error)
 {
     char settings[UMBJ_SETTINGS_SIZE];
-    enum umb_status status = umbj_settings_text(manifest, settings, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbj_settings_text(manifest, settings, error));
     const struct umbj_bundle_file **sorted = sort_files(manifest, compare_files);
     char *text = sorted != NULL ? key_text(manifest, sorted, settings) : NULL;
-    if (text != NULL) {
-        umbs_sha256_bytes(text, strlen(text), key);
-    } else {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
-    }
-    free(text);
     free(sorted);
-    return status;
+    if (text == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the manifest");
+    }
+    umbs_sha256_bytes(text, strlen(text), key);
+    free(text);
+    return UMB_OK;
 }
 
 enum umb_status umbj_manifest_prepare(const struct umbj_manifest *manifest, uint64_t max_bytes,
                                       struct umbj_prepared *prepared, struct umb_error *error)
 {
-    enum umb_status status = umbj_manifest_check(manifest, max_bytes, &prepared->bytes, error);
-    if (status == UMB_OK) {
-        status = umbj_manifest_key(manifest, prepared->key, error);
-    }
-    return status == UMB_OK ? umbj_settings_text(manifest, prepared->settings, error) : status;
+    UMB__TRY(umbj_manifest_check(manifest, max_bytes, &prepared->bytes, error));
+    UMB__TRY(umbj_manifest_key(manifest, prepared->key, error));
+    return umbj_settings_text(manifest, prepared->settings, error);
 }
 
 /* Splits a line "--name=value", in place. */
@@ -337,28 +327,23 @@ enum umb_status umbj_settings_check(const char *text, struct umb_error *error)
 {
     char copy[UMBJ_SETTINGS_SIZE];
     const size_t length = strlen(text);
-    enum umb_status status = UMB_OK;
     if (length >= sizeof copy || (length > 0 && text[length - 1] != '\n')) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "settings: %zu bytes must be below %d and end with a line's end", length,
                         UMBJ_SETTINGS_SIZE);
     }
     memcpy(copy, text, length + 1);
-    for (char *line = copy; status == UMB_OK && *line != '\0';) {
+    for (char *line = copy, *next; *line != '\0'; line = next) {
         const size_t count = strcspn(line, "\n");
         line[count] = '\0';
-        char *next = line + count + 1;
-        status = check_line(line, error);
-        line = next;
+        next = line + count + 1;
+        UMB__TRY(check_line(line, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbj_scene_check(const char *scene, struct umb_error *error)
 {
-    enum umb_status status = check_path("scene", scene, error);
-    return status == UMB_OK && !is_scene_name(scene)
-               ? umb_fail(error, UMB_E_ARGUMENT,
-                          "scene: '%.80s' is not a .gltf, .glb, .obj, .ply or .stl file", scene)
-               : status;
+    UMB__TRY(check_path("scene", scene, error));
+    return check_scene_name(scene, error);
 }

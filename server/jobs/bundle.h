@@ -6,8 +6,8 @@
  *
  * Everything in a manifest is foreign. Paths are relative, of plain components, without "." and
  * "..", so a bundle that is unpacked into an empty folder stays in it. Settings are the options of
- * umbrage-bake that decide what an asset holds, by an allow-list. Each reaches the program as one
- * word, so no value can become another option.
+ * umbrage-bake that decide the content of an asset, by an allow-list. Each setting reaches the
+ * program as one word, so no value can become another option.
  *
  * The key is the SHA-256 of all of that and of the program's version: equal keys give equal assets.
  */

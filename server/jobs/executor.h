@@ -2,30 +2,35 @@
 #ifndef UMBRAGE_SERVER_JOBS_EXECUTOR_H
 #define UMBRAGE_SERVER_JOBS_EXECUTOR_H
 /*
- * Executors run bakes behind one small interface (try_executor.h): on this machine, or on a farm
- * (farm.h).
+ * The executor runs bakes behind one small interface, which tests replace.
  *
  * An executor starts a try of a job (an epoch), reports on it until it ends, and reports the end
  * once. It makes no decisions: the job service decides what a failure means and whether the try
  * still counts.
  *
+ * Each try is a thread. It has the asset baked, on this machine (bake_try.h) or by a farm (farm.h),
+ * passes the reports on, and stages the result. No process outlives the daemon (worker_process.h);
+ * a farm's tasks end when they find that the try's folder is gone.
+ *
  * Threads: start, cancel and destroy are called by the service's thread; reports may come from any
  * thread, never from inside these calls.
  */
 #include "tool/output.h"
+#include "jobs/farm.h"
 #include "jobs/job.h"
 
-#define UMBJ_PHASE_SIZE 32
+#define UMBJ_PHASE_SIZE  32
+#define UMBJ_WORKERS_MAX 256
 
 /* One try. Texts are borrowed during start and copied. */
 struct umbj_work {
     char job[UMBJ_ID_SIZE];
     int64_t epoch;
-    const char *bundle;   /* folder with the scene's files */
-    const char *folder;   /* folder of this try, made by the executor and removed at its end */
-    const char *scene;    /* path of the scene in the bundle */
-    const char *settings; /* lines of --name=value */
-    const char *cache;    /* folder of the owner's tiles, NULL = none */
+    const char *bundle;   /* Folder with the scene's files */
+    const char *folder;   /* Folder of this try, made by the executor and removed at its end */
+    const char *scene;    /* Path of the scene in the bundle */
+    const char *settings; /* Lines of --name=value */
+    const char *cache;    /* Folder of the owner's tiles; NULL = none */
     /* 1 if the owner has an asset of an earlier bake of the same key. Then nothing runs, but the
      * try takes as long as that bake did. */
     int is_known;
@@ -49,12 +54,12 @@ struct umbj_report {
     int64_t epoch;
     uint64_t done, total, found;
     char text[UMBJ_CAUSE_SIZE];
-    /* Ended: UMBJ_NO_FAILURE: there is an asset; else text is the cause. */
+    /* Failure of the try or task; its cause is `text`. At the end, UMBJ_NO_FAILURE: there is an
+     * asset, and the next fields are set. */
     enum umbj_failure failure;
-    /* ended */
     uint8_t asset[UMBJ_HASH_BYTES];
     int64_t bake_ms;
-    /* File ready to be committed into the store, proven; the receiver's. Not begun (temporary NULL)
+    /* Proven file, ready to be committed into the store; the receiver's. Not begun (temporary NULL)
      * if the asset is there already. */
     struct umbu_output staged;
 };
@@ -73,5 +78,28 @@ struct umbj_executor {
     /* Ends all tries and waits for them; they do not report any more. */
     void (*destroy)(struct umbj_executor *self);
 };
+
+struct umbj_try_options {
+    const char *program;    /* umbrage-bake, absolute; borrowed, as all texts */
+    const char *assets;     /* folder for the finished assets */
+    const char *work;       /* folder of the tries' folders */
+    struct umbj_farm *farm; /* NULL = this machine; owned by the executor, also if create fails */
+    const char *sandbox;    /* mode of umbrage-bake --sandbox; NULL = required */
+    unsigned workers;       /* tries at once, 1..UMBJ_WORKERS_MAX */
+    unsigned threads;       /* threads of one bake, or of one task of it */
+    uint32_t tile;          /* texels along a tile's side; 0 = umbrage-bake's choice */
+    uint64_t memory_bytes;  /* limit of one bake, or of one task of it */
+    uint64_t interval_ms;   /* milliseconds between status calls to the farm */
+    uint64_t cache_bytes;   /* limit of one owner's tiles; 0 = none are kept */
+    uint64_t timeout_ms;    /* wall-clock limit of one try */
+    uint64_t max_output_bytes; /* limit of an asset */
+    umbj_report_fn report;
+    void *user;
+};
+
+/* Makes an executor; its destroy frees it. Fails: E_UNAVAILABLE (no such program), E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbj_try_executor_create(const struct umbj_try_options *options,
+                                                     struct umbj_executor **out,
+                                                     struct umb_error *error);
 
 #endif

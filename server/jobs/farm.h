@@ -3,7 +3,7 @@
 #define UMBRAGE_SERVER_JOBS_FARM_H
 /*
  * A farm runs commands on other machines, behind five calls: submit an array of tasks, submit one
- * (the merge), status, cancel, reconcile. Slurm is one (slurm_farm.h).
+ * (the merge), status, cancel, reconcile. Slurm is one (slurm_farm.c).
  *
  * The farm's word is not trusted. A task has ended when its end file lies in the folder of its
  * stage, which all machines share. The task's own script gives that file its name:
@@ -64,5 +64,25 @@ struct umbj_farm {
                                  struct umb_error *error);
     void (*destroy)(struct umbj_farm *self);
 };
+
+/* All texts are borrowed: they stay valid until the farm is destroyed. */
+struct umbj_slurm_options {
+    const char *words;  /* More options of sbatch, with blanks between; NULL = none */
+    const char *tag_of; /* Jobs folder; its hash tells our tasks from those of other daemons */
+    const char *search; /* PATH of Slurm's programs; NULL = the usual */
+    const char *configuration; /* SLURM_CONF; NULL = Slurm's own */
+};
+
+/*
+ * Makes Slurm a farm, through its command line: sbatch, squeue, scancel, scontrol (22.05). The
+ * library is not used: its ABI changes with each release.
+ *
+ * Measured with Slurm 22.05: jobs accepted less than 5 s before its controller is killed are lost.
+ * A task whose agent died runs on while a second one is started. Requeued tasks are held back for
+ * 121 s.
+ * Fails: E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbj_slurm_farm_create(const struct umbj_slurm_options *options,
+                                                   struct umbj_farm **out, struct umb_error *error);
 
 #endif

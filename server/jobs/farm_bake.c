@@ -137,33 +137,35 @@ static void take_done(struct stage *stage, int folder, const char *name, uint32_
     }
 }
 
-/* Reads the end files that are there. */
+/* Reading of a stage's folder. */
+struct ends {
+    struct stage *stage;
+    enum umbj_failure failure;
+};
+
+static void read_end(void *user, int folder, const char *name)
+{
+    struct ends *ends = user;
+    struct stage *stage = ends->stage;
+    unsigned number = 0, code = 0;
+    if (ends->failure != UMBJ_NO_FAILURE) {
+        return;
+    }
+    if (sscanf(name, "done.%u", &number) == 1 && number < stage->farm.count) {
+        take_done(stage, folder, name, number);
+    } else if (sscanf(name, "fail.%u.%u.", &number, &code) == 2 && number < stage->farm.count &&
+               code < 256 && !stage->done[number]) { /* else the end file of a duplicate */
+        ends->failure = take_failure(stage, folder, name, number, (int)code);
+    }
+}
+
+/* Reads the end files that are there; after an error of the folder the next look may do better. */
 static enum umbj_failure read_ends(struct stage *stage)
 {
-    enum umbj_failure failure = UMBJ_NO_FAILURE;
-    struct umbj_names names;
-    int folder = open(stage->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder < 0 || umbj_names_read(folder, &names) != 0) {
-        if (folder >= 0) {
-            close(folder);
-        }
-        return UMBJ_NO_FAILURE; /* the next look may do better */
-    }
-    for (size_t i = 0; i < names.count && failure == UMBJ_NO_FAILURE; i++) {
-        unsigned number = 0, code = 0;
-        if (sscanf(names.list[i], "done.%u", &number) == 1 && number < stage->farm.count) {
-            take_done(stage, folder, names.list[i], number);
-        } else if (sscanf(names.list[i], "fail.%u.%u.", &number, &code) == 2 &&
-                   number < stage->farm.count && code < 256) {
-            if (stage->done[number]) {
-                continue; /* end file of a duplicate */
-            }
-            failure = take_failure(stage, folder, names.list[i], number, (int)code);
-        }
-    }
-    umbj_names_finish(&names);
-    close(folder);
-    return failure;
+    struct ends ends = {.stage = stage};
+    (void)umbj_folder_each(open(stage->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC), read_end,
+                           &ends);
+    return ends.failure;
 }
 
 /* Notes which of the submitted tasks the farm took. */
@@ -349,12 +351,11 @@ static enum umbj_failure do_stage(struct umbj_try *try, const char *kind, uint32
         (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot make a folder for the tasks");
         failure = umbj_try_fail_status(try, UMB_E_IO, &error);
     } else {
-        stage.done = block;
-        stage.wanted = block + count;
-        stage.known = block + 2 * (size_t)count;
-        stage.tries = block + 3 * (size_t)count;
-        stage.unknown = block + 4 * (size_t)count;
-        stage.asked = block + 5 * (size_t)count;
+        uint8_t **const arrays[6] = {&stage.done,  &stage.wanted,  &stage.known,
+                                     &stage.tries, &stage.unknown, &stage.asked};
+        for (size_t i = 0; i < 6; i++) {
+            *arrays[i] = block + i * count;
+        }
         memset(stage.wanted, 1, count);
         stage.farm = (struct umbj_farm_stage){.name = stage.name,
                                               .folder = stage.folder,
@@ -385,8 +386,7 @@ static void add_common(const struct umbj_try *try, struct umbj_words *words)
 static enum umbj_failure import(struct umbj_try *try)
 {
     struct umbj_words words = {0};
-    umbj_words_add(&words, "%s", try->options->program);
-    umbj_words_add(&words, "import");
+    umbj_words_add_all(&words, try->options->program, "import", NULL);
     umbj_words_add(&words, "./%s", try->work->scene);
     umbj_words_add(&words, "--output=%s/scene", try->work->folder);
     umbj_words_add(&words, "--memory=%llu", (unsigned long long)try->options->memory_bytes);
@@ -399,8 +399,7 @@ static enum umbj_failure import(struct umbj_try *try)
 static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
 {
     struct umbj_words words = {0};
-    umbj_words_add(&words, "%s", try->options->program);
-    umbj_words_add(&words, "--plan");
+    umbj_words_add_all(&words, try->options->program, "--plan", NULL);
     umbj_words_add(&words, "--progress-fd=%d", UMBJ_WORKER_FD_PROGRESS);
     add_common(try, &words);
     try->tiles = 0;
@@ -415,24 +414,12 @@ static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
     return failure;
 }
 
-/* Path of the tiles' folder: the owner's, or the try's. */
-static void tiles_folder(const struct umbj_try *try, char *path, size_t size)
-{
-    if (try->work->cache != NULL) {
-        snprintf(path, size, "%s", try->work->cache);
-    } else {
-        snprintf(path, size, "%s/tiles", try->work->folder);
-    }
-}
-
 static enum umbj_failure bake_tiles(struct umbj_try *try, const char *folder, uint32_t count)
 {
     struct umbj_words words = {0};
     const unsigned long edge = umbj_tile_edge(try->work->settings, try->options->tile);
     umbj_try_tell_phase(try, "bake");
-    umbj_words_add(&words, "%s", try->options->program);
-    umbj_words_add(&words, "tile");
-    umbj_words_add(&words, "--json");
+    umbj_words_add_all(&words, try->options->program, "tile", "--json", NULL);
     umbj_words_add(&words, "--output=%s", folder);
     if (try->work->cache != NULL) {
         umbj_words_add(&words, "--cache-size=%llu", (unsigned long long)try->options->cache_bytes);
@@ -458,8 +445,7 @@ static enum umbj_failure merge(struct umbj_try *try, const char *folder)
 
 static enum umbj_failure bake(struct umbj_try *try)
 {
-    const char *settings = try->work->settings;
-    char folder[4300];
+    char folder[4300]; /* of the tiles: the owner's, or the try's */
     uint64_t tiles = 0;
     enum umbj_failure failure = import(try);
     if (failure == UMBJ_NO_FAILURE) {
@@ -468,20 +454,19 @@ static enum umbj_failure bake(struct umbj_try *try)
     if (failure != UMBJ_NO_FAILURE) {
         return failure;
     }
-    if (umbj_settings_have(settings, "--depth=embree") ||
-        umbj_settings_have(settings, "--static") ||
-        umbj_settings_have(settings, "--effect=static=on")) {
-        return merge(try, NULL); /* tiles of these settings cannot be kept */
+    if (!umbj_try_keeps_tiles(try)) {
+        return merge(try, NULL);
     }
-    tiles_folder(try, folder, sizeof folder);
+    snprintf(folder, sizeof folder, "%s%s",
+             try->work->cache != NULL ? try->work->cache : try->work->folder,
+             try->work->cache != NULL ? "" : "/tiles");
     for (int round = 0; round < ROUNDS; round++) {
         failure = bake_tiles(try, folder, (uint32_t)tiles);
-        if (failure == UMBJ_NO_FAILURE) {
-            failure = merge(try, folder);
-            if (failure != UMBJ_TEMPORARY) { /* no tile was missing */
-                return failure;
-            }
-        } else {
+        if (failure != UMBJ_NO_FAILURE) {
+            return failure;
+        }
+        failure = merge(try, folder);
+        if (failure != UMBJ_TEMPORARY) { /* no tile was missing */
             return failure;
         }
     }

@@ -7,24 +7,33 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One thread; owner: owner of its current request, NULL = idle. Under the mutex. */
+#include "jobs/job.h"
+
 struct file_thread {
     struct umbj_file_threads *home;
     pthread_t thread;
-    const char *owner;
+    const char *owner; /* Owner of its current request, NULL = idle; under the mutex */
 };
 
 struct umbj_file_threads {
+    void (*then)(struct umbj_service *service, struct umbj_request *request);
     struct umbj_service *service;
     pthread_mutex_t mutex;
     pthread_cond_t wake;
-    struct umbj_request *first, *last; /* under mutex */
+    struct umbj_request_queue queue; /* Waiting requests; under mutex */
     atomic_int stop;
-    char served[UMBJ_OWNER_SIZE]; /* owner of the request taken last; under mutex */
-    unsigned count, running;      /* running: number of threads that were started */
+    char served[UMBJ_OWNER_SIZE]; /* Owner of the request taken last; under mutex */
+    unsigned count, running;      /* Number of threads, wanted and started */
     struct file_thread list[];
 };
 
+void umbj_request_skip(struct umbj_request *request)
+{
+    request->skipped = 1;
+    request->done(request);
+}
+
+/* Number of an owner's requests that run. */
 static unsigned at_work_for(const struct umbj_file_threads *threads, const char *owner)
 {
     unsigned count = 0;
@@ -39,25 +48,21 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
  * not the one served last. NULL: the queue is empty, or all its owners have their share. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
-    struct umbj_request **best = NULL, **at = &threads->first, *before = NULL, *before_best = NULL;
+    struct umbj_request *best = NULL, *at;
     unsigned fewest = 2 * (threads->count > 1 ? threads->count - 1 : 1);
-    for (; *at != NULL; before = *at, at = &(*at)->next) {
+    for (at = STAILQ_FIRST(&threads->queue); at != NULL; at = STAILQ_NEXT(at, next)) {
         const unsigned busy =
-            2 * at_work_for(threads, (*at)->owner) + (strcmp(threads->served, (*at)->owner) == 0);
+            2 * at_work_for(threads, at->owner) + (strcmp(threads->served, at->owner) == 0);
         if (busy < fewest) {
             fewest = busy;
             best = at;
-            before_best = before;
         }
     }
-    if (best == NULL) {
-        return NULL;
+    if (best != NULL) {
+        STAILQ_REMOVE(&threads->queue, best, umbj_request, next);
+        (void)snprintf(threads->served, sizeof threads->served, "%s", best->owner);
     }
-    struct umbj_request *request = *best;
-    *best = request->next;
-    threads->last = threads->last == request ? before_best : threads->last;
-    (void)snprintf(threads->served, sizeof threads->served, "%s", request->owner);
-    return request;
+    return best;
 }
 
 static void *run_thread(void *user)
@@ -78,15 +83,16 @@ static void *run_thread(void *user)
         thread->owner = NULL;
         pthread_cond_signal(&threads->wake); /* another request of this owner may go on */
         pthread_mutex_unlock(&threads->mutex);
-        umbj_service_files_done(threads->service, request);
+        threads->then(threads->service, request);
         pthread_mutex_lock(&threads->mutex);
     }
     pthread_mutex_unlock(&threads->mutex);
     return NULL;
 }
 
-enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *service,
-                                         struct umbj_file_threads **out, struct umb_error *error)
+enum umb_status umbj_file_threads_create(
+    unsigned count, void (*then)(struct umbj_service *service, struct umbj_request *request),
+    struct umbj_service *service, struct umbj_file_threads **out, struct umb_error *error)
 {
     *out = NULL;
     struct umbj_file_threads *threads =
@@ -94,8 +100,10 @@ enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *se
     if (threads == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the file threads");
     }
+    threads->then = then;
     threads->service = service;
     threads->count = count;
+    STAILQ_INIT(&threads->queue);
     pthread_mutex_init(&threads->mutex, NULL);
     pthread_cond_init(&threads->wake, NULL);
     for (unsigned i = 0; i < count; i++) {
@@ -114,28 +122,18 @@ enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *se
     return UMB_OK;
 }
 
-static void skip(struct umbj_request *request)
-{
-    request->skipped = 1;
-    request->done(request);
-}
-
 void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request)
 {
-    request->next = NULL;
-    request->skipped = 0;
     pthread_mutex_lock(&threads->mutex);
     const int stopped = atomic_load(&threads->stop);
-    if (!stopped && threads->last != NULL) {
-        threads->last->next = request;
-    } else if (!stopped) {
-        threads->first = request;
+    if (!stopped) {
+        request->skipped = 0;
+        STAILQ_INSERT_TAIL(&threads->queue, request, next);
+        pthread_cond_signal(&threads->wake);
     }
-    threads->last = stopped ? threads->last : request;
-    pthread_cond_signal(&threads->wake);
     pthread_mutex_unlock(&threads->mutex);
     if (stopped) {
-        skip(request);
+        umbj_request_skip(request);
     }
 }
 
@@ -148,18 +146,16 @@ void umbj_file_threads_end(struct umbj_file_threads *threads)
 {
     pthread_mutex_lock(&threads->mutex);
     atomic_store(&threads->stop, 1);
-    struct umbj_request *request = threads->first;
-    threads->first = threads->last = NULL;
     pthread_cond_broadcast(&threads->wake);
     pthread_mutex_unlock(&threads->mutex);
     for (unsigned i = 0; i < threads->running; i++) {
         pthread_join(threads->list[i].thread, NULL);
     }
     threads->running = 0;
-    while (request != NULL) {
-        struct umbj_request *next = request->next;
-        skip(request);
-        request = next;
+    struct umbj_request *request;
+    while ((request = STAILQ_FIRST(&threads->queue)) != NULL) {
+        STAILQ_REMOVE_HEAD(&threads->queue, next);
+        umbj_request_skip(request);
     }
 }
 

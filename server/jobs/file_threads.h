@@ -17,14 +17,37 @@
  * Order: requests of one upload follow each other, because the next is posted when the one before
  * is done. Requests of different calls have no order.
  */
-#include "jobs/service.h"
+#include <stdatomic.h>
+#include <sys/queue.h>
+#include "umbrage/status.h"
 
+struct umbj_service;
 struct umbj_file_threads; /* opaque */
 
-/* Fails: E_NO_MEMORY, E_LIMIT (no thread). */
-UMB_CHECKED enum umb_status umbj_file_threads_create(unsigned count, struct umbj_service *service,
-                                                     struct umbj_file_threads **out,
-                                                     struct umb_error *error);
+/* A request to the job service: `files` is called on a thread for files, then run on the service's
+ * own, then done. Either of the first two may be NULL. The request is the sender's again from done
+ * on. When the service ends, done is called without run, or without both: `skipped`. */
+struct umbj_request {
+    STAILQ_ENTRY(umbj_request) next;
+    void (*files)(struct umbj_request *request);
+    void (*run)(struct umbj_request *request, struct umbj_service *service);
+    void (*done)(struct umbj_request *request);
+    const char *owner; /* Owner of the files: owners share the threads fairly. Lives until done */
+    int reads;         /* 1 if `files` reads the table instead, on a separate thread */
+    int skipped;
+};
+
+/* Requests in their order. */
+STAILQ_HEAD(umbj_request_queue, umbj_request);
+
+/* Calls request->done of a request that was not run. */
+void umbj_request_skip(struct umbj_request *request);
+
+/* In: then: called after `files` of each request, on its thread, without a lock.
+ * Fails: E_NO_MEMORY, E_LIMIT (no thread). */
+UMB_CHECKED enum umb_status umbj_file_threads_create(
+    unsigned count, void (*then)(struct umbj_service *service, struct umbj_request *request),
+    struct umbj_service *service, struct umbj_file_threads **out, struct umb_error *error);
 
 /* Any thread. After the end the request is skipped at once. */
 void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_request *request);

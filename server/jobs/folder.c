@@ -58,16 +58,24 @@ int umbj_names_read(int folder, struct umbj_names *names)
     return failed;
 }
 
-/* Removes everything in a folder. stop: may be NULL. */
-static void empty_until(int folder, const atomic_int *stop)
+int umbj_folder_each(int folder, void (*each)(void *user, int folder, const char *name), void *user)
 {
     struct umbj_names names;
-    if (umbj_names_read(folder, &names) == 0) {
-        for (size_t i = 0; i < names.count; i++) {
-            umbj_folder_remove_until(folder, names.list[i], stop);
-        }
-        umbj_names_finish(&names);
+    if (folder < 0) {
+        return -1;
     }
+    const int failed = umbj_names_read(folder, &names);
+    for (size_t i = 0; i < names.count; i++) {
+        each(user, folder, names.list[i]);
+    }
+    umbj_names_finish(&names);
+    close(folder);
+    return failed;
+}
+
+static void remove_one(void *user, int folder, const char *name)
+{
+    umbj_folder_remove_until(folder, name, user);
 }
 
 void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop)
@@ -76,17 +84,15 @@ void umbj_folder_remove_until(int parent, const char *name, const atomic_int *st
         (errno != EISDIR && errno != EPERM)) {
         return;
     }
-    int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (folder >= 0) {
-        empty_until(folder, stop);
-        close(folder);
-    }
+    (void)umbj_folder_each(openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC),
+                           remove_one, (void *)stop);
     (void)unlinkat(parent, name, AT_REMOVEDIR); /* files that stay are swept at the next start */
 }
 
-void umbj_folder_empty(int folder)
+void umbj_folder_empty(int parent, const char *name)
 {
-    empty_until(folder, NULL);
+    (void)umbj_folder_each(openat(parent, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC), remove_one,
+                           NULL);
 }
 
 void umbj_folder_remove(int parent, const char *name)
@@ -96,23 +102,25 @@ void umbj_folder_remove(int parent, const char *name)
 
 void umbj_folder_drop(int parent, const char *name)
 {
-    char gone[300]; /* names have 255 bytes at most */
-    snprintf(gone, sizeof gone, "%.255s.gone", name);
+    char gone[4300]; /* longer than any path */
+    (void)snprintf(gone, sizeof gone, "%.4200s.gone", name);
     umbj_folder_remove(parent, renameat(parent, name, parent, gone) == 0 ? gone : name);
+}
+
+int umbj_folder_above(const char *path, char *above, size_t size)
+{
+    const char *slash = strrchr(path, '/');
+    return slash == NULL   ? snprintf(above, size, ".")
+           : slash == path ? snprintf(above, size, "/")
+                           : snprintf(above, size, "%.*s", (int)(slash - path), path);
 }
 
 /* Syncs the folder that holds the name: without it a power cut may remove the new folder. */
 static int sync_parent(int parent, const char *name)
 {
-    const char *slash = strrchr(name, '/');
-    char *above = slash == NULL   ? strdup(".")
-                  : slash == name ? strdup("/")
-                                  : strndup(name, (size_t)(slash - name));
-    const int result = above != NULL ? umbu_folder_sync_at(parent, above) : -1;
-    const int cause = errno;
-    free(above);
-    errno = cause;
-    return result;
+    char above[4300];
+    (void)umbj_folder_above(name, above, sizeof above);
+    return umbu_folder_sync_at(parent, above);
 }
 
 enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error *error)

@@ -6,6 +6,10 @@
 #include <stddef.h>
 #include "umbrage/status.h"
 
+/* Writes the path of the folder that holds `path`: all before the last slash, "." or "/". Returns
+ * the path's length, as snprintf. */
+int umbj_folder_above(const char *path, char *above, size_t size);
+
 /* Names in a folder, without "." and "..". */
 struct umbj_names {
     char **list;
@@ -17,20 +21,23 @@ struct umbj_names {
 int umbj_names_read(int folder, struct umbj_names *names);
 void umbj_names_finish(struct umbj_names *names);
 
-/* Removes a file, or a folder with all its content. A missing one is fine. A bundle's paths have at
- * most UMBJ_PATH_DEPTH_MAX components, which bounds the recursion. */
+/* Calls each(user, folder, name) for the names in a folder, and closes its descriptor. In: folder:
+ * -1 = it could not be opened. Returns 0, or -1: it could not be read. */
+int umbj_folder_each(int folder, void (*each)(void *user, int folder, const char *name),
+                     void *user);
+
+/* Removes a file, or a folder with all its content; a missing one is fine. stop: the removal ends
+ * early once *stop is 1; NULL = it does not. A bundle's paths have at most UMBJ_PATH_DEPTH_MAX
+ * components, which bounds the recursion. */
+void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop);
 void umbj_folder_remove(int parent, const char *name);
 
-/* umbj_folder_remove, ended early once *stop is 1. */
-void umbj_folder_remove_until(int parent, const char *name, const atomic_int *stop);
-
-/* As umbj_folder_remove, for a folder that other processes may still write into. It is first
- * renamed to NAME.gone, in one step, so that they no longer find it. Files that cannot be removed
- * stay under that name. */
+/* Removes a folder that other processes may still write into. It is first renamed to NAME.gone, in
+ * one step, so that they no longer find it. Files that cannot be removed stay under that name. */
 void umbj_folder_drop(int parent, const char *name);
 
 /* Removes everything in a folder but not the folder. */
-void umbj_folder_empty(int folder);
+void umbj_folder_empty(int parent, const char *name);
 
 /* Makes a folder, for this user alone, unless it exists; it survives a power cut. Fails:
  * E_CANNOT_CREATE. */

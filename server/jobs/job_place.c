@@ -11,24 +11,14 @@
 #include <unistd.h>
 
 #include "base/open_status.h"
+#include "base/try.h"
 #include "tool/clock.h"
 #include "common/private_folder.h"
+#include "jobs/folder.h"
 
 void umbj_place_init(struct umbj_place *place)
 {
     *place = (struct umbj_place){.folder = {.fd = -1}, .table = {.fd = -1}};
-}
-
-/* Parent folder of a path. */
-static enum umb_status folder_of(const char *path, char folder[4200], struct umb_error *error)
-{
-    const char *slash = strrchr(path, '/');
-    const int length = slash == NULL   ? snprintf(folder, 4200, ".")
-                       : slash == path ? snprintf(folder, 4200, "/")
-                                       : snprintf(folder, 4200, "%.*s", (int)(slash - path), path);
-    return length < 4200
-               ? UMB_OK
-               : umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long", length);
 }
 
 /* Refuses a folder on a network file system. */
@@ -84,37 +74,29 @@ enum umb_status umbj_place_check(const char *folder, const char *table, struct u
     if (length < 0 || (size_t)length >= sizeof place->table_path) {
         return umb_fail(error, UMB_E_LIMIT, "--jobs-db: a path of %d bytes is too long", length);
     }
-    enum umb_status status = folder_of(place->table_path, around, error);
-    if (status == UMB_OK) {
-        status = check_reach(around, error);
-    }
-    if (status == UMB_OK && table != NULL) {
-        status = check_apart(folder, table, around, error);
-    }
-    return status;
+    (void)umbj_folder_above(place->table_path, around, sizeof around);
+    UMB__TRY(check_reach(around, error));
+    return table != NULL ? check_apart(folder, table, around, error) : UMB_OK;
 }
 
-static enum umb_status take(const char *path, const char *option, struct umbs_owner_lock *lock,
-                            struct umb_error *error)
+/* Takes the lock FILE.lock or FOLDER/lock. In: option: option that names the guarded file. */
+static enum umb_status take(const char *guarded, const char *ending, const char *option,
+                            struct umbs_owner_lock *lock, struct umb_error *error)
 {
+    char path[UMBS_LOCK_PATH_MAX + 8];
     struct umb_error cause;
-    enum umb_status status = umbs_owner_lock_take(path, lock, &cause);
+    (void)snprintf(path, sizeof path, "%s%s", guarded, ending);
+    const enum umb_status status = umbs_owner_lock_take(path, lock, &cause);
     return status == UMB_OK ? UMB_OK : umb_fail(error, status, "%s: %s", option, cause.message);
 }
 
 enum umb_status umbj_place_take(const char *folder, const char *table, struct umbj_place *place,
                                 struct umb_error *error)
 {
-    char path[UMBS_LOCK_PATH_MAX + 8];
-    enum umb_status status = umbj_place_check(folder, table, place, error);
-    if (status == UMB_OK) {
-        (void)snprintf(path, sizeof path, "%s/lock", folder);
-        status = take(path, "--jobs", &place->folder, error);
-    }
-    if (status == UMB_OK && table != NULL) {
-        (void)snprintf(path, sizeof path, "%s.lock", table);
-        status = take(path, "--jobs-db", &place->table, error);
-    }
+    UMB__TRY(umbj_place_check(folder, table, place, error));
+    UMB__TRY(take(folder, "/lock", "--jobs", &place->folder, error));
+    const enum umb_status status =
+        table != NULL ? take(table, ".lock", "--jobs-db", &place->table, error) : UMB_OK;
     if (status != UMB_OK) {
         umbj_place_release(place);
     }
@@ -128,8 +110,8 @@ enum umb_status umbj_place_beat(struct umbj_place *place, struct umb_error *erro
         return UMB_OK;
     }
     place->beat_at_ms = now + UMBS_BEAT_MS;
-    enum umb_status status = umbs_owner_lock_beat(&place->folder, error);
-    return status == UMB_OK ? umbs_owner_lock_beat(&place->table, error) : status;
+    UMB__TRY(umbs_owner_lock_beat(&place->folder, error));
+    return umbs_owner_lock_beat(&place->table, error);
 }
 
 void umbj_place_release(struct umbj_place *place)

@@ -13,12 +13,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "common/clean_text.h"
 #include "jobs/bundle.h"
 
 #define NUMBER_MAX ((int64_t)1 << 53) /* limit of times, epochs, bytes: exact as a double */
 
-/* Row being read, with the name of its first damaged column. */
+/* Row being read, and the name of its first damaged column. */
 struct reading {
     sqlite3_stmt *row;
     const char *damage;
@@ -121,17 +122,17 @@ void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job)
     }
 }
 
-enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job, int64_t now,
-                             struct umb_error *error)
+/* Stores the failed job that umbj__read_job made of a damaged row, or removes the row. */
+static enum umb_status retire(struct umbj_table *table, const struct umbj_job *job, int64_t now,
+                              struct umb_error *error)
 {
     const int64_t ended = now > 0 ? now : job->ended_ms > 0 ? job->ended_ms : job->submitted_ms;
     table->damaged++;
     if (job->id[0] == '\0') {
-        return umbj_sql_run(&table->sql, error, NULL, NULL, "DELETE FROM job WHERE seq = ?", "i",
-                            job->row);
+        return umbj_sql_do(&table->sql, error, "DELETE FROM job WHERE seq = ?", "i", job->row);
     }
-    return umbj_sql_run(
-        &table->sql, error, NULL, NULL,
+    return umbj_sql_do(
+        &table->sql, error,
         "UPDATE job SET key = ?, state = 3, failure = ?, priority = ?, epoch = ?, tries = ?,"
         " hard_tries = ?, submitted_ms = ?, started_ms = ?, ended_ms = ?, not_before_ms = 0,"
         " lease_until_ms = 0, bundle_bytes = ?, asset = NULL, cause = ?, scene = '', settings = ''"
@@ -141,20 +142,42 @@ enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *jo
         job->cause, job->row);
 }
 
-int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
-                  int64_t now, struct umb_error *error)
+static enum umb_status take_job(void *user, sqlite3_stmt *row)
 {
-    if (*status != UMB_OK || job->damage == NULL) {
-        return 0;
-    }
-    *status = umbj__retire(table, job, now, error);
-    memset(job, 0, sizeof *job);
-    return *status == UMB_OK;
+    umbj__read_job(row, user);
+    return UMB_OK;
 }
 
-enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row)
+enum umb_status umbj__find_job(struct umbj_table *table, int64_t now, struct umbj_job *job,
+                               const char *what, struct umb_error *error, const char *text,
+                               const char *types, ...)
 {
-    struct umbj__spec *spec = user;
+    do {
+        va_list arguments;
+        memset(job, 0, sizeof *job);
+        va_start(arguments, types);
+        const enum umb_status status =
+            umbj_sql_run_list(&table->sql, error, take_job, job, text, types, arguments);
+        va_end(arguments);
+        UMB__TRY(status);
+        if (job->damage != NULL) {
+            UMB__TRY(retire(table, job, now, error));
+        }
+    } while (job->damage != NULL);
+    return job->id[0] != '\0' ? UMB_OK
+                              : umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", what);
+}
+
+/* Scene and settings of one row. */
+struct spec {
+    int found;
+    char *scene, *settings; /* [UMBJ_SCENE_SIZE], [UMBJ_SETTINGS_SIZE] */
+    const char *damage;     /* Name of the damaged column, NULL = none */
+};
+
+static enum umb_status take_spec(void *user, sqlite3_stmt *row)
+{
+    struct spec *spec = user;
     struct reading reading = {row, NULL};
     struct umb_error error = {0};
     spec->found = 1;
@@ -168,6 +191,21 @@ enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row)
     return UMB_OK;
 }
 
+enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
+                                char scene[UMBJ_SCENE_SIZE], char settings[UMBJ_SETTINGS_SIZE],
+                                struct umb_error *error)
+{
+    struct spec spec = {0, scene, settings, NULL};
+    UMB__TRY(umbj_sql_run(&table->sql, error, take_spec, &spec,
+                          "SELECT scene, settings FROM job WHERE id = ?", "t", id));
+    if (!spec.found) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
+    }
+    return spec.damage == NULL ? UMB_OK
+                               : umb_fail(error, UMB_E_CORRUPT,
+                                          "its row in the job table is damaged (%s)", spec.damage);
+}
+
 /* Limit of damaged rows of one scan: retiring a row changes the table that is being read. */
 #define LOOK_MOST 64
 struct look {
@@ -179,13 +217,12 @@ struct look {
 static enum umb_status look_at_row(void *user, sqlite3_stmt *row)
 {
     struct look *look = user;
-    struct umbj_job *job = &look->jobs[look->count < LOOK_MOST ? look->count : LOOK_MOST - 1];
-    if (look->count == LOOK_MOST) {
-        return UMB_OK; /* the row is read again in the next scan */
+    if (look->count < LOOK_MOST) { /* other rows are read in the next scan */
+        struct umbj_job *job = &look->jobs[look->count];
+        umbj__read_job(row, job);
+        look->last = job->row;
+        look->count += job->damage != NULL;
     }
-    umbj__read_job(row, job);
-    look->last = job->row;
-    look->count += job->damage != NULL;
     return UMB_OK;
 }
 
@@ -200,10 +237,9 @@ static enum umb_status mend_jobs(struct umbj_table *table, int64_t now, struct u
     do {
         look->count = 0;
         status = umbj_sql_run(&table->sql, error, look_at_row, look,
-                              "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE seq > ? ORDER BY seq",
-                              "i", look->last);
+                              UMBJ__SELECT_JOBS "WHERE seq > ? ORDER BY seq", "i", look->last);
         for (size_t i = 0; status == UMB_OK && i < look->count; i++) {
-            status = umbj__retire(table, &look->jobs[i], now, error);
+            status = retire(table, &look->jobs[i], now, error);
         }
     } while (status == UMB_OK && look->count == LOOK_MOST);
     free(look);
@@ -225,10 +261,10 @@ enum umb_status umbj__mend(struct umbj_table *table, int64_t now, struct umb_err
         "DELETE FROM turn WHERE typeof(owner) <> 'text' OR typeof(number) <> 'integer'"
         " OR number < 0 OR number > 9007199254740992",
     };
-    enum umb_status status = mend_jobs(table, now, error);
-    for (size_t i = 0; status == UMB_OK && i < sizeof sweeps / sizeof sweeps[0]; i++) {
-        status = umbj_sql_run(&table->sql, error, NULL, NULL, sweeps[i], "");
-        table->damaged += status == UMB_OK ? umbj_sql_changes(&table->sql) : 0;
+    UMB__TRY(mend_jobs(table, now, error));
+    for (size_t i = 0; i < sizeof sweeps / sizeof sweeps[0]; i++) {
+        UMB__TRY(umbj_sql_do(&table->sql, error, sweeps[i], ""));
+        table->damaged += umbj_sql_changes(&table->sql);
     }
-    return status;
+    return UMB_OK;
 }

@@ -2,9 +2,10 @@
 /* SQLite for the job table, see job_sql.h. */
 #include "jobs/job_sql.h"
 
-#include <stdarg.h>
 #include <stddef.h>
 #include <string.h>
+
+#include "base/try.h"
 
 #define BUSY_MS     5000 /* a user may have the table open in sqlite3 */
 #define ANSWER_SIZE 32
@@ -59,17 +60,15 @@ static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
                               struct umb_error *error)
 {
     char answer[ANSWER_SIZE] = "";
-    enum umb_status status = umbj_sql_run(sql, error, NULL, NULL, mode->set, "");
-    if (status == UMB_OK) {
-        status = umbj_sql_run(sql, error, take_answer, answer, mode->ask, "");
+    UMB__TRY(umbj_sql_do(sql, error, mode->set, ""));
+    UMB__TRY(umbj_sql_run(sql, error, take_answer, answer, mode->ask, ""));
+    if (strcmp(answer, mode->answer) != 0) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "job table: '%s' gives '%.20s', not '%s', so acknowledged jobs would not "
+                        "survive a power cut; put the table on a local disk (--jobs-db)",
+                        mode->set, answer, mode->answer);
     }
-    if (status == UMB_OK && strcmp(answer, mode->answer) != 0) {
-        status = umb_fail(error, UMB_E_UNSUPPORTED,
-                          "job table: '%s' gives '%.20s', not '%s', so acknowledged jobs would not "
-                          "survive a power cut; put the table on a local disk (--jobs-db)",
-                          mode->set, answer, mode->answer);
-    }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbj_sql_open(const char *path, struct umbj_sql *sql, struct umb_error *error)
@@ -118,25 +117,23 @@ static int bind(sqlite3_stmt *statement, const char *types, va_list arguments)
     return code;
 }
 
-enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
-                             void *user, const char *text, const char *types, ...)
+enum umb_status umbj_sql_run_list(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
+                                  void *user, const char *text, const char *types,
+                                  va_list arguments)
 {
     sqlite3_stmt *statement = NULL;
     enum umb_status status = UMB_OK;
-    va_list arguments;
     int code = sqlite3_prepare_v2(sql->database, text, -1, &statement, NULL);
     if (code == SQLITE_OK) {
-        va_start(arguments, types);
         code = bind(statement, types, arguments);
-        va_end(arguments);
     }
     if (code == SQLITE_OK) {
         code = SQLITE_ROW;
-        while (code == SQLITE_ROW && status == UMB_OK) {
-            code = sqlite3_step(statement);
-            if (code == SQLITE_ROW && row != NULL) {
-                status = row(user, statement);
-            }
+    }
+    while (code == SQLITE_ROW && status == UMB_OK) {
+        code = sqlite3_step(statement);
+        if (code == SQLITE_ROW && row != NULL) {
+            status = row(user, statement);
         }
     }
     if (status == UMB_OK && code != SQLITE_DONE) {
@@ -144,6 +141,33 @@ enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj
     }
     (void)sqlite3_finalize(statement); /* repeats the status of step */
     return status;
+}
+
+enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
+                             void *user, const char *text, const char *types, ...)
+{
+    va_list arguments;
+    va_start(arguments, types);
+    const enum umb_status status = umbj_sql_run_list(sql, error, row, user, text, types, arguments);
+    va_end(arguments);
+    return status;
+}
+
+enum umb_status umbj_sql_do_all(struct umbj_sql *sql, struct umb_error *error,
+                                const char *const *texts, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        UMB__TRY(umbj_sql_do(sql, error, texts[i], ""));
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbj_sql_take_number(void *user, sqlite3_stmt *row)
+{
+    if (sqlite3_column_type(row, 0) != SQLITE_NULL) {
+        *(int64_t *)user = sqlite3_column_int64(row, 0);
+    }
+    return UMB_OK;
 }
 
 /* Reads one file; pointer: the code that gives SQLite's handle of it. */
@@ -185,14 +209,14 @@ static void roll_back(struct umbj_sql *sql)
 {
     struct umb_error ignored; /* the caller reports the failure that led here */
     if (!sqlite3_get_autocommit(sql->database)) {
-        (void)(umbj_sql_run(sql, &ignored, NULL, NULL, "ROLLBACK", "") == UMB_OK);
+        (void)!umbj_sql_do(sql, &ignored, "ROLLBACK", "");
     }
 }
 
 enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error)
 {
     roll_back(sql);
-    enum umb_status status = umbj_sql_run(sql, error, NULL, NULL, "BEGIN IMMEDIATE", "");
+    const enum umb_status status = umbj_sql_do(sql, error, "BEGIN IMMEDIATE", "");
     if (status != UMB_OK) {
         roll_back(sql);
     }
@@ -202,7 +226,7 @@ enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error)
 enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status, struct umb_error *error)
 {
     if (status == UMB_OK) {
-        status = umbj_sql_run(sql, error, NULL, NULL, "COMMIT", "");
+        status = umbj_sql_do(sql, error, "COMMIT", "");
     }
     if (status != UMB_OK) {
         roll_back(sql);

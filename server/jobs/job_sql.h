@@ -5,12 +5,13 @@
  * SQLite for the job table: one statement a call, failures as umb_status.
  *
  * Life: umbj_sql_open, umbj_sql_run ..., umbj_sql_close. Changes that belong together stand between
- * umbj_sql_begin and umbj_sql_end; what fails in between is rolled back by the end.
- * Durability: journal in WAL mode with synchronous=FULL: what umbj_sql_end or a single changing
+ * umbj_sql_begin and umbj_sql_end; after a failure in between, the end rolls all of them back.
+ * Durability: journal in WAL mode with synchronous=FULL. A change that umbj_sql_end or a single
  * statement acknowledged survives a kill and a power cut (SQLite, "Write-Ahead Logging").
  * Threads: one at a time.
  */
 #include <sqlite3.h>
+#include <stdarg.h>
 #include "jobs/job.h"
 
 struct umbj_sql {
@@ -31,12 +32,28 @@ typedef enum umb_status (*umbj_row_fn)(void *user, sqlite3_stmt *row);
  * Runs one statement.
  *
  * In:    row: may be NULL. types: one letter for each `?` of the text and argument behind it: t
- *        const char *, i int64_t, h const uint8_t[UMBJ_HASH_BYTES] (NULL becomes SQL's NULL).
- * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, what row returns.
+ *        const char *, i int64_t, h const uint8_t[UMBJ_HASH_BYTES]. A NULL pointer is SQL's NULL.
+ * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, or the status of row.
  */
 UMB_CHECKED enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error,
                                          umbj_row_fn row, void *user, const char *text,
                                          const char *types, ...);
+UMB_CHECKED enum umb_status umbj_sql_run_list(struct umbj_sql *sql, struct umb_error *error,
+                                              umbj_row_fn row, void *user, const char *text,
+                                              const char *types, va_list arguments);
+
+/* umbj_sql_run for a statement without rows: umbj_sql_do(sql, error, text, types, ...). */
+#define umbj_sql_do(sql, error, ...) umbj_sql_run(sql, error, NULL, NULL, __VA_ARGS__)
+
+/* umbj_sql_run for a number, in the first column of one row. number: int64_t *; unchanged if there
+ * is no row, or NULL in it. */
+#define umbj_sql_number(sql, error, number, ...)                                                   \
+    umbj_sql_run(sql, error, umbj_sql_take_number, number, __VA_ARGS__)
+enum umb_status umbj_sql_take_number(void *user, sqlite3_stmt *row);
+
+/* Runs `count` statements without rows and arguments, in order. */
+UMB_CHECKED enum umb_status umbj_sql_do_all(struct umbj_sql *sql, struct umb_error *error,
+                                            const char *const *texts, size_t count);
 
 /* Reads the database's files from end to end, whatever they hold. Fails: E_IO. */
 UMB_CHECKED enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb_error *error);

@@ -7,8 +7,11 @@
  */
 #include "jobs/job_table_internal.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/try.h"
 
 #define SCHEMA_VERSION 2
 
@@ -32,79 +35,38 @@ static const char *const schema[] = {
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
 };
 
-enum umb_status umbj__take_number(void *user, sqlite3_stmt *row)
-{
-    *(int64_t *)user = sqlite3_column_int64(row, 0);
-    return UMB_OK;
-}
-
-/* Takes the one job of a result; an empty id means that there was none. */
-enum umb_status umbj__take_job(void *user, sqlite3_stmt *row)
-{
-    umbj__read_job(row, user);
-    return UMB_OK;
-}
-
-enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job, const char *id,
-                            struct umb_error *error)
-{
-    if (status == UMB_OK && job->id[0] == '\0') {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
-    }
-    return status;
-}
-
 /* Additions of version 2: sizes of assets, number of their owners, and counts. */
 static const char *const sizes[] = {
     "ALTER TABLE asset ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0",
     "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",
 };
 
-static enum umb_status run_all(struct umbj_sql *sql, const char *const *texts, size_t count,
-                               struct umb_error *error)
-{
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < count && texts[i] != NULL; i++) {
-        status = umbj_sql_run(sql, error, NULL, NULL, texts[i], "");
-    }
-    return status;
-}
-
 /* Makes the tables, or brings those of version 1 up to date; in a transaction. */
-static enum umb_status make_schema(struct umbj_sql *sql, int64_t from, struct umb_error *error)
+static enum umb_status make_schema(struct umbj_table *table, int64_t from, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
+    struct umbj_sql *sql = &table->sql;
     if (from == 0) {
-        status = run_all(sql, schema, sizeof schema / sizeof schema[0], error);
+        UMB__TRY(umbj_sql_do_all(sql, error, schema, sizeof schema / sizeof schema[0]));
     }
-    if (status == UMB_OK) {
-        status = run_all(sql, sizes, sizeof sizes / sizeof sizes[0], error);
-    }
-    if (status == UMB_OK) {
-        status = run_all(sql, umbj__count_schema, SIZE_MAX, error);
-    }
-    return status == UMB_OK ? umbj_sql_run(sql, error, NULL, NULL, "PRAGMA user_version = 2", "")
-                            : status;
+    UMB__TRY(umbj_sql_do_all(sql, error, sizes, sizeof sizes / sizeof sizes[0]));
+    UMB__TRY(umbj__make_counts(table, error));
+    return umbj_sql_do(sql, error, "PRAGMA user_version = 2", "");
 }
 
 static enum umb_status prepare_schema(struct umbj_table *table, struct umb_error *error)
 {
     int64_t version = 0;
-    struct umbj_sql *sql = &table->sql;
-    enum umb_status status =
-        umbj_sql_run(sql, error, umbj__take_number, &version, "PRAGMA user_version", "");
-    if (status != UMB_OK || version == SCHEMA_VERSION) {
-        return status;
+    UMB__TRY(umbj_sql_number(&table->sql, error, &version, "PRAGMA user_version", ""));
+    if (version == SCHEMA_VERSION) {
+        return UMB_OK;
     }
     if (version < 0 || version > SCHEMA_VERSION) {
         return umb_fail(error, UMB_E_VERSION, "job table: version %lld, this program knows %d",
                         (long long)version, SCHEMA_VERSION);
     }
-    status = umbj_sql_begin(sql, error);
-    if (status == UMB_OK) {
-        status = umbj_sql_end(sql, make_schema(sql, version, error), error);
-    }
-    return status == UMB_OK ? umbj__count_anew(table, error) : status;
+    UMB__TRY(umbj_sql_begin(&table->sql, error));
+    UMB__TRY(umbj_sql_end(&table->sql, make_schema(table, version, error), error));
+    return umbj__count_anew(table, error);
 }
 
 static enum umb_status take_verdict(void *user, sqlite3_stmt *row)
@@ -117,11 +79,8 @@ static enum umb_status take_verdict(void *user, sqlite3_stmt *row)
 static enum umb_status ask_verdict(struct umbj_sql *sql, struct umb_error *error)
 {
     char verdict[200] = "ok";
-    const enum umb_status status =
-        umbj_sql_run(sql, error, take_verdict, verdict, "PRAGMA quick_check(1)", "");
-    return status != UMB_OK || strcmp(verdict, "ok") == 0
-               ? status
-               : umb_fail(error, UMB_E_CORRUPT, "%s", verdict);
+    UMB__TRY(umbj_sql_run(sql, error, take_verdict, verdict, "PRAGMA quick_check(1)", ""));
+    return strcmp(verdict, "ok") == 0 ? UMB_OK : umb_fail(error, UMB_E_CORRUPT, "%s", verdict);
 }
 
 /*
@@ -176,7 +135,7 @@ int64_t umbj_table_damaged(const struct umbj_table *table)
 
 enum umb_status umbj_table_freeze(struct umbj_table *table, struct umb_error *error)
 {
-    return umbj_sql_run(&table->sql, error, NULL, NULL, "PRAGMA query_only = ON", "");
+    return umbj_sql_do(&table->sql, error, "PRAGMA query_only = ON", "");
 }
 
 void umbj_table_close(struct umbj_table *table)
@@ -191,53 +150,22 @@ enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner
                                      const uint8_t *key, struct umbj_job *job,
                                      struct umb_error *error)
 {
-    enum umb_status status;
-    memset(job, 0, sizeof *job);
-    do {
-        status = umbj_sql_run(
-            &table->sql, error, umbj__take_job, job,
-            "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE owner = ? AND key = ? AND (state IN (0, 1)"
-            " OR (state = 2 AND EXISTS(SELECT 1 FROM owned WHERE owned.asset = job.asset"
-            " AND owned.owner = job.owner))) ORDER BY seq DESC LIMIT 1",
-            "th", owner, key);
-    } while (umbj__retired(table, &status, job, 0, error));
-    return umbj__found(status, job, "like this", error);
-}
-
-enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
-                                char scene[UMBJ_SCENE_SIZE], char settings[UMBJ_SETTINGS_SIZE],
-                                struct umb_error *error)
-{
-    struct umbj__spec spec = {0, scene, settings, NULL};
-    enum umb_status status = umbj_sql_run(&table->sql, error, umbj__take_spec, &spec,
-                                          "SELECT scene, settings FROM job WHERE id = ?", "t", id);
-    if (status == UMB_OK && !spec.found) {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "job: there is no '%.40s'", id);
-    } else if (status == UMB_OK && spec.damage != NULL) {
-        status =
-            umb_fail(error, UMB_E_CORRUPT, "its row in the job table is damaged (%s)", spec.damage);
-    }
-    return status;
+    return umbj__find_job(table, 0, job, "like this", error,
+                          UMBJ__SELECT_JOBS
+                          "WHERE owner = ? AND key = ? AND (state IN (0, 1)"
+                          " OR (state = 2 AND EXISTS(SELECT 1 FROM owned WHERE owned.asset ="
+                          " job.asset AND owned.owner = job.owner))) ORDER BY seq DESC LIMIT 1",
+                          "th", owner, key);
 }
 
 enum umb_status umbj_table_get(struct umbj_table *table, const char *id, const char *owner,
                                struct umbj_job *job, struct umb_error *error)
 {
     char wanted[UMBJ_ID_SIZE]; /* id may be job->id */
-    (void)strncpy(wanted, id, sizeof wanted - 1);
-    wanted[sizeof wanted - 1] = '\0';
-    enum umb_status status;
-    memset(job, 0, sizeof *job);
-    do {
-        status =
-            owner != NULL
-                ? umbj_sql_run(&table->sql, error, umbj__take_job, job,
-                               "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ? AND owner = ?",
-                               "tt", wanted, owner)
-                : umbj_sql_run(&table->sql, error, umbj__take_job, job,
-                               "SELECT " UMBJ__JOB_COLUMNS " FROM job WHERE id = ?", "t", wanted);
-    } while (umbj__retired(table, &status, job, 0, error));
-    return umbj__found(status, job, wanted, error);
+    (void)snprintf(wanted, sizeof wanted, "%s", id);
+    return umbj__find_job(table, 0, job, wanted, error,
+                          UMBJ__SELECT_JOBS "WHERE id = ?1 AND (?2 IS NULL OR owner = ?2)", "tt",
+                          wanted, owner);
 }
 
 struct list {
@@ -268,14 +196,11 @@ enum umb_status umbj_table_list(struct umbj_table *table, const char *owner, int
 {
     struct list list = {0};
     enum umb_status status =
-        owner != NULL
-            ? umbj_sql_run(&table->sql, error, take_listed, &list,
-                           "SELECT " UMBJ__JOB_COLUMNS
-                           " FROM job WHERE owner = ? ORDER BY seq DESC LIMIT ?",
-                           "ti", owner, most)
-            : umbj_sql_run(&table->sql, error, take_listed, &list,
-                           "SELECT " UMBJ__JOB_COLUMNS " FROM job ORDER BY seq DESC LIMIT ?", "i",
-                           most);
+        owner != NULL ? umbj_sql_run(&table->sql, error, take_listed, &list,
+                                     UMBJ__SELECT_JOBS "WHERE owner = ? ORDER BY seq DESC LIMIT ?",
+                                     "ti", owner, most)
+                      : umbj_sql_run(&table->sql, error, take_listed, &list,
+                                     UMBJ__SELECT_JOBS "ORDER BY seq DESC LIMIT ?", "i", most);
     if (status == UMB_E_NO_MEMORY) {
         (void)umb_fail(error, status, "out of memory for a list of jobs");
     }
@@ -288,23 +213,15 @@ enum umb_status umbj_table_list(struct umbj_table *table, const char *owner, int
     return status;
 }
 
-static enum umb_status take_earliest(void *user, sqlite3_stmt *row)
-{
-    if (sqlite3_column_type(row, 0) != SQLITE_NULL) {
-        *(int64_t *)user = sqlite3_column_int64(row, 0);
-    }
-    return UMB_OK;
-}
-
 enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now, int64_t *when,
                                       struct umb_error *error)
 {
     *when = INT64_MAX;
-    enum umb_status status =
-        umbj_sql_run(&table->sql, error, take_earliest, when,
-                     "SELECT min(CASE WHEN " UMBJ__MAY_START " THEN ?1 ELSE not_before_ms END)"
-                     " FROM job WHERE state = 0",
-                     "ii", now, now + UMBJ_PAUSE_MAX_MS);
+    const enum umb_status status =
+        umbj_sql_number(&table->sql, error, when,
+                        "SELECT min(CASE WHEN " UMBJ__MAY_START " THEN ?1 ELSE not_before_ms END)"
+                        " FROM job WHERE state = 0",
+                        "ii", now, now + UMBJ_PAUSE_MAX_MS);
     *when = *when < now ? now : *when;
     return status;
 }
@@ -313,12 +230,12 @@ enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t 
                                         int64_t *count, struct umb_error *error)
 {
     *count = 0;
-    return umbj_sql_run(&table->sql, error, umbj__take_number, count,
-                        "SELECT count(*) FROM job WHERE key = ? AND state IN (0, 1)", "h", key);
+    return umbj_sql_number(&table->sql, error, count,
+                           "SELECT count(*) FROM job WHERE key = ? AND state IN (0, 1)", "h", key);
 }
 
 enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before, struct umb_error *error)
 {
-    return umbj_sql_run(&table->sql, error, NULL, NULL,
-                        "DELETE FROM job WHERE state > 1 AND ended_ms < ?", "i", before);
+    return umbj_sql_do(&table->sql, error, "DELETE FROM job WHERE state > 1 AND ended_ms < ?", "i",
+                       before);
 }

@@ -30,18 +30,18 @@
  */
 #include "jobs/job.h"
 
-#define UMBJ_TRIES_MAX      6    /* claims of one job that may fail */
-#define UMBJ_HARD_TRIES_MAX 2    /* claims of one job that may take the worker down */
-#define UMBJ_PAUSE_MS       1000 /* after the first failure; doubles */
+#define UMBJ_TRIES_MAX      6    /* number of failed tries after which a job ends */
+#define UMBJ_HARD_TRIES_MAX 2    /* number of tries that may take the worker down */
+#define UMBJ_PAUSE_MS       1000 /* milliseconds after the first failed try; each pause doubles */
 #define UMBJ_PAUSE_MAX_MS   300000
 
 struct umbj_table; /* opaque */
 
 struct umbj_limits {
-    int64_t owner_jobs;  /* unfinished jobs of one owner */
-    int64_t owner_bytes; /* bytes of one owner's bundles */
-    int64_t total_bytes; /* bytes of all bundles */
-    int64_t lease_ms;
+    int64_t owner_jobs;    /* Limit of the unfinished jobs of one owner */
+    int64_t owner_bytes;   /* Limit of the bytes of one owner's bundles */
+    int64_t total_bytes;   /* Limit of the bytes of all bundles */
+    int64_t lease_ms;      /* Milliseconds without a report after which a try is lost */
     int64_t owner_assets;  /* Limit of the bytes of one owner's assets; 0 = none */
     int64_t owner_history; /* Limit of the finished jobs of one owner; 0 = none */
 };
@@ -90,10 +90,10 @@ UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);
 
-/* Uploads in progress: not jobs yet, but their space already counts. */
+/* Uploads in progress, which count for the quotas as jobs do. */
 struct umbj_pending {
-    int64_t own_jobs, own_bytes; /* unfinished jobs of the owner, and bytes of their bundles */
-    int64_t all_bytes;
+    int64_t own_jobs, own_bytes; /* Number of the owner's uploads, and bytes of their bundles */
+    int64_t all_bytes;           /* Bytes of all owners' bundles */
 };
 
 /* Checks the owner's quotas for one more job of that size. pending: NULL = none. Fails: as
@@ -204,19 +204,20 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
                                                 int64_t bytes, struct umb_error *error);
 
-/* Calls found(user, asset) for the assets of unknown size: those of an older program. */
-typedef void (*umbj_unsized_fn)(void *user, const uint8_t *asset);
-UMB_CHECKED enum umb_status umbj_table_unsized(struct umbj_table *table, umbj_unsized_fn found,
-                                               void *user, struct umb_error *error);
+/* Finds the next asset of unknown size, which an older program made. In: asset: the one before, or
+ * zeros. Fails: E_NOT_FOUND: there are no more. */
+UMB_CHECKED enum umb_status umbj_table_next_unsized(struct umbj_table *table,
+                                                    uint8_t asset[UMBJ_HASH_BYTES],
+                                                    struct umb_error *error);
 
 /* Asset and duration of an earlier bake of the key, of any owner. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
                                                  uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
                                                  struct umb_error *error);
 
-/* 1 if a job made the asset; *owned: 1 if it is the owner's (NULL: any owner's). */
+/* Tells whether an asset is an owner's (NULL: any owner's). Out: owned: 0 also on failure. */
 UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset,
-                                             const char *owner, int *known, int *owned,
+                                             const char *owner, int *owned,
                                              struct umb_error *error);
 
 /* Takes the asset from an owner (NULL = from all). Fails: E_NOT_FOUND if it is not the owner's. */
@@ -232,7 +233,7 @@ UMB_CHECKED enum umb_status umbj_table_forget(struct umbj_table *table, const ui
                                               struct umb_error *error);
 
 /* Calls found(user, asset, owner) for every asset and owner. */
-typedef enum umb_status (*umbj_owned_fn)(void *user, const uint8_t *asset, const char *owner);
+typedef void (*umbj_owned_fn)(void *user, const uint8_t *asset, const char *owner);
 UMB_CHECKED enum umb_status umbj_table_owned(struct umbj_table *table, umbj_owned_fn found,
                                              void *user, struct umb_error *error);
 

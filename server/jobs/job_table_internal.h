@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
-/* Shared by the files of the job table: job_table.c reads, job_moves.c changes, job_assets.c keeps
- * owners, job_rows.c validates rows, job_counts.c counts. */
+/*
+ * Shared by the files of the job table. Each file uses those before it: job_rows.c finds jobs and
+ * validates rows, job_assets.c keeps owners, counts and quotas, job_table.c reads, job_moves.c
+ * changes.
+ */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
 
@@ -13,11 +16,11 @@ struct umbj_table {
     int64_t refused[UMBJ_QUOTA_COUNT];
 };
 
-/* Columns that umbj__take_job reads, in its order. */
-#define UMBJ__JOB_COLUMNS                                                                          \
-    "id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms, "           \
-    "started_ms,"                                                                                  \
-    " ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"
+/* Beginning of a statement whose rows umbj__read_job reads. */
+#define UMBJ__SELECT_JOBS                                                                          \
+    "SELECT id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms,"     \
+    " started_ms, ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"        \
+    " FROM job "
 
 /* Greatest bake_ms, 31 days: the longest --job-time. _TEXT: for statements. */
 #define UMBJ__BAKE_MS_MAX      2678400000
@@ -28,45 +31,31 @@ struct umbj_table {
 /* Condition of a queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
 
-/* A row callback: takes the one job of a result. user is a zeroed struct umbj_job; afterwards an
- * empty id means that there was none. _found turns that into E_NOT_FOUND, naming `id`. */
-enum umb_status umbj__take_job(void *user, sqlite3_stmt *row);
-UMB_CHECKED enum umb_status umbj__found(enum umb_status status, const struct umbj_job *job,
-                                        const char *id, struct umb_error *error);
-
-/* A row callback: takes a number; user is an int64_t. */
-enum umb_status umbj__take_number(void *user, sqlite3_stmt *row);
-
 /* --- job_rows.c --- */
 
-/* Reads a row of UMBJ__JOB_COLUMNS. A damaged row has `damage` and is a failed job with a cause;
+/* Reads a row of UMBJ__SELECT_JOBS. A damaged row has `damage` and is a failed job with a cause;
  * its id is empty if it has no valid owner. */
 void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
 
-/* Stores the failed job that umbj__read_job made of a damaged row, or removes the row. */
-UMB_CHECKED enum umb_status umbj__retire(struct umbj_table *table, const struct umbj_job *job,
-                                         int64_t now, struct umb_error *error);
-
-/* For loops: 1 if *job was damaged and is retired, so the query must run again. */
-int umbj__retired(struct umbj_table *table, enum umb_status *status, struct umbj_job *job,
-                  int64_t now, struct umb_error *error);
-
-/* A row callback for scene and settings. */
-struct umbj__spec {
-    int found;
-    char *scene, *settings; /* [UMBJ_SCENE_SIZE], [UMBJ_SETTINGS_SIZE] */
-    const char *damage;     /* Name of the damaged column, NULL = none */
-};
-enum umb_status umbj__take_spec(void *user, sqlite3_stmt *row);
+/*
+ * Finds the one job of a statement that begins with UMBJ__SELECT_JOBS. Damaged rows are retired at
+ * the time `now` (0: unknown), and the statement runs again.
+ *
+ * Fails: E_NOT_FOUND: there is no job `what`; as umbj_sql_run.
+ */
+UMB_CHECKED enum umb_status umbj__find_job(struct umbj_table *table, int64_t now,
+                                           struct umbj_job *job, const char *what,
+                                           struct umb_error *error, const char *text,
+                                           const char *types, ...);
 
 /* Reads every row once and retires damaged rows. */
 UMB_CHECKED enum umb_status umbj__mend(struct umbj_table *table, int64_t now,
                                        struct umb_error *error);
 
-/* --- job_counts.c --- */
+/* --- job_assets.c --- */
 
-extern const char *const umbj__count_schema[]; /* ends with NULL */
-
+/* Makes the tables of counts and their triggers. _count_anew: counts all rows. */
+UMB_CHECKED enum umb_status umbj__make_counts(struct umbj_table *table, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj__count_anew(struct umbj_table *table, struct umb_error *error);
 
 #endif

@@ -20,8 +20,6 @@
 #include "tool/clock.h"
 #include "common/private_folder.h"
 #include "jobs/folder.h"
-#include "jobs/slurm_farm.h"
-#include "jobs/try_executor.h"
 #include "jobs/staging.h"
 
 #define LOOK_MS      1000    /* longest sleep: leases and pauses are checked at least this often */
@@ -42,31 +40,16 @@ static int64_t system_steady_ms(void *user)
     return umbu_clock_ms();
 }
 
-int64_t umbj__unix_ms(const struct umbj_service *service)
-{
-    return service->clocks.unix_ms(service->clocks.user);
-}
-
-int64_t umbj__steady_ms(const struct umbj_service *service)
-{
-    return service->clocks.steady_ms(service->clocks.user);
-}
-
-void umbj_service_files_done(struct umbj_service *service, struct umbj_request *request)
+/* Queues a request whose `files` was called. */
+static void files_done(struct umbj_service *service, struct umbj_request *request)
 {
     if (request->run == NULL) {
         request->done(request);
         return;
     }
-    request->next = NULL;
-    request->skipped = 0;
     pthread_mutex_lock(&service->mutex);
-    if (service->last != NULL) {
-        service->last->next = request;
-    } else {
-        service->first = request;
-    }
-    service->last = request;
+    request->skipped = 0;
+    STAILQ_INSERT_TAIL(&service->queue, request, next);
     pthread_cond_signal(&service->wake);
     pthread_mutex_unlock(&service->mutex);
 }
@@ -76,7 +59,7 @@ void umbj_service_post(struct umbj_service *service, struct umbj_request *reques
     if (request->files != NULL) {
         umbj_file_threads_post(request->reads ? service->reader : service->file_threads, request);
     } else {
-        umbj_service_files_done(service, request);
+        files_done(service, request);
     }
 }
 
@@ -210,13 +193,12 @@ static struct umbj_request *next_request(struct umbj_service *service, int64_t w
 {
     const struct timespec until = umbu_clock_deadline(wait_ms);
     pthread_mutex_lock(&service->mutex);
-    if (service->first == NULL && !service->closing && wait_ms > 0) {
+    if (STAILQ_EMPTY(&service->queue) && !service->closing && wait_ms > 0) {
         pthread_cond_timedwait(&service->wake, &service->mutex, &until);
     }
-    struct umbj_request *request = service->first;
+    struct umbj_request *request = STAILQ_FIRST(&service->queue);
     if (request != NULL) {
-        service->first = request->next;
-        service->last = service->first != NULL ? service->last : NULL;
+        STAILQ_REMOVE_HEAD(&service->queue, next);
     }
     pthread_mutex_unlock(&service->mutex);
     return request;
@@ -240,8 +222,7 @@ void umbj__service_turn(struct umbj_service *service, int64_t wait_ms)
         request = umbu_clock_ms() < until_ms ? next_request(service, 0) : NULL;
     }
     if (request != NULL) {
-        request->skipped = 1;
-        request->done(request);
+        umbj_request_skip(request);
     } else {
         housekeeping(service);
     }
@@ -264,11 +245,11 @@ enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t si
         return umb_fail(error, UMB_E_LIMIT, "--jobs: a path of %zu bytes is too long",
                         strlen(folder));
     }
-    enum umb_status status = umbj_folder_make(AT_FDCWD, folder, error);
-    return status == UMB_OK ? umbj_folder_make(AT_FDCWD, assets, error) : status;
+    UMB__TRY(umbj_folder_make(AT_FDCWD, folder, error));
+    return umbj_folder_make(AT_FDCWD, assets, error);
 }
 
-/* Logs that other users can change the folder; shared storage of a cluster may need this. */
+/* Logs that other users can change the folder, as they often can on a cluster's shared storage. */
 static void warn_if_shared(const struct umbj_service *service)
 {
     char *resolved = NULL;
@@ -292,27 +273,51 @@ static enum umb_status open_folder(struct umbj_service *service, struct umb_erro
                               path);
     }
     warn_if_shared(service);
-    enum umb_status status = umbj_place_take(path, service->options.table, &service->place, error);
-    for (size_t i = 0; status == UMB_OK && i < sizeof names / sizeof names[0]; i++) {
-        status = umbj_folder_make(service->folder, names[i], error);
+    UMB__TRY(umbj_place_take(path, service->options.table, &service->place, error));
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        UMB__TRY(umbj_folder_make(service->folder, names[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Workers run in other folders than the daemon. */
-static enum umb_status make_absolute(const char **path, char absolute[4096],
-                                     struct umb_error *error)
+/* Makes a path absolute and without links. */
+static enum umb_status make_absolute(const char *path, char absolute[4096], struct umb_error *error)
 {
-    char *found = realpath(*path, NULL);
+    char *found = realpath(path, NULL);
     const size_t length = found != NULL ? strlen(found) : 0;
-    if (length == 0 || length > 3800) {
-        free(found);
-        return umb_fail_errno(error, UMB_E_NO_INPUT, found == NULL ? errno : ENAMETOOLONG,
-                              "the folder '%.150s'", *path);
+    const int good = length > 0 && length <= 3800;
+    if (good) {
+        memcpy(absolute, found, length + 1);
     }
-    memcpy(absolute, found, length + 1);
-    *path = absolute;
     free(found);
+    return good ? UMB_OK
+                : umb_fail_errno(error, UMB_E_NO_INPUT, length > 0 ? ENAMETOOLONG : errno,
+                                 "'%.200s'", path);
+}
+
+/* Finds umbrage-bake. Fails: E_UNAVAILABLE. */
+static enum umb_status find_program(struct umbj_service *service, struct umb_error *error)
+{
+    struct umb_error cause;
+    char beside[4096 + 16] = "";
+    const char *path = service->options.tries.program;
+    if (path == NULL) {
+        const ssize_t length = readlink("/proc/self/exe", beside, 4095);
+        char *slash = length > 0 ? strrchr(beside, '/') : NULL;
+        if (slash == NULL) {
+            return umb_fail(error, UMB_E_UNAVAILABLE,
+                            "--bake-program: cannot tell where umbrage-bake lies");
+        }
+        (void)snprintf(slash, 16, "/umbrage-bake");
+        path = beside;
+    }
+    if (make_absolute(path, service->program, &cause) != UMB_OK) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "--bake-program: %s", cause.message);
+    }
+    if (access(service->program, X_OK) != 0) {
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'", path);
+    }
+    service->options.tries.program = service->program;
     return UMB_OK;
 }
 
@@ -322,55 +327,27 @@ static enum umb_status open_table(const struct umbj_service *service, struct umb
     return umbj_table_open(service->place.table_path, &service->options.limits, out, error);
 }
 
-/* Makes the farm of the options; NULL: bakes run here. */
-static enum umb_status make_farm(struct umbj_service *service, struct umbj_farm **farm,
-                                 struct umb_error *error)
+/* Makes an executor from the options, unless a test gave one. */
+static enum umb_status make_executor(struct umbj_service *service, struct umb_error *error)
 {
     const struct umbj_slurm_options slurm = {.words = service->options.slurm_words,
                                              .tag_of = service->folder_path,
                                              .search = getenv("PATH"),
                                              .configuration = getenv("SLURM_CONF")};
-    *farm = NULL;
-    return service->options.slurm ? umbj_slurm_farm_create(&slurm, farm, error) : UMB_OK;
-}
-
-static enum umb_status make_executor(struct umbj_service *service, struct umb_error *error)
-{
-    const struct umbj_service_options *options = &service->options;
-    struct umbj_farm *farm = NULL;
+    struct umbj_try_options *tries = &service->options.tries;
     if (service->executor != NULL) {
-        return UMB_OK; /* a test's executor */
+        return UMB_OK;
     }
-    UMB__TRY(make_farm(service, &farm, error));
+    tries->farm = NULL;
+    if (service->options.slurm) {
+        UMB__TRY(umbj_slurm_farm_create(&slurm, &tries->farm, error));
+    }
     snprintf(service->work_path, sizeof service->work_path, "%s/work", service->folder_path);
-    const struct umbj_try_options tries = {
-        .program = options->program,
-        .assets = service->assets_path,
-        .work = service->work_path,
-        .farm = farm,
-        .interval_ms = options->interval_ms,
-        .sandbox = options->sandbox,
-        .workers = options->workers,
-        .threads = options->threads,
-        .tile = options->tile,
-        .memory_bytes = options->memory_bytes,
-        .cache_bytes = options->cache_bytes,
-        .timeout_ms = options->timeout_ms,
-        .max_output_bytes = options->max_output_bytes,
-        .report = on_report,
-        .user = service,
-    };
-    return umbj_try_executor_create(&tries, &service->executor, error);
-}
-
-static enum umb_status start_thread(struct umbj_service *service, struct umb_error *error)
-{
-    int code = pthread_create(&service->thread, NULL, run_service, service);
-    if (code != 0) {
-        return umb_fail_errno(error, UMB_E_LIMIT, code, "no thread for the jobs");
-    }
-    service->running = 1;
-    return UMB_OK;
+    tries->assets = service->assets_path;
+    tries->work = service->work_path;
+    tries->report = on_report;
+    tries->user = service;
+    return umbj_try_executor_create(tries, &service->executor, error);
 }
 
 static void init_service(struct umbj_service *service, const struct umbj_service_options *options)
@@ -381,12 +358,31 @@ static void init_service(struct umbj_service *service, const struct umbj_service
     service->clocks = options->clocks != NULL ? *options->clocks : system_clocks;
     service->executor = options->executor;
     service->folder = -1;
+    STAILQ_INIT(&service->queue);
     umbj_place_init(&service->place);
     pthread_mutex_init(&service->mutex, NULL);
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
     pthread_cond_init(&service->wake, &monotonic);
     pthread_condattr_destroy(&monotonic);
+}
+
+/* Opens all parts, in the order of their needs. */
+static enum umb_status open_parts(struct umbj_service *service, struct umb_error *error)
+{
+    UMB__TRY(find_program(service, error));
+    UMB__TRY(
+        umbj_file_threads_create(FILE_THREADS, files_done, service, &service->file_threads, error));
+    UMB__TRY(umbj_snapshot_create(&service->snapshot, error));
+    UMB__TRY(open_folder(service, error));
+    UMB__TRY(make_absolute(service->options.folder, service->folder_path, error));
+    service->options.folder = service->folder_path;
+    snprintf(service->assets_path, sizeof service->assets_path, "%s/assets", service->folder_path);
+    UMB__TRY(open_table(service, &service->table, error));
+    UMB__TRY(umbj__recover(service, error));
+    UMB__TRY(open_table(service, &service->read_table, error));
+    UMB__TRY(umbj_file_threads_create(1, files_done, service, &service->reader, error));
+    return make_executor(service, error);
 }
 
 enum umb_status umbj__service_open(const struct umbj_service_options *options,
@@ -401,38 +397,7 @@ enum umb_status umbj__service_open(const struct umbj_service_options *options,
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs");
     }
     init_service(service, options);
-    enum umb_status status = umbj__find_program(service, error);
-    if (status == UMB_OK) {
-        status = umbj_file_threads_create(FILE_THREADS, service, &service->file_threads, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj_snapshot_create(&service->snapshot, error);
-    }
-    if (status == UMB_OK) {
-        status = open_folder(service, error);
-    }
-    if (status == UMB_OK) {
-        status = make_absolute(&service->options.folder, service->folder_path, error);
-    }
-    if (status == UMB_OK) {
-        snprintf(service->assets_path, sizeof service->assets_path, "%s/assets",
-                 service->folder_path);
-    }
-    if (status == UMB_OK) {
-        status = open_table(service, &service->table, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj__recover(service, error);
-    }
-    if (status == UMB_OK) {
-        status = open_table(service, &service->read_table, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj_file_threads_create(1, service, &service->reader, error);
-    }
-    if (status == UMB_OK) {
-        status = make_executor(service, error);
-    }
+    const enum umb_status status = open_parts(service, error);
     if (status != UMB_OK) {
         umbj_service_destroy(service);
         return status;
@@ -445,15 +410,16 @@ enum umb_status umbj__service_open(const struct umbj_service_options *options,
 enum umb_status umbj_service_create(const struct umbj_service_options *options,
                                     struct umbj_service **out, struct umb_error *error)
 {
-    enum umb_status status = umbj__service_open(options, out, error);
-    if (status == UMB_OK) {
-        status = start_thread(*out, error);
-        if (status != UMB_OK) {
-            umbj_service_destroy(*out);
-            *out = NULL;
-        }
+    UMB__TRY(umbj__service_open(options, out, error));
+    struct umbj_service *service = *out;
+    const int code = pthread_create(&service->thread, NULL, run_service, service);
+    if (code != 0) {
+        umbj_service_destroy(service);
+        *out = NULL;
+        return umb_fail_errno(error, UMB_E_LIMIT, code, "no thread for the jobs");
     }
-    return status;
+    service->running = 1;
+    return UMB_OK;
 }
 
 /* Frees uploads that calls still hold; the next start removes their files. */
@@ -489,11 +455,9 @@ void umbj_service_destroy(struct umbj_service *service)
     if (service->executor != NULL) {
         service->executor->destroy(service->executor);
     }
-    struct umbj_request *request = next_request(service, 0);
-    while (request != NULL) {
-        request->skipped = 1;
-        request->done(request);
-        request = next_request(service, 0);
+    struct umbj_request *request;
+    while ((request = next_request(service, 0)) != NULL) {
+        umbj_request_skip(request);
     }
     if (service->opened && !service->lost && umbj_table_release(service->table, &error) != UMB_OK) {
         umbj__log_error(service, "job_release", &error); /* then the next start finds them lost */

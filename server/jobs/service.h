@@ -27,13 +27,11 @@
  */
 #include <stdatomic.h>
 #include "common/log.h"
+#include "jobs/file_threads.h"
 #include "jobs/status_snapshot.h"
 #include "jobs/bundle.h"
 #include "jobs/job_table.h"
 #include "jobs/upload.h"
-
-struct umbj_executor;
-struct umbj_service; /* opaque */
 
 /* Clocks, in milliseconds. Leases use `steady`, a monotonic clock that stands still while the
  * machine sleeps, as bakes do. `unix_ms` is for times that are shown or outlive the process:
@@ -45,29 +43,24 @@ struct umbj_clocks {
 };
 
 struct umbj_service_options {
-    const char *folder;      /* path of the jobs folder; made if it does not exist */
-    const char *table;       /* file of the job table; NULL = FOLDER/jobs.db */
-    const char *program;     /* umbrage-bake; NULL = beside the running program */
-    const char *sandbox;     /* mode of umbrage-bake --sandbox; NULL = required */
+    const char *folder;      /* Path of the jobs folder; made if it does not exist */
+    const char *table;       /* File of the job table; NULL = FOLDER/jobs.db */
     int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
-    uint64_t interval_ms;    /* milliseconds between status calls to Slurm */
-    const char *slurm_words; /* more options of sbatch, with blanks between; NULL = none */
-    uint32_t workers;        /* bakes at once */
-    uint32_t threads;        /* threads of one bake */
-    uint32_t tile; /* texels along a tile's side, a power of 2; 0 = umbrage-bake's choice */
-    uint64_t memory_bytes, timeout_ms, max_output_bytes; /* limits of one bake */
-    uint64_t cache_bytes;      /* limit of one owner's tiles; 0 = none are kept */
-    uint64_t max_bundle_bytes; /* limit of one submission */
-    uint64_t keep_ms;          /* milliseconds for which finished jobs are kept */
+    const char *slurm_words; /* More options of sbatch, with blanks between; NULL = none */
+    /* Options of each bake. tries.program: umbrage-bake; NULL = beside the running program. The
+     * service sets assets, work, farm, report and user. */
+    struct umbj_try_options tries;
+    uint64_t max_bundle_bytes; /* Limit of one submission */
+    uint64_t keep_ms;          /* Milliseconds for which finished jobs are kept */
     struct umbj_limits limits;
     const struct umbs_log *log;
-    /* Called on the service's thread when the store has a new file, or one fewer. */
+    /* Callback, on the service's thread, after a file of the store was added or removed. */
     void (*store_changed)(void *user);
-    /* Called before the asset's file gets its name, and again with yes = 0 if it then does not get
-     * it. The following steps must take equally long if other owners have an equal file. NULL:
-     * nothing to do. */
+    /* Callback before an asset's file gets its name (yes = 1), and again if the renaming failed
+     * (yes = 0). The store then loads the file anew, so that an owner cannot tell by the time
+     * whether others have the asset. NULL: nothing to do. */
     void (*replacing)(void *user, const uint8_t *asset, int yes);
-    /* 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
+    /* Callback: 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
     /* For tests; NULL: the system's clocks, and an executor made from the options above. */
@@ -88,19 +81,6 @@ struct umbj_counters {
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */
 };
 
-/* A request to the service: `files` is called on a thread for files, then run on the service's own,
- * then done. Either of the first two may be NULL. The request is the sender's again from done on.
- * When the service ends, done is called without run, or without both: `skipped`. */
-struct umbj_request {
-    struct umbj_request *next;
-    void (*files)(struct umbj_request *request);
-    void (*run)(struct umbj_request *request, struct umbj_service *service);
-    void (*done)(struct umbj_request *request);
-    const char *owner; /* Owner of the files: owners share the threads fairly. Lives until done */
-    int reads;         /* 1 if `files` reads the table instead, on a separate thread */
-    int skipped;
-};
-
 /* Makes the jobs folder and its folder of assets if they do not exist, so that a store can be
  * opened on it before the service is created. Out: assets: its path. Fails: E_CANNOT_CREATE,
  * E_LIMIT (path too long). */
@@ -115,8 +95,7 @@ UMB_CHECKED enum umb_status umbj_service_create(const struct umbj_service_option
 /* Ends the workers, answers waiting requests, joins the thread. NULL is allowed. */
 void umbj_service_destroy(struct umbj_service *service);
 
-/* Queues a request whose `files` was called. Any thread, at once. */
-void umbj_service_files_done(struct umbj_service *service, struct umbj_request *request);
+/* Queues a request. Any thread, at once. */
 void umbj_service_post(struct umbj_service *service, struct umbj_request *request);
 
 /* The service's snapshot. Any thread. */

@@ -1,12 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
-/* Shared by the files of the job service: service.c is the thread, service_tries.c applies the
- * results of tries to jobs, service_requests.c serves owners. All of it runs on the service's
- * thread. */
+/* Shared by the files of the job service: service_tries.c applies the results of tries to jobs,
+ * service_requests.c serves owners, service.c is the thread that calls both. */
 #include <pthread.h>
 #include "jobs/executor.h"
-#include "jobs/file_threads.h"
 #include "jobs/job_place.h"
 #include "jobs/service.h"
 
@@ -28,17 +26,16 @@ struct umbj_promise {
 
 struct umbj_service {
     struct umbj_service_options options;
-    char program[4096];
-    char folder_path[4096], assets_path[4200],
-        work_path[4200];     /* absolute: workers run elsewhere */
-    int folder;              /* descriptor */
+    /* Absolute paths, because workers run in other folders. */
+    char program[4096], folder_path[4096], assets_path[4200], work_path[4200];
+    int folder;              /* Descriptor of the jobs folder */
     struct umbj_place place; /* Folder and table, with their locks */
     int lost;                /* 1 after another daemon took over: this one starts no job */
     struct umbj_table *table;
     struct umbj_snapshot *snapshot;
     struct umbj_executor *executor;
     struct umbj_file_threads *file_threads;
-    struct umbj_file_threads *reader; /* one thread, which alone uses read_table */
+    struct umbj_file_threads *reader; /* One thread, which alone uses read_table */
     struct umbj_table *read_table;    /* Separate connection: lists wait for no commit */
     struct umbj_clocks clocks;
     struct umbj_counters counters;
@@ -48,11 +45,11 @@ struct umbj_service {
     int64_t look_at_ms, prune_at_ms;
 
     pthread_t thread;
-    int opened, running; /* running: the thread is */
+    int opened, running; /* 1 if it was opened; if the thread runs */
     pthread_mutex_t mutex;
     pthread_cond_t wake;
-    struct umbj_request *first, *last; /* under mutex, closing too */
-    int closing;
+    struct umbj_request_queue queue; /* Requests to be run; under mutex */
+    int closing;                     /* 1 = the thread shall end; under mutex */
 };
 
 /* All of umbj_service_create but the thread; tests then run its turns. */
@@ -65,10 +62,6 @@ void umbj__service_turn(struct umbj_service *service, int64_t wait_ms);
 
 int64_t umbj__unix_ms(const struct umbj_service *service);
 int64_t umbj__steady_ms(const struct umbj_service *service);
-
-/* Finds umbrage-bake. Fails: E_UNAVAILABLE. */
-UMB_CHECKED enum umb_status umbj__find_program(struct umbj_service *service,
-                                               struct umb_error *error);
 
 /* Before the thread: queues lost jobs again, removes bundles, folders and assets without owners. */
 UMB_CHECKED enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error);

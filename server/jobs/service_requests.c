@@ -19,10 +19,9 @@ static void disown_missing(struct umbj_service *service, const struct umbj_job *
     char path[4200];
     struct umb_error error;
     umbj_asset_path(service->assets_path, job->asset, path, sizeof path);
-    if (job->state == UMBJ_DONE && access(path, F_OK) != 0 && errno == ENOENT) {
-        if (umbj_table_disown(service->table, job->asset, NULL, &error) == UMB_OK) {
-            umbj__collect_assets(service);
-        }
+    if (job->state == UMBJ_DONE && access(path, F_OK) != 0 && errno == ENOENT &&
+        umbj_table_disown(service->table, job->asset, NULL, &error) == UMB_OK) {
+        umbj__collect_assets(service);
     }
 }
 
@@ -78,8 +77,8 @@ static void drop_promise(struct umbj_service *service, const struct umbj_upload 
     while (*at != NULL && (*at)->upload != upload) {
         at = &(*at)->next;
     }
-    if (*at != NULL) {
-        struct umbj_promise *promise = *at;
+    struct umbj_promise *promise = *at;
+    if (promise != NULL) {
         *at = promise->next;
         memcpy(key, promise->key, sizeof key);
         umbj_upload_let_go(promise->upload);
@@ -159,33 +158,30 @@ enum umb_status umbj_service_show(struct umbj_service *service, const char *id, 
                                   struct umb_error *error)
 {
     struct umbj_job job;
-    enum umb_status status = umbj_table_get(service->table, id, owner, &job, error);
-    if (status == UMB_OK && umbj_snapshot_version(service->snapshot, id) == 0) {
+    UMB__TRY(umbj_table_get(service->table, id, owner, &job, error));
+    if (umbj_snapshot_version(service->snapshot, id) == 0) {
         umbj_snapshot_set(service->snapshot, &job, 0);
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbj_service_cancel(struct umbj_service *service, const char *id, const char *owner,
                                     struct umbj_job *job, struct umb_error *error)
 {
     struct umbj_job before;
-    enum umb_status status = check_ours(service, error);
-    if (status == UMB_OK) {
-        status = umbj_table_get(service->table, id, owner, &before, error);
+    UMB__TRY(check_ours(service, error));
+    UMB__TRY(umbj_table_get(service->table, id, owner, &before, error));
+    UMB__TRY(umbj_table_cancel(service->table, id, owner, umbj__unix_ms(service), job, error));
+    if (umbj_is_over(before.state)) {
+        return UMB_OK;
     }
-    if (status == UMB_OK) {
-        status = umbj_table_cancel(service->table, id, owner, umbj__unix_ms(service), job, error);
+    if (before.state == UMBJ_RUNNING) {
+        service->executor->cancel(service->executor, before.id, before.epoch);
     }
-    if (status == UMB_OK && !umbj_is_over(before.state)) {
-        if (before.state == UMBJ_RUNNING) {
-            service->executor->cancel(service->executor, before.id, before.epoch);
-        }
-        atomic_fetch_add(&service->counters.failures[UMBJ_CANCELLED], 1);
-        umbj__changed(service, job, 0);
-        umbj__drop_bundle(service, job->key);
-    }
-    return status;
+    atomic_fetch_add(&service->counters.failures[UMBJ_CANCELLED], 1);
+    umbj__changed(service, job, 0);
+    umbj__drop_bundle(service, job->key);
+    return UMB_OK;
 }
 
 enum umb_status umbj_service_list(struct umbj_service *service, const char *owner, int64_t most,
@@ -198,12 +194,9 @@ enum umb_status umbj_service_list(struct umbj_service *service, const char *owne
 static enum umb_status check_owned(struct umbj_service *service, const uint8_t *asset,
                                    const char *owner, struct umb_error *error)
 {
-    int known = 0, owned = 0;
-    enum umb_status status = umbj_table_asset(service->table, asset, owner, &known, &owned, error);
-    if (status == UMB_OK && !owned) {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "asset: no job of yours made it");
-    }
-    return status;
+    int owned = 0;
+    UMB__TRY(umbj_table_asset(service->table, asset, owner, &owned, error));
+    return owned ? UMB_OK : umb_fail(error, UMB_E_NOT_FOUND, "asset: no job of yours made it");
 }
 
 enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint8_t *asset,
@@ -233,19 +226,15 @@ enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint
 enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
                                     const char *owner, struct umb_error *error)
 {
-    enum umb_status status = check_ours(service, error);
-    if (status == UMB_OK) {
-        status = umbj_table_disown(service->table, asset, owner, error);
+    char id[UMB_ID_TEXT_SIZE], quoted[UMBS_LOG_QUOTE_SIZE];
+    UMB__TRY(check_ours(service, error));
+    UMB__TRY(umbj_table_disown(service->table, asset, owner, error));
+    umb_id_to_text(asset, id);
+    umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_disowned", "asset=%s owner=%s", id,
+                   owner != NULL ? umbs_log_quote(owner, quoted) : "all");
+    if (owner != NULL) {
+        umbj_snapshot_disown(service->snapshot, asset, owner);
     }
-    if (status == UMB_OK) {
-        char id[UMB_ID_TEXT_SIZE], quoted[UMBS_LOG_QUOTE_SIZE];
-        umb_id_to_text(asset, id);
-        umbs_log_event(service->options.log, UMB_LOG_INFO, "asset_disowned", "asset=%s owner=%s",
-                       id, owner != NULL ? umbs_log_quote(owner, quoted) : "all");
-        if (owner != NULL) {
-            umbj_snapshot_disown(service->snapshot, asset, owner);
-        }
-        umbj__collect_assets(service);
-    }
-    return status;
+    umbj__collect_assets(service);
+    return UMB_OK;
 }

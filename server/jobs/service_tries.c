@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Tries and their jobs: start, reports, publishing, failure; and recovery at a start. */
-#define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
 #include "jobs/service_internal.h"
 
 #include <errno.h>
@@ -11,20 +10,24 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "common/sha256.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
 
 #define PATH_SIZE     4200
 #define SERVE_MOST_MS 600000 /* then the job is reported as done anyway, with a warning */
-#define SIZES_MOST    256    /* assets handled at a time */
 #define LEASE_PARTS   4      /* a lease is renewed after this part of it */
 
-/* Assets without a size. */
-struct unsized_assets {
-    size_t count;
-    uint8_t assets[SIZES_MOST][UMBJ_HASH_BYTES];
-};
+int64_t umbj__unix_ms(const struct umbj_service *service)
+{
+    return service->clocks.unix_ms(service->clocks.user);
+}
+
+int64_t umbj__steady_ms(const struct umbj_service *service)
+{
+    return service->clocks.steady_ms(service->clocks.user);
+}
 
 void umbj__log_error(const struct umbj_service *service, const char *event,
                      const struct umb_error *error)
@@ -125,7 +128,7 @@ static void remove_later(struct umbj_service *service, const char *gone)
     snprintf(removal->gone, sizeof removal->gone, "%s", gone);
     removal->request =
         (struct umbj_request){.files = run_removal, .done = end_removal, .owner = "/"};
-    umbj_service_post(service, &removal->request);
+    umbj_file_threads_post(service->file_threads, &removal->request);
 }
 
 /* 1 if an upload of the key is in progress. */
@@ -191,16 +194,13 @@ enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *jo
                                enum umbj_failure failure, const char *cause,
                                struct umb_error *error)
 {
-    enum umb_status status =
-        umbj_table_fail(service->table, job, failure, cause, umbj__unix_ms(service), error);
-    if (status == UMB_OK) {
-        atomic_fetch_add(&service->counters.failures[failure], 1);
-        umbj__changed(service, job, 0);
-        if (umbj_is_over(job->state)) {
-            umbj__drop_bundle(service, job->key);
-        }
+    UMB__TRY(umbj_table_fail(service->table, job, failure, cause, umbj__unix_ms(service), error));
+    atomic_fetch_add(&service->counters.failures[failure], 1);
+    umbj__changed(service, job, 0);
+    if (umbj_is_over(job->state)) {
+        umbj__drop_bundle(service, job->key);
     }
-    return status;
+    return UMB_OK;
 }
 
 /* 1 if an earlier bake of the key gave an asset that the owner already has. An asset of another
@@ -211,11 +211,10 @@ static int find_known(struct umbj_service *service, const struct umbj_job *job,
 {
     char path[PATH_SIZE];
     struct umb_error error;
-    int known = 0, owned = 0;
+    int owned = 0;
     if (umbj_table_find_bake(service->table, job->key, work->known_asset, &work->known_ms,
                              &error) != UMB_OK ||
-        umbj_table_asset(service->table, work->known_asset, job->owner, &known, &owned, &error) !=
-            UMB_OK ||
+        umbj_table_asset(service->table, work->known_asset, job->owner, &owned, &error) != UMB_OK ||
         !owned) {
         return 0;
     }
@@ -231,7 +230,7 @@ static const char *cache_of(struct umbj_service *service, const char *owner, cha
     uint8_t hash[UMBJ_HASH_BYTES];
     char id[UMB_ID_TEXT_SIZE], name[48];
     struct umb_error error;
-    if (service->options.cache_bytes == 0) {
+    if (service->options.tries.cache_bytes == 0) {
         return NULL;
     }
     umbs_sha256_bytes(owner, strlen(owner), hash);
@@ -282,9 +281,8 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
 static void tell_served(struct umbj_service *service, const struct umbj_job *job)
 {
     struct umb_error error;
-    int known = 0, owned = 0;
-    if (umbj_table_asset(service->table, job->asset, job->owner, &known, &owned, &error) ==
-            UMB_OK &&
+    int owned = 0;
+    if (umbj_table_asset(service->table, job->asset, job->owner, &owned, &error) == UMB_OK &&
         owned) {
         umbj_snapshot_own(service->snapshot, job->asset, job->owner);
     }
@@ -331,19 +329,7 @@ void umbj__look_at_loading(struct umbj_service *service)
     }
 }
 
-/* A file that was there when the try ended may have been removed with its last owner. From here on
- * it stays: only this thread removes files. */
-static enum umb_status check_there(struct umbj_service *service, const uint8_t *asset,
-                                   struct umb_error *error)
-{
-    char path[PATH_SIZE];
-    umbj_asset_path(service->assets_path, asset, path, sizeof path);
-    return access(path, R_OK) == 0
-               ? UMB_OK
-               : umb_fail(error, UMB_E_IO, "the asset's file could not be published");
-}
-
-/* Size of the file to be published. */
+/* Size of the file to be published: the staged one, or one that is there since an earlier try. */
 static enum umb_status size_of(struct umbj_service *service, const struct umbj_report *report,
                                int64_t *bytes, struct umb_error *error)
 {
@@ -356,15 +342,18 @@ static enum umb_status size_of(struct umbj_service *service, const struct umbj_r
     return failed ? umb_fail_errno(error, UMB_E_IO, errno, "the asset's file is gone") : UMB_OK;
 }
 
-/* Gives the staged file its name. */
+/* Gives the staged file its name, if there is one; else the file is there since an earlier try. */
 static enum umb_status give_name(struct umbj_service *service, struct umbj_report *report,
                                  struct umb_error *error)
 {
     const struct umbj_service_options *options = &service->options;
+    if (report->staged.temporary == NULL) {
+        return UMB_OK; /* size_of found it, and only this thread removes files */
+    }
     if (options->replacing != NULL) {
         options->replacing(options->user, report->asset, 1);
     }
-    enum umb_status status = umbu_output_commit(&report->staged, error);
+    const enum umb_status status = umbu_output_commit(&report->staged, error);
     if (status != UMB_OK && options->replacing != NULL) {
         options->replacing(options->user, report->asset, 0);
     }
@@ -376,23 +365,13 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
                                struct umbj_report *report, struct umb_error *error)
 {
     int64_t bytes = 0;
-    enum umb_status status = size_of(service, report, &bytes, error);
-    if (status == UMB_OK) {
-        status = umbj_table_check_asset(service->table, job->owner, report->asset, bytes, error);
-    }
-    if (status == UMB_OK) {
-        status = umbj_table_announce(service->table, report->asset, bytes, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    status = report->staged.temporary != NULL ? give_name(service, report, error)
-                                              : check_there(service, report->asset, error);
-    if (status == UMB_OK) {
-        status = umbj_table_finish(service->table, job, report->asset, report->bake_ms,
-                                   umbj__unix_ms(service), error);
-    }
-    return status == UMB_OK ? umbj_table_get(service->table, job->id, NULL, job, error) : status;
+    UMB__TRY(size_of(service, report, &bytes, error));
+    UMB__TRY(umbj_table_check_asset(service->table, job->owner, report->asset, bytes, error));
+    UMB__TRY(umbj_table_announce(service->table, report->asset, bytes, error));
+    UMB__TRY(give_name(service, report, error));
+    UMB__TRY(umbj_table_finish(service->table, job, report->asset, report->bake_ms,
+                               umbj__unix_ms(service), error));
+    return umbj_table_get(service->table, job->id, NULL, job, error);
 }
 
 static void take_end(struct umbj_service *service, struct umbj_job *job, struct umbj_report *report)
@@ -479,139 +458,58 @@ void umbj__take_report(struct umbj_service *service, struct umbj_report *report)
     }
 }
 
-enum umb_status umbj__find_program(struct umbj_service *service, struct umb_error *error)
-{
-    static const char name[] = "/umbrage-bake";
-    if (service->options.program == NULL) {
-        ssize_t length = readlink("/proc/self/exe", service->program, sizeof service->program);
-        char *slash = NULL;
-        if (length > 0 && (size_t)length < sizeof service->program) {
-            service->program[length] = '\0';
-            slash = strrchr(service->program, '/');
-        }
-        if (slash == NULL ||
-            (size_t)(slash - service->program) + sizeof name > sizeof service->program) {
-            return umb_fail(error, UMB_E_UNAVAILABLE,
-                            "--bake-program: cannot tell where umbrage-bake lies");
-        }
-        memcpy(slash, name, sizeof name);
-        service->options.program = service->program;
-    }
-    char *absolute = realpath(service->options.program, NULL); /* workers run in other folders */
-    const size_t length = absolute != NULL ? strlen(absolute) : 0;
-    if (length == 0 || length >= sizeof service->program || access(absolute, X_OK) != 0) {
-        free(absolute);
-        return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
-                              service->options.program);
-    }
-    memcpy(service->program, absolute, length + 1);
-    service->options.program = service->program;
-    free(absolute);
-    return UMB_OK;
-}
-
-static enum umb_status take_owned(void *user, const uint8_t *asset, const char *owner)
+static void take_owned(void *user, const uint8_t *asset, const char *owner)
 {
     umbj_snapshot_own(user, asset, owner);
-    return UMB_OK;
 }
 
-/* Removes bundles that no unfinished job needs. */
-static void sweep_bundles(struct umbj_service *service)
+/* Removes a bundle that no unfinished job needs. */
+static void sweep_bundle(void *user, int folder, const char *name)
 {
-    struct umbj_names names;
-    int folder = openat(service->folder, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder < 0) {
-        return;
-    }
-    if (umbj_names_read(folder, &names) == 0) {
-        for (size_t i = 0; i < names.count; i++) {
-            uint8_t key[UMBJ_HASH_BYTES];
-            if (umb_id_from_text(names.list[i], key) == UMB_OK) {
-                umbj__drop_bundle(service, key);
-            } else {
-                umbj_folder_remove(folder, names.list[i]);
-            }
-        }
-        umbj_names_finish(&names);
-    }
-    close(folder);
-}
-
-static void empty_folder(struct umbj_service *service, const char *name)
-{
-    int folder = openat(service->folder, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder >= 0) {
-        umbj_folder_empty(folder);
-        close(folder);
+    uint8_t key[UMBJ_HASH_BYTES];
+    if (umb_id_from_text(name, key) == UMB_OK) {
+        umbj__drop_bundle(user, key);
+    } else {
+        umbj_folder_remove(folder, name);
     }
 }
 
-/* Removes temporaries of assets that an earlier daemon was staging. */
-static void sweep_staged(struct umbj_service *service)
+/* Removes a temporary of an asset that an earlier daemon was staging. */
+static void sweep_staged(void *user, int folder, const char *name)
 {
-    struct umbj_names names;
-    int assets = open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (assets < 0) {
-        return;
+    (void)user;
+    if (strncmp(name, ".tmp.", 5) == 0) {
+        (void)unlinkat(folder, name, 0);
     }
-    if (umbj_names_read(assets, &names) == 0) {
-        for (size_t i = 0; i < names.count; i++) {
-            if (strncmp(names.list[i], ".tmp.", 5) == 0) {
-                (void)unlinkat(assets, names.list[i], 0);
-            }
-        }
-        umbj_names_finish(&names);
-    }
-    close(assets);
 }
 
 /* Adds the sizes of assets of an older version. A missing file has none. */
-static void note_size(void *user, const uint8_t *asset)
-{
-    struct unsized_assets *sizes = user;
-    if (sizes->count < SIZES_MOST) {
-        memcpy(sizes->assets[sizes->count++], asset, UMBJ_HASH_BYTES);
-    }
-}
-
 static void fill_sizes(struct umbj_service *service)
 {
-    struct unsized_assets *sizes = calloc(1, sizeof *sizes);
+    uint8_t asset[UMBJ_HASH_BYTES] = {0};
     char path[PATH_SIZE];
     struct umb_error error;
     struct stat info;
-    size_t filled = 1;
-    while (sizes != NULL && filled > 0) {
-        filled = sizes->count = 0;
-        if (umbj_table_unsized(service->table, note_size, sizes, &error) != UMB_OK) {
-            break;
-        }
-        for (size_t i = 0; i < sizes->count; i++) {
-            umbj_asset_path(service->assets_path, sizes->assets[i], path, sizeof path);
-            filled += stat(path, &info) == 0 && info.st_size > 0 &&
-                      umbj_table_announce(service->table, sizes->assets[i], info.st_size, &error) ==
-                          UMB_OK;
+    while (umbj_table_next_unsized(service->table, asset, &error) == UMB_OK) {
+        umbj_asset_path(service->assets_path, asset, path, sizeof path);
+        if (stat(path, &info) == 0 && info.st_size > 0 &&
+            umbj_table_announce(service->table, asset, info.st_size, &error) != UMB_OK) {
+            return;
         }
     }
-    free(sizes);
 }
 
 enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)
 {
     int64_t lost = 0;
-    enum umb_status status =
-        umbj_table_recover(service->table, umbj__unix_ms(service), &lost, error);
-    if (status == UMB_OK) {
-        status = umbj_table_owned(service->table, take_owned, service->snapshot, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    empty_folder(service, "incoming");
-    empty_folder(service, "work");
-    sweep_bundles(service);
-    sweep_staged(service);
+    UMB__TRY(umbj_table_recover(service->table, umbj__unix_ms(service), &lost, error));
+    UMB__TRY(umbj_table_owned(service->table, take_owned, service->snapshot, error));
+    umbj_folder_empty(service->folder, "incoming");
+    umbj_folder_empty(service->folder, "work");
+    (void)umbj_folder_each(openat(service->folder, "bundles", O_RDONLY | O_DIRECTORY | O_CLOEXEC),
+                           sweep_bundle, service);
+    (void)umbj_folder_each(open(service->assets_path, O_RDONLY | O_DIRECTORY | O_CLOEXEC),
+                           sweep_staged, NULL);
     fill_sizes(service);
     umbj__collect_assets(service);
     umbj__recount(service);

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Slurm as a farm, see slurm_farm.h. Tasks are identified by their name,
+ * Slurm as a farm, see farm.h. Tasks are identified by their name,
  * umbrage-TAG-JOB.EPOCH.KIND.OFFSET. Slurm's job numbers are not stored, so they cannot get lost.
  */
-#include "jobs/slurm_farm.h"
+#include "jobs/farm.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -13,8 +13,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "common/sha256.h"
-#include "jobs/command_words.h"
 #include "jobs/worker_process.h"
 
 #define ARRAY_MOST 1000 /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
@@ -60,14 +60,14 @@ static const char script[] =
 
 struct slurm {
     struct umbj_farm interface;
-    char tag[TAG_SIZE];                   /* "umbrage-TAG-" */
-    char *words, *search, *configuration; /* may be NULL */
+    struct umbj_slurm_options options;
+    char tag[TAG_SIZE]; /* "umbrage-TAG-" */
 };
 
-/* Time limit of commands: milliseconds, cut short when the try or the daemon ends. */
+/* Time limit of a command, which is cut short when the try or the daemon ends. */
 struct patience {
     uint64_t ms;
-    int stop; /* descriptor as in umbj_process.stop */
+    int stop; /* Descriptor as in umbj_process.stop */
 };
 
 /* Output of a command: its last words, or a callback for each line. */
@@ -93,27 +93,24 @@ static void on_line(void *user, const char *line)
 }
 
 /* Adds the first words of a Slurm command: its standard output goes to the progress descriptor. */
-static void begin_words(const struct slurm *slurm, struct umbj_words *words)
+static void begin_words(const struct slurm *slurm, const char *command, struct umbj_words *words)
 {
-    umbj_words_add(words, "/bin/sh");
-    umbj_words_add(words, "-c");
+    const char *search = slurm->options.search, *configuration = slurm->options.configuration;
+    umbj_words_add_all(words, "/bin/sh", "-c", NULL);
     umbj_words_add(words,
                    "PATH=$0; export PATH\n[ -z \"$1\" ] || { SLURM_CONF=$1; export SLURM_CONF; }\n"
                    "shift\nexec \"$@\" >&%d 3>&-",
                    UMBJ_WORKER_FD_PROGRESS);
-    umbj_words_add(words, "%s",
-                   slurm->search != NULL ? slurm->search : "/usr/local/bin:/usr/bin:/bin");
-    umbj_words_add(words, "%s", slurm->configuration != NULL ? slurm->configuration : "");
+    umbj_words_add_all(words, search != NULL ? search : "/usr/local/bin:/usr/bin:/bin",
+                       configuration != NULL ? configuration : "", command, NULL);
 }
 
 /* Runs a command of Slurm; finishes words. */
-static enum umb_status call(struct umbj_words *words, struct patience patience, struct talk *talk,
-                            struct umb_error *error)
+static enum umb_status call(const char *command, struct umbj_words *words, struct patience patience,
+                            struct talk *talk, struct umb_error *error)
 {
-    struct umbj_process_end end = {.exit_code = -1};
+    struct umbj_process_end end;
     const struct umbj_process process = {
-        .program = "/bin/sh",
-        .arguments = words->list,
         .folder = "/",
         /* No limit here: sbatch would pass its own limits on to the tasks. */
         .max_output_bytes = (uint64_t)1 << 62,
@@ -123,18 +120,15 @@ static enum umb_status call(struct umbj_words *words, struct patience patience, 
         .progress = on_line,
         .user = talk,
     };
-    enum umb_status status = words->failed
-                                 ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a command")
-                                 : umbj_process_run(&process, &end, error);
-    if (status == UMB_OK && (end.stopped || end.timed_out)) {
-        status = umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %.100s %s", words->list[5],
-                          end.stopped ? "was stopped" : "did not answer in time");
-    } else if (status == UMB_OK && end.exit_code != 0) {
-        status = umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %.100s ended with %d: %.300s",
-                          words->list[5], end.exit_code, talk->last);
+    UMB__TRY(umbj_process_run(&process, words, &end, error));
+    if (end.stopped || end.timed_out) {
+        return umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %s %s", command,
+                        end.stopped ? "was stopped" : "did not answer in time");
     }
-    umbj_words_finish(words);
-    return status;
+    return end.exit_code == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %s ended with %d: %.300s", command,
+                          end.exit_code, talk->last);
 }
 
 /* Writes the script into the try's folder, once; returns 0 or -1. */
@@ -150,16 +144,13 @@ static int write_script(const char *path)
 static void add_sbatch(const struct slurm *slurm, const struct umbj_farm_stage *stage,
                        uint32_t offset, struct umbj_words *words)
 {
-    begin_words(slurm, words);
-    umbj_words_add(words, "sbatch");
-    umbj_words_add(words, "--parsable");
+    const char *more = slurm->options.words;
+    begin_words(slurm, "sbatch", words);
+    umbj_words_add_all(words, "--parsable", "--requeue", "--output=/dev/null", "--chdir=/",
+                       "--export=NONE", NULL);
     umbj_words_add(words, "--job-name=%s%s.%u", slurm->tag, stage->name, offset);
-    umbj_words_add(words, "--requeue");
-    umbj_words_add(words, "--output=/dev/null");
-    umbj_words_add(words, "--chdir=/");
-    umbj_words_add(words, "--export=NONE");
     umbj_words_add(words, "--cpus-per-task=%u", stage->threads);
-    for (const char *at = slurm->words != NULL ? slurm->words : ""; *at != '\0';) {
+    for (const char *at = more != NULL ? more : ""; *at != '\0';) {
         const size_t length = strcspn(at, " ");
         if (length > 0) {
             umbj_words_add(words, "%.*s", (int)length, at);
@@ -182,15 +173,14 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
     if (array != NULL) {
         umbj_words_add(&words, "--array=%s", array);
     }
-    umbj_words_add(&words, "%s", path);
-    umbj_words_add(&words, "%s", stage->folder);
+    umbj_words_add_all(&words, path, stage->folder, NULL);
     umbj_words_add(&words, "%u", offset);
     umbj_words_add(&words, "%d", array != NULL);
     umbj_words_add(&words, "%llu", (unsigned long long)(stage->max_output_bytes / BLOCK + 1));
     for (size_t i = 0; stage->words[i] != NULL; i++) {
-        umbj_words_add(&words, "%s", stage->words[i]);
+        umbj_words_add_all(&words, stage->words[i], NULL);
     }
-    return call(&words, (struct patience){CALL_MS, stage->stop}, &talk, error);
+    return call("sbatch", &words, (struct patience){CALL_MS, stage->stop}, &talk, error);
 }
 
 /* Writes the wanted numbers of one submission in Slurm's form: "0-15,17". Returns the first number
@@ -284,16 +274,12 @@ static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
 {
     struct umbj_words words = {0};
     struct talk talk = {.line = on_task, .user = look};
-    begin_words(look->slurm, &words);
-    umbj_words_add(&words, "squeue");
-    umbj_words_add(&words, "--noheader");
-    umbj_words_add(&words, "--array");
-    umbj_words_add(&words, "--me");
-    umbj_words_add(&words, "--format=%%i %%K %%t %%j %%r");
-    return call(&words, look->patience, &talk, error);
+    begin_words(look->slurm, "squeue", &words);
+    umbj_words_add_all(&words, "--noheader", "--array", "--me", "--format=%i %K %t %j %r", NULL);
+    return call("squeue", &words, look->patience, &talk, error);
 }
 
-/* Cancels tasks. Unreachable ones are left: they end by themselves. Finishes the ids. */
+/* Cancels tasks. Tasks that the call does not reach end by themselves. Finishes the ids. */
 static void end_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->ending;
@@ -302,19 +288,18 @@ static void end_tasks(struct look *look)
     for (size_t from = 0; status == UMB_OK && from < ids->count; from += IDS_MOST) {
         struct umbj_words words = {0};
         struct talk talk = {0};
-        begin_words(look->slurm, &words);
-        umbj_words_add(&words, "scancel");
-        umbj_words_add(&words, "--quiet");
+        begin_words(look->slurm, "scancel", &words);
+        umbj_words_add_all(&words, "--quiet", NULL);
         for (size_t i = from; i < ids->count && i < from + IDS_MOST; i++) {
-            umbj_words_add(&words, "%s", ids->list[i]);
+            umbj_words_add_all(&words, ids->list[i], NULL);
         }
-        status = call(&words, look->patience, &talk, &ignored);
+        status = call("scancel", &words, look->patience, &talk, &ignored);
     }
     umbj_words_finish(&look->ending);
 }
 
-/* Releases tasks that are only held back. The command fails if one of its list has just started,
- * and still releases the others; the next status tells. Finishes the ids. */
+/* Releases tasks that are only held back. The command also fails if one of its list has just
+ * started, and then still releases the others. Finishes the ids. */
 static void start_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->held;
@@ -328,12 +313,11 @@ static void start_tasks(struct look *look)
             used += (size_t)snprintf(list + used, IDS_MOST * ID_SIZE - used, "%s%s",
                                      used > 0 ? "," : "", ids->list[i]);
         }
-        begin_words(look->slurm, &words);
-        umbj_words_add(&words, "scontrol");
+        begin_words(look->slurm, "scontrol", &words);
         umbj_words_add(&words, "update");
         umbj_words_add(&words, "JobId=%s", list);
         umbj_words_add(&words, "StartTime=now");
-        if (call(&words, look->patience, &talk, &ignored) != UMB_OK && from == 0) {
+        if (call("scontrol", &words, look->patience, &talk, &ignored) != UMB_OK && from == 0) {
             break; /* perhaps the controller is gone: it is not tried for each list */
         }
     }
@@ -431,47 +415,28 @@ static enum umb_status slurm_reconcile(struct umbj_farm *self, const char *work,
 
 static void slurm_destroy(struct umbj_farm *self)
 {
-    struct slurm *slurm = (struct slurm *)self;
-    free(slurm->words);
-    free(slurm->search);
-    free(slurm->configuration);
-    free(slurm);
-}
-
-/* Copies a text that may be NULL; clears *good if out of memory. */
-static char *copy(const char *text, int *good)
-{
-    char *made = text != NULL ? strdup(text) : NULL;
-    *good &= text == NULL || made != NULL;
-    return made;
+    free(self);
 }
 
 enum umb_status umbj_slurm_farm_create(const struct umbj_slurm_options *options,
                                        struct umbj_farm **out, struct umb_error *error)
 {
     uint8_t hash[UMBJ_HASH_BYTES];
-    int good = 1;
     *out = NULL;
     struct slurm *slurm = calloc(1, sizeof *slurm);
     if (slurm == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for Slurm");
     }
+    slurm->options = *options;
     umbs_sha256_bytes(options->tag_of, strlen(options->tag_of), hash);
     snprintf(slurm->tag, sizeof slurm->tag, "umbrage-%02x%02x%02x%02x-", hash[0], hash[1], hash[2],
              hash[3]);
-    slurm->words = copy(options->words, &good);
-    slurm->search = copy(options->search, &good);
-    slurm->configuration = copy(options->configuration, &good);
     slurm->interface = (struct umbj_farm){.submit_array = slurm_submit_array,
                                           .submit_merge = slurm_submit_merge,
                                           .status = slurm_status,
                                           .cancel = slurm_cancel,
                                           .reconcile = slurm_reconcile,
                                           .destroy = slurm_destroy};
-    if (!good) {
-        slurm_destroy(&slurm->interface);
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for Slurm");
-    }
     *out = &slurm->interface;
     return UMB_OK;
 }

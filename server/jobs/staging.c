@@ -10,6 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
+#include "common/file_system.h"
 #include "common/sha256.h"
 #include "format/head.h"
 
@@ -18,47 +20,35 @@ struct block {
     size_t size;
 };
 
-/* Reads a regular file whole. */
-static enum umb_status read_file(const char *path, uint64_t most, struct block *block,
+/* Reads an open regular file whole. */
+static enum umb_status read_open(int fd, uint64_t most, struct block *block,
                                  struct umb_error *error)
 {
     struct stat info;
-    size_t have = 0;
-    int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
-        const int cause = errno;
-        if (fd >= 0) {
-            close(fd);
-        }
-        return umb_fail_errno(error, UMB_E_IO, cause, "cannot read the asset that was baked");
+    if (fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot read the asset that was baked");
     }
     if ((uint64_t)info.st_size > most) {
-        close(fd);
         return umb_fail(error, UMB_E_TOO_LARGE,
                         "the asset has %llu bytes, the server allows %llu (--max-asset)",
                         (unsigned long long)info.st_size, (unsigned long long)most);
     }
     block->size = (size_t)info.st_size;
-    block->bytes = malloc(block->size + 1);
-    if (block->bytes == NULL) {
-        close(fd);
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an asset of %zu bytes",
-                        block->size);
+    const enum umb_status status =
+        umbs_read_file(fd, block->size, "the asset that was baked", &block->bytes, error);
+    return status == UMB_E_TRUNCATED ? UMB_E_IO : status; /* another try may help */
+}
+
+static enum umb_status read_file(const char *path, uint64_t most, struct block *block,
+                                 struct umb_error *error)
+{
+    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot read the asset that was baked");
     }
-    while (have < block->size) {
-        ssize_t count = read(fd, block->bytes + have, block->size - have);
-        if (count < 0 && errno == EINTR) {
-            continue;
-        }
-        if (count <= 0) {
-            close(fd);
-            return umb_fail(error, UMB_E_IO, "the asset that was baked ended at byte %zu of %zu",
-                            have, block->size);
-        }
-        have += (size_t)count;
-    }
+    const enum umb_status status = read_open(fd, most, block, error);
     close(fd);
-    return UMB_OK;
+    return status;
 }
 
 /* Reads a file and proves that it is a packed asset. */
@@ -66,15 +56,10 @@ static enum umb_status read_proven(const char *path, uint64_t most, struct block
                                    uint8_t asset[UMBJ_HASH_BYTES], struct umb_error *error)
 {
     struct umb__head head;
-    enum umb_status status = read_file(path, most, block, error);
-    if (status == UMB_OK) {
-        status = umb__head_parse(block->bytes, block->size, &head, error);
-    }
-    if (status == UMB_OK) {
-        memcpy(asset, head.id, UMBJ_HASH_BYTES);
-        status = umb_packed_prove(block->bytes, block->size, NULL, &umbs_sha256, error);
-    }
-    return status;
+    UMB__TRY(read_file(path, most, block, error));
+    UMB__TRY(umb__head_parse(block->bytes, block->size, &head, error));
+    memcpy(asset, head.id, UMBJ_HASH_BYTES);
+    return umb_packed_prove(block->bytes, block->size, NULL, &umbs_sha256, error);
 }
 
 void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], char *path,
@@ -85,24 +70,28 @@ void umbj_asset_path(const char *folder, const uint8_t asset[UMBJ_HASH_BYTES], c
     (void)snprintf(path, size, "%s/%s.umb", folder, id);
 }
 
-/* Writes the file, syncs it, reads it again and compares. */
-static enum umb_status write_checked(const struct block *block, struct umbu_output *file,
-                                     struct umb_error *error)
+/* Compares a file with the bytes that were written to it. */
+static enum umb_status compare(const struct block *block, const char *path, struct umb_error *error)
 {
     struct block again = {NULL, 0};
-    enum umb_status status = umbu_output_write(file, block->bytes, block->size, error);
-    if (status == UMB_OK && fsync(file->fd) != 0) {
-        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the asset");
-    }
-    if (status == UMB_OK) {
-        status = read_file(file->temporary, block->size, &again, error);
-    }
+    enum umb_status status = read_file(path, block->size, &again, error);
     if (status == UMB_OK &&
         (again.size != block->size || memcmp(again.bytes, block->bytes, block->size) != 0)) {
         status = umb_fail(error, UMB_E_IO, "the asset that was written does not read the same");
     }
     free(again.bytes);
     return status;
+}
+
+/* Writes the file, syncs it, reads it again and compares. */
+static enum umb_status write_checked(const struct block *block, struct umbu_output *file,
+                                     struct umb_error *error)
+{
+    UMB__TRY(umbu_output_write(file, block->bytes, block->size, error));
+    if (fsync(file->fd) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot sync the asset");
+    }
+    return compare(block, file->temporary, error);
 }
 
 enum umb_status umbj_stage(const char *path, uint64_t most, const char *folder,

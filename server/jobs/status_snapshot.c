@@ -6,6 +6,7 @@
 #include "jobs/status_snapshot.h"
 
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -100,14 +101,11 @@ static struct entry *find(struct umbj_snapshot *snapshot, const char *id)
 static struct entry *find_or_add(struct umbj_snapshot *snapshot, const char *id)
 {
     struct entry *entry = find(snapshot, id);
-    if (entry == NULL) {
-        entry = calloc(1, sizeof *entry);
-        if (entry != NULL) {
-            struct entry **bucket = &snapshot->jobs[bucket_of_job(id)];
-            entry->next = *bucket;
-            *bucket = entry;
-            entry->standing.left_ms = -1;
-        }
+    if (entry == NULL && (entry = calloc(1, sizeof *entry)) != NULL) {
+        struct entry **bucket = &snapshot->jobs[bucket_of_job(id)];
+        entry->next = *bucket;
+        *bucket = entry;
+        entry->standing.left_ms = -1;
     }
     return entry;
 }
@@ -191,10 +189,7 @@ static void add_line(char **text, const char *line)
 
 static void copy_word(char out[UMBJ_PHASE_SIZE], const char *text)
 {
-    size_t length = strlen(text);
-    length = length < UMBJ_PHASE_SIZE ? length : UMBJ_PHASE_SIZE - 1;
-    memcpy(out, text, length);
-    out[length] = '\0';
+    (void)snprintf(out, UMBJ_PHASE_SIZE, "%.*s", UMBJ_PHASE_SIZE - 1, text);
 }
 
 static void take_progress(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
@@ -225,26 +220,16 @@ static struct umbj_tiles take_tiles(struct entry *entry, const struct umbj_repor
 
 static void take_report(struct entry *entry, const struct umbj_report *report, int64_t now_ms)
 {
-    switch (report->kind) {
-    case UMBJ_REPORT_PHASE:
+    if (report->kind == UMBJ_REPORT_PHASE) {
         copy_word(entry->standing.phase, report->text);
         clear_progress(&entry->standing);
         entry->phase_at_ms = now_ms;
-        break;
-    case UMBJ_REPORT_PROGRESS:
+    } else if (report->kind == UMBJ_REPORT_PROGRESS) {
         take_progress(entry, report, now_ms);
-        break;
-    case UMBJ_REPORT_TILES: /* umbj_snapshot_report */
-    case UMBJ_REPORT_TASK:
-        break;
-    case UMBJ_REPORT_PLAN:
+    } else if (report->kind == UMBJ_REPORT_PLAN) {
         add_line(&entry->plan, report->text);
-        break;
-    case UMBJ_REPORT_NOTICE:
+    } else if (report->kind == UMBJ_REPORT_NOTICE) {
         add_line(&entry->notices, report->text);
-        break;
-    case UMBJ_REPORT_ENDED:
-        break;
     }
     entry->standing.plan = entry->plan;
     entry->standing.notices = entry->notices;

@@ -42,8 +42,8 @@ void umbj_snapshot_destroy(struct umbj_snapshot *snapshot); /* NULL is allowed *
  * snapshot, and watchers find it missing. loading: see above. */
 void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *job, int loading);
 
-/* Adds a report of a running job; now_ms: of a monotonic clock. Returns the newly reported tiles
- * (total: 0). */
+/* Adds a report of a running job. In: now_ms: time on a monotonic clock. Returns the tiles that the
+ * report adds (total: 0). */
 struct umbj_tiles umbj_snapshot_report(struct umbj_snapshot *snapshot,
                                        const struct umbj_report *report, int64_t now_ms);
 

@@ -1,12 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Bundles on their way in, see upload.h. */
-#define _GNU_SOURCE                    /* syncfs */
-#define OPENSSL_API_COMPAT 0x10100000L /* as in common/sha256.c, for the same reasons */
+#define _GNU_SOURCE /* syncfs */
 #include "jobs/upload.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <openssl/sha.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,6 +12,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
+#include "common/child_process.h"
+#include "common/sha256.h"
 #include "jobs/folder.h"
 #include "tool/output.h"
 #include "umbrage/asset.h"
@@ -38,7 +39,7 @@ struct umbj_upload {
     int fd; /* descriptor of the current file, -1 = not open */
     uint64_t written;
     uint8_t head[UMBJ_HEAD_BYTES]; /* first bytes of the current file */
-    SHA256_CTX hash;
+    struct umbs_sha256_run hash;
     size_t folders; /* Number of folders made below the bundle's */
     int accepted, left;
     atomic_int holders; /* number of holders: the call, and the service's promise */
@@ -171,7 +172,7 @@ static enum umb_status open_current(struct umbj_upload *upload, struct umb_error
         return fail_io(error, "create", path);
     }
     upload->written = 0;
-    (void)SHA256_Init(&upload->hash);
+    umbs_sha256_begin(&upload->hash);
     return UMB_OK;
 }
 
@@ -179,7 +180,7 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
 {
     const struct upload_file *file = &upload->files[upload->current];
     uint8_t hash[UMBJ_HASH_BYTES];
-    (void)SHA256_Final(hash, &upload->hash);
+    umbs_sha256_end(&upload->hash, hash);
     const int synced = upload->file_count <= SYNC_EACH_MAX ? fsync(upload->fd) : 0;
     const int closed = close(upload->fd);
     upload->fd = -1;
@@ -198,20 +199,20 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
 /* Opens the current file, and closes complete ones, including empty files. */
 static enum umb_status advance(struct umbj_upload *upload, struct umb_error *error)
 {
-    enum umb_status status = open_folders(upload, error);
-    while (status == UMB_OK && upload->current < upload->file_count) {
+    UMB__TRY(open_folders(upload, error));
+    while (upload->current < upload->file_count) {
         if (is_stopped(upload)) {
             return umb_fail(error, UMB_E_UNAVAILABLE, "server: shutting down");
         }
         if (upload->fd < 0) {
-            status = open_current(upload, error);
+            UMB__TRY(open_current(upload, error));
         } else if (upload->written == upload->files[upload->current].size) {
-            status = close_current(upload, error);
+            UMB__TRY(close_current(upload, error));
         } else {
             break;
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status write_all(int fd, const char *bytes, size_t count, const char *path,
@@ -250,8 +251,8 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
                                   struct umb_error *error)
 {
     const char *from = bytes;
-    enum umb_status status = advance(upload, error);
-    while (status == UMB_OK && count > 0) {
+    UMB__TRY(advance(upload, error));
+    while (count > 0) {
         if (upload->current == upload->file_count) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "data: %zu bytes more than the files of the manifest have", count);
@@ -259,39 +260,36 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
         const struct upload_file *file = &upload->files[upload->current];
         const uint64_t left = file->size - upload->written;
         const size_t part = count < left ? count : (size_t)left;
-        status = look_at_head(upload, from, part, error);
-        if (status == UMB_OK) {
-            status = write_all(upload->fd, from, part, file->path, error);
-        }
-        (void)SHA256_Update(&upload->hash, from, part);
+        UMB__TRY(look_at_head(upload, from, part, error));
+        UMB__TRY(write_all(upload->fd, from, part, file->path, error));
+        umbs_sha256_add(&upload->hash, from, part);
         upload->written += part;
         from += part;
         count -= part;
-        if (status == UMB_OK) {
-            status = advance(upload, error);
-        }
+        UMB__TRY(advance(upload, error));
     }
-    return status;
+    return UMB_OK;
+}
+
+static int sync_folders(int folder);
+
+/* Syncs a folder below, unless a sync failed before; user: int, 1 after a failure. */
+static void sync_below(void *user, int folder, const char *name)
+{
+    int *failed = user;
+    if (!*failed) {
+        const int below = openat(folder, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+        /* Files are synced apart. */
+        *failed = below >= 0 ? sync_folders(below) != 0 : errno != ENOTDIR;
+    }
 }
 
 /* Syncs a folder and the folders in it: the names in them are part of the bundle. Takes over the
  * descriptor. */
 static int sync_folders(int folder)
 {
-    struct umbj_names names;
     int failed = umbu_folder_sync(folder) != 0;
-    if (umbj_names_read(folder, &names) != 0) {
-        close(folder);
-        return -1;
-    }
-    for (size_t i = 0; i < names.count && !failed; i++) {
-        int below = openat(folder, names.list[i], O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-        /* Files are synced apart. */
-        failed = below >= 0 ? sync_folders(below) != 0 : errno != ENOTDIR;
-    }
-    umbj_names_finish(&names);
-    close(folder);
-    return failed ? -1 : 0;
+    return umbj_folder_each(folder, sync_below, &failed) != 0 || failed ? -1 : 0;
 }
 
 /* Syncs the parts of the bundle that are not yet durable. */
@@ -304,25 +302,14 @@ static int sync_bundle(const struct umbj_upload *upload)
     return copy >= 0 ? sync_folders(copy) : -1;
 }
 
-/* Syncs the folder of bundles, also for a bundle that exists: its upload may not have synced yet.
- */
-static enum umb_status sync_names(const struct umbj_upload *upload, struct umb_error *error)
-{
-    return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK
-                                                             : fail_io(error, "sync", "bundles");
-}
-
 enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error)
 {
     char target[sizeof "bundles/" + UMB_ID_TEXT_SIZE], source[sizeof "incoming/" + NAME_SIZE];
-    enum umb_status status = advance(upload, error);
-    if (status == UMB_OK && upload->current < upload->file_count) {
-        status =
-            umb_fail(error, UMB_E_ARGUMENT, "data: ended in '%.80s', file %zu of %zu",
-                     upload->files[upload->current].path, upload->current + 1, upload->file_count);
-    }
-    if (status != UMB_OK) {
-        return status;
+    UMB__TRY(advance(upload, error));
+    if (upload->current < upload->file_count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "data: ended in '%.80s', file %zu of %zu",
+                        upload->files[upload->current].path, upload->current + 1,
+                        upload->file_count);
     }
     if (sync_bundle(upload) != 0) {
         return fail_io(error, "sync", "the bundle");
@@ -334,7 +321,9 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
     } else if (errno != ENOTEMPTY && errno != EEXIST) {
         return fail_io(error, "keep", "the bundle");
     } /* else an earlier bundle of this key holds the same bytes: this one is not needed */
-    return sync_names(upload, error);
+    /* Also for a bundle that exists: its upload may not have synced its name yet. */
+    return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK
+                                                             : fail_io(error, "sync", "bundles");
 }
 
 int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE])
@@ -353,29 +342,6 @@ int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gon
     return failed && errno != ENOENT ? -1 : 0;
 }
 
-int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES])
-{
-    char gone[UMBJ_GONE_SIZE], id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(key, id);
-    snprintf(gone, sizeof gone, "incoming/gone.%s", id);
-    umbj_folder_remove(jobs, gone); /* files of an earlier removal */
-    if (umbj_bundle_take_away(jobs, key, gone) != 0) {
-        return -1;
-    }
-    if (gone[0] != '\0') {
-        umbj_folder_remove(jobs, gone);
-    }
-    return 0;
-}
-
-static void close_one(int *fd)
-{
-    if (*fd >= 0) {
-        close(*fd);
-        *fd = -1;
-    }
-}
-
 void umbj_upload_discard(struct umbj_upload *upload)
 {
     if (upload == NULL) {
@@ -385,10 +351,10 @@ void umbj_upload_discard(struct umbj_upload *upload)
         !is_stopped(upload)) {
         umbj_folder_remove_until(upload->incoming, upload->name, upload->stop);
     }
-    close_one(&upload->fd);
-    close_one(&upload->folder);
-    close_one(&upload->incoming);
-    close_one(&upload->jobs);
+    umbs_hang_up(&upload->fd);
+    umbs_hang_up(&upload->folder);
+    umbs_hang_up(&upload->incoming);
+    umbs_hang_up(&upload->jobs);
 }
 
 void umbj_upload_leave(struct umbj_upload *upload)

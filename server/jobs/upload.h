@@ -41,13 +41,14 @@ UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const 
  * are missing), E_IO, E_LIMIT, E_UNAVAILABLE. */
 UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error *error);
 
-/* Renames an accepted bundle in one step, then removes it. So an interrupted removal leaves nothing
- * that a later upload of the key would take for complete. In: jobs: descriptor of the jobs folder.
- * Returns 0, also if there is none, or -1 with errno: the bundle is unchanged. */
-int umbj_bundle_remove(int jobs, const uint8_t key[UMBJ_HASH_BYTES]);
-
-/* First step of the removal only. Out: gone: path in the jobs folder that the caller must remove,
- * "" if there is none. Returns 0, or -1 with errno. */
+/*
+ * Begins to remove an accepted bundle: renames it in one step. An interrupted removal so leaves
+ * nothing that a later upload of the key would take for complete.
+ *
+ * In:    jobs: descriptor of the jobs folder.
+ * Out:   gone: path in the jobs folder that the caller must remove; "" if there is no bundle.
+ * Returns 0, or -1 with errno: the bundle is unchanged.
+ */
 #define UMBJ_GONE_SIZE 128
 int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE]);
 

@@ -52,21 +52,21 @@ struct search {
     int winding;
 };
 
-static void measure(struct umbr_exact *exact, size_t count)
+void umbr_sphere_of(const double (*corners)[3][3], size_t count, double centre[3], double *radius)
 {
     double square = 0;
     for (int k = 0; k < 3; k++) {
         double low = INFINITY, high = -INFINITY;
         for (size_t i = 0; i < 3 * count; i++) {
-            const double value = exact->corners[i / 3][i % 3][k];
+            const double value = corners[i / 3][i % 3][k];
             low = value < low ? value : low;
             high = value > high ? value : high;
         }
-        exact->base[k] = low <= high ? 0.5 * low + 0.5 * high : 0;
+        centre[k] = low <= high ? 0.5 * low + 0.5 * high : 0;
         const double half = low <= high ? 0.5 * high - 0.5 * low : 0;
         square += half * half;
     }
-    exact->radius = sqrt(square);
+    *radius = sqrt(square);
 }
 
 static void triangle_bounds(const struct RTCBoundsFunctionArguments *arguments)
@@ -94,9 +94,9 @@ static double largest(const double a[3])
 }
 
 /*
- * Side of an edge on which a ray passes: twice the volume that both span, or 0 if rounding decides.
- * The Pluecker form of difference and sum errs by the length of the edge, not by its distance. It
- * changes its sign with the direction of the edge, bit for bit.
+ * Side of the edge a, b on which a ray from the origin passes: the sign of the volume that ray and
+ * edge span, or 0 if rounding decides. The Pluecker form of difference and sum has an error in the
+ * length of the edge, not in its distance. Exchanging a and b changes the sign and no other bit.
  */
 static double side_of_edge(const double a[3], const double b[3], const double direction[3])
 {
@@ -199,7 +199,7 @@ enum umb_status umbr_exact_create(const double (*corners)[3][3], size_t count,
     }
     exact->corners = corners;
     exact->cuts = cuts;
-    measure(exact, count);
+    umbr_sphere_of(corners, count, exact->base, &exact->radius);
     (void)snprintf(config, sizeof config, "threads=%u", threads);
     exact->device = rtcNewDevice(config);
     if (exact->device == NULL) {

@@ -25,7 +25,7 @@ struct umbr_exact_ray {
     const double *origin; /* [3] metres, world */
     double from[3];       /* metres, relative to origin */
     double direction[3];  /* unit */
-    double far_m;         /* Length of the ray in metres; may be infinite */
+    double far_m;         /* metres: length of the ray; may be infinite */
 };
 
 /* The nearest hit. */
@@ -34,6 +34,9 @@ struct umbr_exact_hit {
     uint32_t triangle; /* UINT32_MAX if nothing was hit */
     int leaving;       /* 1 if the ray meets the back of the triangle, by its winding */
 };
+
+/* A sphere around all corners: the middle of their box, and the metres to a corner of the box. */
+void umbr_sphere_of(const double (*corners)[3][3], size_t count, double centre[3], double *radius);
 
 /*
  * Builds the hierarchy.

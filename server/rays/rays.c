@@ -27,6 +27,7 @@
 #include <embree3/rtcore.h>
 
 #include "base/memory.h"
+#include "base/vec.h"
 #include "rays/ray_holes.h"
 
 enum {
@@ -90,25 +91,6 @@ static void note_error(void *user, enum RTCError code, const char *text)
         report->code = code;
         (void)snprintf(report->text, sizeof report->text, "%s", text != NULL ? text : "");
     }
-}
-
-static void find_centre(struct umbr_rays *rays, const double (*corners)[3][3], size_t count)
-{
-    double square = 0;
-    for (int i = 0; i < 3; i++) {
-        double low = INFINITY, high = -INFINITY;
-        for (size_t t = 0; t < count; t++) {
-            for (int k = 0; k < 3; k++) {
-                double value = corners[t][k][i];
-                low = value < low ? value : low;
-                high = value > high ? value : high;
-            }
-        }
-        rays->centre[i] = low <= high ? 0.5 * low + 0.5 * high : 0;
-        const double half = low <= high ? 0.5 * high - 0.5 * low : 0;
-        square += half * half;
-    }
-    rays->radius = sqrt(square);
 }
 
 /* Copies one of the four-byte numbers of hit i of n, which Embree names for C++ only. Their order
@@ -243,7 +225,7 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
     rays->count = count;
     rays->quality = chosen.quick ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH;
     rays->cuts = chosen.cuts != NULL && chosen.cuts->of != NULL ? chosen.cuts : NULL;
-    find_centre(rays, corners, count);
+    umbr_sphere_of(corners, count, rays->centre, &rays->radius);
     struct build_report report = {.code = RTC_ERROR_NONE};
     (void)snprintf(config, sizeof config, "threads=%u", chosen.threads); /* 0: Embree uses all */
     rays->device = rtcNewDevice(config);
@@ -265,12 +247,6 @@ enum umb_status umbr_rays_build(const double (*corners)[3][3], size_t count,
     }
     *out = rays;
     return UMB_OK;
-}
-
-enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
-                                 struct umbr_rays **out, struct umb_error *error)
-{
-    return umbr_rays_build(corners, count, NULL, out, error);
 }
 
 void umbr_rays_destroy(struct umbr_rays *rays)
@@ -358,9 +334,7 @@ static void area_vector(const struct umbr_rays *rays, uint32_t triangle, double 
         a[i] = (double)v[1][i] - (double)v[0][i];
         b[i] = (double)v[2][i] - (double)v[0][i];
     }
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
+    umb__cross(a, b, out);
 }
 
 void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],
@@ -383,7 +357,7 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
     hit->triangle = query.hit.primID;
     double n[3];
     area_vector(rays, hit->triangle, n);
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    const double length = umb__length(n);
     for (int i = 0; i < 3; i++) {
         hit->normal[i] = length > 0 ? n[i] / length : 0;
     }

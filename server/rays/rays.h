@@ -45,9 +45,6 @@ UMB_CHECKED enum umb_status umbr_rays_build(const double (*corners)[3][3], size_
                                             const struct umbr_rays_options *options,
                                             struct umbr_rays **out, struct umb_error *error);
 
-/* umbr_rays_build with options NULL. */
-UMB_CHECKED enum umb_status umbr_rays_create(const double (*corners)[3][3], size_t count,
-                                             struct umbr_rays **out, struct umb_error *error);
 void umbr_rays_destroy(struct umbr_rays *rays);
 
 /* Greatest error in metres of the side on which a ray passes an edge or corner: 2^-20 of the
@@ -86,7 +83,7 @@ void umbr_nearest(const struct umbr_rays *rays, const double from[3], const doub
 /*
  * Sums up the crossings of a whole ray, to test whether a point is inside a closed solid.
  *
- * In:    closed: uint8[triangle count], 1 for triangles of a closed part.
+ * In:    closed: uint8[triangle count], not 0 for triangles of a closed part.
  * Out:   winding: back-facing minus front-facing crossings of closed triangles: > 0 inside.
  *        crossings: all hits of closed triangles. A ray through an edge or a corner that facets
  *        share crosses there once.

@@ -32,12 +32,7 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
 {
     (void)pthread_mutex_lock(&crew->lock);
     struct umbr_verify_result *total = &crew->total;
-    total->records += result->records;
-    total->points += result->points;
-    total->near_boundary += result->near_boundary;
-    total->skipped_inside += result->skipped_inside;
-    total->inside_band += result->inside_band;
-    total->outside_band += result->outside_band;
+    umbr_verify_result_add(total, result);
     if (result->has_worst && (!total->has_worst || number < crew->worst_block)) {
         total->has_worst = 1;
         memcpy(total->worst_point, result->worst_point, sizeof total->worst_point);
@@ -103,7 +98,7 @@ static enum umb_status compare_block(void *user, size_t first, size_t count,
 
 /* Makes the light local, and computes the distance from a lamp within which nothing casts. A bake
  * leaves out casters nearer than 2^-26 of the distance to the farthest corner of the casters' box,
- * and a surface that the lamp is on (bake/analysis/lamp_contact.h). */
+ * and a surface that the lamp is on (bake/analysis/frusta.h). */
 static void place_light(struct umbr_verify_job *job, const struct umb_asset_info *info)
 {
     double square = 0;
@@ -122,16 +117,17 @@ static void place_light(struct umbr_verify_job *job, const struct umb_asset_info
 static enum umb_status prepare_exact(struct crew *crew, struct umb_error *error)
 {
     const struct umbr_verify_job *job = &crew->job;
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; status == UMB_OK && i < job->light.frustum_count; i++) {
+    for (uint32_t i = 0; i < job->light.frustum_count; i++) {
         if (umbr_verify_needs_exact(&job->frames[i], job->rays)) {
-            status = umbr_rays_exact(job->rays, &crew->exact, error);
+            return umbr_rays_exact(job->rays, &crew->exact, error);
         }
     }
-    return status;
+    return UMB_OK;
 }
 
-static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, struct umb_error *error)
+/* Checks that the light answers queries of the kind, and prepares them. */
+static enum umb_status prepare_queries(struct umbr_verify_job *job, uint32_t light,
+                                       struct umb_error *error)
 {
     const struct umb_query_settings settings = {
         .light = light,
@@ -140,40 +136,42 @@ static enum umb_status prepare(struct umbr_verify_job *job, uint32_t light, stru
         .format = UMB_ANSWER_U8,
         .opaque_only = 1, /* rays know only opaque and open */
     };
-    enum umb_status status = umb_asset_get_light(job->asset, light, &job->light);
-    if (status != UMB_OK) {
+    if (umb_asset_get_light(job->asset, light, &job->light) != UMB_OK) {
         return umb_fail(error, UMB_E_ARGUMENT, "light %u is not in the asset", light);
     }
     UMB__TRY(umb_query_prepare(job->asset, &settings, &job->query, error));
     if (job->options->kind != UMBR_VERIFY_POINTS) {
-        status = umb_volume_prepare(job->asset, light, &job->volume, error);
+        UMB__TRY(umb_volume_prepare(job->asset, light, &job->volume, error));
     }
-    if (status == UMB_OK && job->options->kind == UMBR_VERIFY_BOXES) {
-        status = umb_volume_check_parallel(&job->volume, error);
+    if (job->options->kind == UMBR_VERIFY_BOXES) {
+        UMB__TRY(umb_volume_check_parallel(&job->volume, error));
     }
-    if (status == UMB_OK && job->options->kind == UMBR_VERIFY_COLUMNS) {
-        status = umb_volume_check_columns(&job->volume, error);
+    if (job->options->kind == UMBR_VERIFY_COLUMNS) {
+        UMB__TRY(umb_volume_check_columns(&job->volume, error));
     }
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (job->light.frustum_count == 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "light %u has no frustum", light);
-    }
+    return job->light.frustum_count > 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "light %u has no frustum", light);
+}
+
+static enum umb_status prepare(struct crew *crew, uint32_t light, struct umb_error *error)
+{
+    struct umbr_verify_job *job = &crew->job;
+    UMB__TRY(prepare_queries(job, light, error));
+    const uint32_t count = job->light.frustum_count;
     struct umb_asset_info info;
     umb_asset_get_info(job->asset, &info);
     job->is_static = info.receiver_mask_bytes > 0;
     place_light(job, &info);
-    job->frames = umb__alloc_zeroed(NULL, job->light.frustum_count, sizeof *job->frames);
+    job->frames = umb__alloc_zeroed(NULL, count, sizeof *job->frames);
     if (job->frames == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta",
-                        job->light.frustum_count);
+        return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta", count);
     }
-    for (uint32_t i = 0; status == UMB_OK && i < job->light.frustum_count; i++) {
-        status =
-            umbr_light_frame_init(&job->frames[i], job->asset, job->light.first_frustum + i, error);
+    for (uint32_t i = 0; i < count; i++) {
+        UMB__TRY(umbr_light_frame_init(&job->frames[i], job->asset, job->light.first_frustum + i,
+                                       error));
     }
-    return status;
+    return prepare_exact(crew, error);
 }
 
 enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
@@ -181,22 +179,17 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
                             struct umbr_verify_result *result, struct umb_error *error)
 {
     static const struct umbr_verify_options defaults = {0};
-    struct crew crew = {.job = {.asset = asset, .rays = rays}};
+    const struct umbr_verify_options *o = options != NULL ? options : &defaults;
+    struct crew crew = {.job = {.asset = asset, .rays = rays, .options = o}};
     *result = (struct umbr_verify_result){0};
-    crew.job.options = options != NULL ? options : &defaults;
-    const unsigned threads = crew.job.options->threads;
-    const uint64_t points =
-        crew.job.options->points > 0 ? crew.job.options->points : DEFAULT_POINTS;
-    enum umb_status status = prepare(&crew.job, light, error);
-    if (status == UMB_OK) {
-        status = prepare_exact(&crew, error);
-    }
+    enum umb_status status = prepare(&crew, light, error);
     if (status == UMB_OK && pthread_mutex_init(&crew.lock, NULL) != 0) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "no memory for a mutex");
     }
     if (status == UMB_OK) {
-        status = umbu_range_run(threads > 0 ? threads : umbu_processor_count(), (size_t)points,
-                                BLOCK_POINTS, compare_block, &crew, error);
+        status = umbu_range_run(o->threads > 0 ? o->threads : umbu_processor_count(),
+                                o->points > 0 ? (size_t)o->points : DEFAULT_POINTS, BLOCK_POINTS,
+                                compare_block, &crew, error);
         (void)pthread_mutex_destroy(&crew.lock);
     }
     if (status == UMB_OK) {

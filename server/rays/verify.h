@@ -20,16 +20,16 @@
  * other frusta, a point that float rays judge wrong is judged again in doubles. The band is
  * therefore one voxel everywhere.
  *
- * Assets baked under the static rule are valid for points on surfaces only. All their points are
- * such: found by rays along the light from anywhere in the box, and moved by the automatic bias of
- * one tap, on the light's side.
+ * Assets baked under the static rule are valid for points on surfaces only, so all their points lie
+ * on surfaces. They are found by rays along the light from anywhere in the box, and moved to the
+ * light's side by the automatic bias of one tap.
  *
- * Points inside closed parts of assets baked under the closed rule are left out (counted): answers
- * there are unspecified. A point in shadow that agrees is left out if its ray first meets the inner
- * side of a closed part. One that disagrees is left out only if five of six rays in opposite
- * directions find it inside a solid, so an open surface cannot excuse a wrong voxel. Other points
- * are drawn instead, up to four times as many: a frustum that is nearly all solid gets fewer points
- * than requested.
+ * Points inside closed parts of assets baked under the closed rule are counted and left out,
+ * because answers there are unspecified. A point in shadow that agrees is left out if its ray first
+ * meets the inner side of a closed part. A point that disagrees is left out only if five of six
+ * rays in opposite directions find it inside a solid, so an open surface cannot excuse a wrong
+ * voxel. Other points are drawn instead, up to four times as many: a frustum that is nearly all
+ * solid gets fewer points than requested.
  */
 #include "rays/rays.h"
 #include "umbrage/query.h"
@@ -56,7 +56,7 @@ struct umbr_verify_options {
     uint64_t points; /* or segments, columns, boxes; 0 = 1 million */
     enum umbr_verify_kind kind;
     uint64_t seed;
-    const uint8_t *closed;  /* uint8[triangle count], NULL = no closed parts */
+    const uint8_t *closed;  /* [triangle count] not 0: of a closed part; NULL = no closed parts */
     unsigned threads;       /* 0 = all */
     int (*cancelled)(void); /* called now and then from any thread; may be NULL */
     /* Called with the number of compared points, by any thread, one at a time; may be NULL. */
@@ -72,6 +72,18 @@ struct umbr_verify_result {
     double worst_point[3];              /* a point outside the band, world */
     int has_worst;
 };
+
+/* Adds the counts of a result to a sum. */
+static inline void umbr_verify_result_add(struct umbr_verify_result *sum,
+                                          const struct umbr_verify_result *one)
+{
+    sum->records += one->records;
+    sum->points += one->points;
+    sum->near_boundary += one->near_boundary;
+    sum->skipped_inside += one->skipped_inside;
+    sum->inside_band += one->inside_band;
+    sum->outside_band += one->outside_band;
+}
 
 /*
  * Verifies one light of an asset.

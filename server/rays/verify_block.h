@@ -24,7 +24,7 @@ struct umbr_verify_job {
     struct umbr_light_frame *frames; /* [light.frustum_count] */
     double origin[3];                /* origin of the asset, world */
     struct umb_box bounds;           /* bounds of the casters, world */
-    double free_m;                   /* Distance from a lamp within which nothing casts */
+    double free_m;                   /* metres: distance from a lamp within which nothing casts */
     struct umb_query query;
     struct umb_volume volume; /* for segments, columns and boxes */
     int is_static;            /* baked under the static rule */

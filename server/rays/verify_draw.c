@@ -23,7 +23,7 @@ enum {
     POINTS_A_BOUNDARY = 8,
     NEAR_VOXELS = 4,
     TRIES_A_POINT = 24, /* draws near boundaries for each wanted point */
-    /* Uniform draws for each wanted point: one inside a closed solid costs the most rays. */
+    /* Most uniform draws for each wanted point: a point inside a closed solid is left out. */
     DRAWS_A_POINT = 4,
     WALKS_A_BOUNDARY = 4, /* rows walked before another kind of boundary is tried */
 };

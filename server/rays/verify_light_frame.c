@@ -38,7 +38,7 @@ static int solve(const struct umbr_light_frame *light_frame, const double voxel[
     return isfinite(at[0]) && isfinite(at[1]) && isfinite(at[2]);
 }
 
-/* Inverts an affine matrix once, by the same minors: millions of points use it. */
+/* Inverts an affine matrix once, by minors as in solve: millions of points use the result. */
 static void invert_parallel(struct umbr_light_frame *light_frame)
 {
     const double(*m)[4] = light_frame->world_to_voxel;

@@ -74,7 +74,8 @@ static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, dou
     return 0;
 }
 
-/* A parameter of a segment; two of each segment's lie next to the end of an interval. */
+/* Draws a parameter of a segment. Every second one lies next to the end of an interval, if there is
+ * an interval. In: which: number of the draw. voxels: length of the segment. */
 static double draw_parameter(struct umbr_verify_block *block, const struct umb_interval *intervals,
                              size_t count, int which, double voxels)
 {

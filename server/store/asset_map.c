@@ -7,8 +7,8 @@
  * further than REACH_BYTES beyond the map's end. That range is reserved without access, which costs
  * address space and nothing else.
  *
- * Opening reads hostile bytes too, so it runs under the guard. A fault would leak what the opening
- * had allocated, hence its allocator keeps a list of its blocks. Some readers of the open asset
+ * Opening reads hostile bytes too, so it runs under the guard. A fault would leak the memory of the
+ * opening, hence its allocator keeps a list of its blocks. Some readers of the open asset
  * also allocate (umb_calibrate), on any thread: the list has a lock. No file byte is read under
  * that lock.
  */
@@ -21,10 +21,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/queue.h>
 #include <unistd.h>
 
 #include "base/open_status.h"
 #include "store/fault_guard.h"
+#include "base/try.h"
+#include "common/file_system.h"
 #include "common/private_folder.h"
 #include "common/sha256.h"
 
@@ -33,13 +36,13 @@
 
 /* A block that an asset allocated while it was opened. */
 struct block {
-    struct block *next, *previous;
+    LIST_ENTRY(block) link;
     max_align_t bytes[];
 };
 
 struct block_list {
     pthread_mutex_t lock;
-    struct block *first;
+    LIST_HEAD(, block) blocks;
 };
 
 struct umbs_asset_map {
@@ -78,48 +81,22 @@ int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b)
            same_time(&a->modified, &b->modified) && same_time(&a->changed, &b->changed);
 }
 
-/* Takes a block out of its list. */
-static void block_unlink(struct block_list *list, struct block *block)
-{
-    if (block->previous != NULL) {
-        block->previous->next = block->next;
-    } else {
-        list->first = block->next;
-    }
-    if (block->next != NULL) {
-        block->next->previous = block->previous;
-    }
-}
-
-static void block_link(struct block_list *list, struct block *block)
-{
-    block->previous = NULL;
-    block->next = list->first;
-    if (list->first != NULL) {
-        list->first->previous = block;
-    }
-    list->first = block;
-}
-
 /* Resizes a block; called with the list's lock held. */
 static void *block_renew(struct block_list *list, struct block *old, size_t size)
 {
     if (old != NULL) {
-        block_unlink(list, old);
+        LIST_REMOVE(old, link);
     }
     if (size == 0) {
         free(old);
         return NULL;
     }
     struct block *block = realloc(old, sizeof *block + size);
-    if (block == NULL) {
-        if (old != NULL) {
-            block_link(list, old);
-        }
-        return NULL;
+    struct block *kept = block != NULL ? block : old;
+    if (kept != NULL) {
+        LIST_INSERT_HEAD(&list->blocks, kept, link);
     }
-    block_link(list, block);
-    return block->bytes;
+    return block != NULL ? block->bytes : NULL;
 }
 
 /* Resize callback of umb_alloc; user is the list. */
@@ -187,11 +164,12 @@ enum umb_status umbs_asset_map_revalidate(const struct umbs_asset_map *map, stru
 enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*read)(void *user),
                                     void *user, struct umb_error *error)
 {
-    enum umb_status status = umbs_asset_map_read_optimistic(map, read, user, error);
-    return status == UMB_OK ? umbs_asset_map_revalidate(map, error) : status;
+    UMB__TRY(umbs_asset_map_read_optimistic(map, read, user, error));
+    return umbs_asset_map_revalidate(map, error);
 }
 
-/* Opens the bytes under the guard. Out: *blocks: the blocks that the opening allocated. */
+/* Opens the bytes under the guard. In: alloc: an allocator that lists its blocks: a fault leaves
+ * them to the caller. */
 static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_trust trust,
                                     const struct umb_alloc *alloc, struct umb_asset **asset,
                                     struct umb_error *error)
@@ -202,12 +180,9 @@ static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_t
         .options = {.trust = trust, .alloc = alloc},
     };
     struct umb_asset_info info;
-    enum umb_status status = umbs_asset_map_read(map, open_bytes, &opening, error);
-    if (status == UMB_OK && opening.status != UMB_OK) {
-        status = umb_fail(error, opening.status, "%s", opening.error.message);
-    }
-    if (status != UMB_OK) {
-        return status;
+    UMB__TRY(umbs_asset_map_read(map, open_bytes, &opening, error));
+    if (opening.status != UMB_OK) {
+        return umb_fail(error, opening.status, "%s", opening.error.message);
     }
     umb_asset_get_info(opening.asset, &info);
     if (info.encoding != UMB_ENCODING_MAPPED || memcmp(info.id, map->id, UMB_ID_BYTES) != 0) {
@@ -219,9 +194,9 @@ static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_t
 
 static void free_blocks(struct block_list *list)
 {
-    while (list->first != NULL) {
-        struct block *block = list->first;
-        block_unlink(list, block);
+    struct block *block;
+    while ((block = LIST_FIRST(&list->blocks)) != NULL) {
+        LIST_REMOVE(block, link);
         free(block);
     }
 }
@@ -277,7 +252,7 @@ static enum umb_status map_file(struct umbs_asset_map *map, struct umb_error *er
     return UMB_OK;
 }
 
-/* Reads the file into our own memory, closes it and write-protects the memory. */
+/* Reads the file into memory of this process, closes it and write-protects the memory. */
 static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *error)
 {
     void *base = mmap(NULL, map->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -288,20 +263,11 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     map->base = base;
     map->reserved = map->bytes;
     (void)madvise(base, map->bytes, MADV_HUGEPAGE); /* a hint: huge pages give fewer TLB misses */
-    size_t have = 0;
-    while (have < map->bytes) {
-        size_t part = map->bytes - have < ((size_t)1 << 30) ? map->bytes - have : (size_t)1 << 30;
-        ssize_t count = read(map->fd, (char *)base + have, part);
-        if (count < 0 && errno == EINTR) {
-            continue;
-        }
-        if (count < 0) {
-            return umb_fail_errno(error, UMB_E_IO, errno, "cannot copy %zu bytes", map->bytes);
-        }
-        if (count == 0) {
-            return has_changed(error);
-        }
-        have += (size_t)count;
+    const ssize_t count = umbs_read_full(map->fd, base, map->bytes);
+    if (count != (ssize_t)map->bytes) {
+        return count < 0
+                   ? umb_fail_errno(error, UMB_E_IO, errno, "cannot copy %zu bytes", map->bytes)
+                   : has_changed(error);
     }
     if (mprotect(base, map->bytes, PROT_READ) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot protect a copy");
@@ -358,33 +324,35 @@ static enum umb_status hash_file(const struct umbs_asset_map *map, uint8_t diges
 static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb_error *error)
 {
     uint8_t digest[UMB_ID_BYTES];
-    enum umb_status status = UMB_OK;
     if (!map->has_digest) {
         return UMB_OK;
     }
     if (map->fd < 0) {
         umbs_sha256_bytes(map->base, map->bytes, digest);
     } else {
-        status = hash_file(map, digest, error);
+        UMB__TRY(hash_file(map, digest, error));
     }
-    if (status == UMB_OK && !umbs_digest_equal(digest, map->digest)) {
-        status = umb_fail(error, UMB_E_CORRUPT,
-                          "the mapped file is not the one that was made for this asset");
+    if (!umbs_digest_equal(digest, map->digest)) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "the mapped file is not the one that was made for this asset");
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Once the bytes are there: checks all of them, or only the head of a file that is known. */
-static enum umb_status open_checked(struct umbs_asset_map *map,
+/* Opens the file and its asset: checks all bytes, or only the head of a file that is known. */
+static enum umb_status open_checked(struct umbs_asset_map *map, const char *path,
                                     const struct umbs_asset_map_options *options,
                                     struct umb_error *error)
 {
+    UMB__TRY(open_file(map, path, options->ours, error));
+    UMB__TRY(options->copy ? copy_file(map, error) : map_file(map, error));
     const int known =
         options->known != NULL && !options->copy && umbs_stamp_equal(options->known, &map->stamp);
-    enum umb_status status = known ? UMB_OK : check_digest(map, error);
-    return status == UMB_OK ? open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING,
-                                           &map->alloc, &map->asset, error)
-                            : status;
+    if (!known) {
+        UMB__TRY(check_digest(map, error));
+    }
+    return open_guarded(map, known ? UMB_TRUST_VALIDATED : UMB_TRUST_NOTHING, &map->alloc,
+                        &map->asset, error);
 }
 
 enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_map_options *options,
@@ -403,13 +371,7 @@ enum umb_status umbs_asset_map_open(const char *path, const struct umbs_asset_ma
         memcpy(map->digest, options->digest, UMB_ID_BYTES);
     }
     umbs_fault_guard_install();
-    enum umb_status status = open_file(map, path, options->ours, error);
-    if (status == UMB_OK) {
-        status = options->copy ? copy_file(map, error) : map_file(map, error);
-    }
-    if (status == UMB_OK) {
-        status = open_checked(map, options, error);
-    }
+    const enum umb_status status = open_checked(map, path, options, error);
     if (status != UMB_OK) {
         umbs_asset_map_close(map);
         return status;
@@ -459,8 +421,8 @@ const uint8_t *umbs_asset_map_digest(const struct umbs_asset_map *map)
 enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map, struct umb_error *error)
 {
     if (map->has_digest) {
-        enum umb_status status = check_digest(map, error);
-        return status == UMB_OK ? umbs_asset_map_revalidate(map, error) : status;
+        UMB__TRY(check_digest(map, error));
+        return umbs_asset_map_revalidate(map, error);
     }
     struct block_list blocks = {.lock = PTHREAD_MUTEX_INITIALIZER};
     struct umb_alloc alloc = {.resize = block_resize, .user = &blocks};

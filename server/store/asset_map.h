@@ -10,18 +10,18 @@
  *     umbs_asset_map_read(map, run, &batch, &error);          runs the query, guarded
  *     umbs_asset_map_close(map);
  *
- * What can happen to the file, and what then happens here:
- * - cut short: the read faults and is ended by the guard (fault_guard.h), or the rest of a page
- *   reads as zeros. Either way umbs_asset_map_read fails: it looks at the file's size and time of
- *   modification after each read, and they must still be those of the opening.
- * - overwritten in place: the same look finds it. Numbers read meanwhile may lead anywhere, but
- *   not further than a number can reach: that much address space behind the map is reserved and
- *   unreadable, so such a read faults and is ended by the guard too.
- * - changed while its times stay (a failing disk, a clock set back, a store through a mapping that
- *   was dirty before): only umbs_asset_map_check finds that.
- * - deleted or replaced by a rename: nothing; the map keeps the old bytes.
+ * Changes of the file, and their effect on a read:
+ * - The file is cut short: the read faults and is ended by the guard (fault_guard.h), or the rest
+ *   of a page reads as zeros. Either way umbs_asset_map_read fails, because after each read it
+ *   compares the file's size and time of modification with those of the opening.
+ * - The file is overwritten in place: the same comparison finds it. A node number read meanwhile
+ *   may be wrong, but leads no further than the address space that is reserved without access
+ *   behind the map: such a read faults and is ended by the guard too.
+ * - The bytes change and the times stay (a failing disk, a clock set back, a write through a
+ *   mapping that was dirty before): only umbs_asset_map_check finds that.
+ * - The file is deleted or replaced by a rename: no effect; the map keeps the old bytes.
  * With `copy` the file is read once into memory of this process, which is then write-protected:
- * nothing that happens to the file afterwards matters.
+ * later changes of the file have no effect.
  *
  * Threads: an open map is immutable; reads and checks may run at once, close needs that none does.
  */
@@ -43,15 +43,15 @@ struct umbs_stamp umbs_stamp_of(const struct stat *status);
 int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b);
 
 struct umbs_asset_map_options {
-    uint8_t id[UMB_ID_BYTES]; /* id of the asset that the file must hold */
-    /* Stamp of the file when it passed a full check, or NULL. If the file still has it, only the
-     * head is checked now. */
-    const struct umbs_stamp *known; /* not for copies: they are always checked in full */
-    /* SHA-256 of the whole file, or NULL. Every check but that of a known file compares it. */
-    const uint8_t *digest; /* [UMB_ID_BYTES] */
-    int ours;              /* 1 = refuse a file that other users may write to, or a link */
-    int copy;              /* 1 = hold a copy in memory */
-    int warm;              /* 1 = have the kernel read the file ahead */
+    uint8_t id[UMB_ID_BYTES]; /* Id of the asset that the file must hold */
+    /* Stamp of the file when it passed a full check, or NULL. If the file still has this stamp,
+     * only the head is checked now. Copies are always checked in full. */
+    const struct umbs_stamp *known;
+    /* SHA-256 of the whole file, [UMB_ID_BYTES], or NULL. A full check compares it. */
+    const uint8_t *digest;
+    int ours; /* 1 = a link, or a file that other users may write to, is refused */
+    int copy; /* 1 = a copy is held in memory */
+    int warm; /* 1 = the kernel reads the file ahead */
 };
 
 /*

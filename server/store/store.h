@@ -93,7 +93,7 @@ struct umbs_store_item {
 };
 
 /* Opens a store's folders and caches. Does not scan yet. Fails: E_NO_INPUT, E_PERMISSION,
- * E_NO_MEMORY; what umbs__cache_ready fails with, for a cache that the options name. */
+ * E_NO_MEMORY; as umbs__cache_ready, for a cache that the options name. */
 UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *options,
                                             struct umbs_store **out, struct umb_error *error);
 

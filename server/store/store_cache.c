@@ -12,11 +12,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/output.h"
 #include "common/private_folder.h"
-#include "store/store_internal.h"
 
 #define SYNC_EACH_MAX 8 /* mapped files of a scan that are synced one by one; more: syncfs */
+
+void umbs__path(char path[UMBS_PATH_SIZE], const char *folder, const char *name)
+{
+    if (snprintf(path, UMBS_PATH_SIZE, "%s/%s", folder, name) >= UMBS_PATH_SIZE) {
+        path[0] = '\0';
+    }
+}
 
 enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
                                  const struct umbs_log *log, struct umb_error *error)
@@ -25,13 +32,6 @@ enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
     pthread_mutex_init(&cache->mutex, NULL);
     return cache->path != NULL ? UMB_OK
                                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the cache");
-}
-
-void umbs__cache_let_go(struct umbs_cache *cache)
-{
-    pthread_mutex_lock(&cache->mutex);
-    umbs_owner_lock_release(&cache->lock);
-    pthread_mutex_unlock(&cache->mutex);
 }
 
 void umbs__cache_finish(struct umbs_cache *cache)
@@ -117,19 +117,15 @@ static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
 /* Reads the key. The daemon with write access makes a new one if there is no usable key. */
 static enum umb_status take_key(struct umbs_cache *cache, struct umb_error *error)
 {
-    char *path = umbs__path_join(cache->path, UMBS_CACHE_KEY);
-    if (path == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
-    }
-    enum umb_status status = read_key(path, cache->key, error);
+    char path[UMBS_PATH_SIZE];
+    umbs__path(path, cache->path, UMBS_CACHE_KEY);
+    const enum umb_status status = read_key(path, cache->key, error);
     if (status == UMB_E_CORRUPT) {
         warn(cache, "cache_key_renewed", error);
     }
-    if ((status == UMB_E_CORRUPT || status == UMB_E_NO_INPUT) && cache->lock.fd >= 0) {
-        status = make_key(path, cache->key, error);
-    }
-    free(path);
-    return status;
+    return (status == UMB_E_CORRUPT || status == UMB_E_NO_INPUT) && cache->lock.fd >= 0
+               ? make_key(path, cache->key, error)
+               : status;
 }
 
 static void read_records(struct umbs_cache *cache)
@@ -137,11 +133,9 @@ static void read_records(struct umbs_cache *cache)
     struct umbs_records records;
     struct umb_error error;
     size_t refused = 0;
-    char *path = umbs__path_join(cache->path, "proven");
-    enum umb_status status = path != NULL
-                                 ? umbs__records_read(path, cache->key, &records, &refused, &error)
-                                 : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
-    free(path);
+    char path[UMBS_PATH_SIZE];
+    umbs__path(path, cache->path, "proven");
+    const enum umb_status status = umbs__records_read(path, cache->key, &records, &refused, &error);
     if (status == UMB_OK && refused > 0) {
         (void)umb_fail(&error, UMB_E_CORRUPT, "%zu lines were not written under this key", refused);
     }
@@ -155,15 +149,14 @@ static void read_records(struct umbs_cache *cache)
 }
 
 /* Takes the lock unless another daemon has it; without the lock the cache is only read. On a file
- * system without locks two daemons may write. That does no harm: files appear whole, and their
+ * system without locks two daemons may write, which does no harm: files appear whole, and their
  * digests are checked. */
 static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *error)
 {
-    char *path = umbs__path_join(cache->path, "lock");
-    enum umb_status status =
-        path != NULL ? umbs__owner_lock_take(path, UMBS_REACH_LOCAL, 0, &cache->lock, error)
-                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
-    free(path);
+    char path[UMBS_PATH_SIZE];
+    umbs__path(path, cache->path, "lock");
+    const enum umb_status status =
+        umbs__owner_lock_take(path, UMBS_REACH_LOCAL, 0, &cache->lock, error);
     if (status == UMB_E_BUSY && !cache->logged_shared) {
         cache->logged_shared = 1;
         warn(cache, "cache_shared", error);
@@ -190,18 +183,14 @@ static enum umb_status look_again(struct umbs_cache *cache, struct umb_error *er
 /* Makes the folder ready; called with the mutex held. */
 static enum umb_status make_ready(struct umbs_cache *cache, struct umb_error *error)
 {
-    enum umb_status status = cache->ready ? UMB_OK : open_folder(cache, error);
-    if (status == UMB_OK) {
-        status = take_lock(cache, error);
+    if (!cache->ready) {
+        UMB__TRY(open_folder(cache, error));
     }
-    if (status == UMB_OK) {
-        status = take_key(cache, error);
-    }
-    if (status == UMB_OK) {
-        read_records(cache);
-        cache->ready = 1;
-    }
-    return status;
+    UMB__TRY(take_lock(cache, error));
+    UMB__TRY(take_key(cache, error));
+    read_records(cache);
+    cache->ready = 1;
+    return UMB_OK;
 }
 
 enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable, struct umb_error *error)
@@ -273,34 +262,54 @@ void umbs__cache_made(struct umbs_cache *cache, int synced)
     pthread_mutex_unlock(&cache->mutex);
 }
 
-/* Makes the mapped files durable. After a failure the kernel may have dropped what was not written,
- * and a second sync would not tell. Under the mutex. */
+/*
+ * Makes the mapped files durable before a list names them; returns 1 if they are. Called with the
+ * mutex held, which is released during the sync: that may take seconds, and other threads ask for
+ * paths and records. Files made meanwhile wait for the next sync.
+ *
+ * The duplicate shares the lock's open file description, which is as old as the cache: syncfs
+ * reports write errors since a description was opened, once. After such an error the kernel may
+ * have dropped bytes, so no list is written any more.
+ */
 static int sync_mapped(struct umbs_cache *cache)
 {
     struct umb_error error;
-    if (cache->unsynced > 0 && !cache->unsafe && syncfs(cache->lock.fd) != 0) {
-        cache->unsafe = 1;
-        (void)umb_fail_errno(&error, UMB_E_IO, errno, "cannot sync '%.200s'", cache->path);
+    if (cache->unsafe || cache->unsynced == 0) {
+        return !cache->unsafe;
+    }
+    const int fd = fcntl(cache->lock.fd, F_DUPFD_CLOEXEC, 0);
+    int cause = errno;
+    if (fd >= 0) {
+        cache->unsynced = 0;
+        pthread_mutex_unlock(&cache->mutex);
+        cause = syncfs(fd) == 0 ? 0 : errno;
+        (void)close(fd);
+        pthread_mutex_lock(&cache->mutex);
+        cache->unsafe = cause != 0;
+    }
+    if (cause != 0) {
+        (void)umb_fail_errno(&error, UMB_E_IO, cause, "cannot sync '%.200s'", cache->path);
         warn(cache, "proven_not_kept", &error);
     }
-    cache->unsynced = 0;
-    return !cache->unsafe;
+    return cause == 0;
+}
+
+static int is_ours(const struct umbs_cache *cache)
+{
+    return cache->ready && cache->lock.fd >= 0;
 }
 
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records)
 {
     struct umb_error error;
+    char path[UMBS_PATH_SIZE];
     pthread_mutex_lock(&cache->mutex);
-    const int same = !cache->unwritten && umbs__records_equal(records, &cache->records);
-    const int writes = cache->ready && cache->lock.fd >= 0 && !same && sync_mapped(cache);
+    const int differ = cache->unwritten || !umbs__records_equal(records, &cache->records);
     cache->built = 0;
-    if (writes) {
-        char *path = umbs__path_join(cache->path, "proven");
-        enum umb_status status =
-            path != NULL ? umbs__records_write(path, cache->key, records, &error)
-                         : umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a path");
-        free(path);
-        if (status != UMB_OK) {
+    /* The lock may be lost during the sync. */
+    if (differ && is_ours(cache) && sync_mapped(cache) && is_ours(cache)) {
+        umbs__path(path, cache->path, "proven");
+        if (umbs__records_write(path, cache->key, records, &error) != UMB_OK) {
             warn(cache, "proven_not_kept", &error);
         }
         struct umbs_records old = cache->records;
@@ -312,21 +321,22 @@ void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records)
     umbs__records_finish(records);
 }
 
-char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES])
+void umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
+                      char path[UMBS_PATH_SIZE])
 {
     char name[UMB_ID_TEXT_SIZE + 8];
     umb_id_to_text(id, name);
     memcpy(name + UMB_ID_TEXT_SIZE - 1, ".umbm", 6);
     pthread_mutex_lock(&cache->mutex);
-    char *path = umbs__path_join(cache->path, name);
+    umbs__path(path, cache->path, name);
     pthread_mutex_unlock(&cache->mutex);
-    return path;
 }
 
-char *umbs__cache_own_folder(struct umbs_cache *cache)
+int umbs__cache_own_folder(struct umbs_cache *cache, char path[UMBS_PATH_SIZE])
 {
     pthread_mutex_lock(&cache->mutex);
-    char *path = cache->lock.fd >= 0 ? strdup(cache->path) : NULL;
+    const int own = cache->lock.fd >= 0;
+    (void)snprintf(path, UMBS_PATH_SIZE, "%s", own ? cache->path : "");
     pthread_mutex_unlock(&cache->mutex);
-    return path;
+    return own;
 }

@@ -25,10 +25,15 @@
 #include "store/store_record.h"
 
 #define UMBS_CACHE_KEY "key"
+#define UMBS_PATH_SIZE                                                                             \
+    4400 /* bytes of a path: Linux's longest folder, and the longest name in it */
+
+/* Writes FOLDER/NAME; a longer path becomes "", which no call opens. */
+void umbs__path(char path[UMBS_PATH_SIZE], const char *folder, const char *name);
 
 struct umbs_cache {
-    pthread_mutex_t mutex;       /* guards all fields below */
-    const struct umbs_log *log;  /* log of the daemon; may be NULL */
+    pthread_mutex_t mutex;       /* Guard of all fields below */
+    const struct umbs_log *log;  /* Log of the daemon; may be NULL */
     char *path;                  /* Path as configured; without links once it is ready */
     int ready;                   /* 1 if only this user can change the folder and the key is read */
     int logged_shared;           /* 1 if the log has another daemon's pid already */
@@ -38,14 +43,13 @@ struct umbs_cache {
     int unwritten;               /* 1 if the records differ from the file */
     size_t built;                /* Number of mapped files made in this scan */
     size_t unsynced;             /* Number of mapped files that may not be durable */
-    int unsafe;                  /* 1 if they could not be synced: no list is written any more */
+    int unsafe;                  /* 1 after a failed sync: no list is written any more */
 };
 
 /* Sets up the object; nothing is read yet. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs__cache_init(struct umbs_cache *cache, const char *path,
                                              const struct umbs_log *log, struct umb_error *error);
-/* Releases the lock, so that another daemon may write to the folder. */
-void umbs__cache_let_go(struct umbs_cache *cache);
+/* Frees the content and releases the lock, so that another daemon may write to the folder. */
 void umbs__cache_finish(struct umbs_cache *cache);
 
 /*
@@ -69,21 +73,24 @@ int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Steps around making a mapped file. _syncs: 1 if the file is to be synced on its own, as the first
- * files of each scan are. _made: the file is complete. The others are synced together before a list
- * names them: a power cut may tear a mapped file without a record, which is then made anew.
+ * Steps around making a mapped file. _syncs returns 1 if the file is to be synced on its own, as
+ * the first files of each scan are. _made counts a complete file. Unsynced files are synced
+ * together before a list names them: a power cut may tear a mapped file without a record, which is
+ * then made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);
 
-/* Replaces the records and takes ownership of the new ones; writes them if the file differs. */
+/* Replaces the records by those of a scan, takes ownership of them, and writes them if the file
+ * differs. Cost: may block on the disk for seconds; other threads may use the cache meanwhile. */
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);
 
-/* Path of the folder, malloc, if this daemon may write to it; NULL: it may not, or out of memory. A
- * copy, because another thread may make the cache ready meanwhile, which changes `path`. */
-char *umbs__cache_own_folder(struct umbs_cache *cache);
+/* Copies the path of the folder and returns 1 if this daemon may write to it; else 0. The field
+ * `path` changes when another thread makes the cache ready. */
+int umbs__cache_own_folder(struct umbs_cache *cache, char path[UMBS_PATH_SIZE]);
 
-/* Path of the mapped file of an id, malloc; NULL: out of memory. */
-char *umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]);
+/* Writes the path of the mapped file of an id. */
+void umbs__cache_file(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
+                      char path[UMBS_PATH_SIZE]);
 
 #endif

@@ -95,7 +95,7 @@ int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms)
     return 1;
 }
 
-/* Tells whether the lane has, or had, this very file; under its mutex. */
+/* 1 if the file is the one that the lane loads or loaded last, unchanged; under its mutex. */
 static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *name,
                        const struct umbs_stamp *stamp)
 {

@@ -19,38 +19,9 @@
 #include "base/try.h"
 #include "tool/clock.h"
 #include "tool/output.h"
+#include "common/file_system.h"
 #include "common/sha256.h"
 #include "format/head.h"
-
-/* Reads all of fd, whose size fstat gave; E_TRUNCATED if the file shrank meanwhile. */
-static enum umb_status read_all(int fd, size_t size, const char *name, uint8_t **bytes,
-                                struct umb_error *error)
-{
-    uint8_t *block = malloc(size > 0 ? size : 1);
-    if (block == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory to read %zu bytes of '%.64s'", size,
-                        name);
-    }
-    size_t have = 0;
-    while (have < size) {
-        size_t part = size - have < ((size_t)1 << 30) ? size - have : (size_t)1 << 30;
-        ssize_t count = read(fd, block + have, part);
-        if (count < 0 && errno == EINTR) {
-            continue;
-        }
-        if (count <= 0) {
-            enum umb_status status =
-                count < 0 ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.64s'", name)
-                          : umb_fail(error, UMB_E_TRUNCATED, "'%.64s' ended at byte %zu of %zu",
-                                     name, have, size);
-            free(block);
-            return status;
-        }
-        have += (size_t)count;
-    }
-    *bytes = block;
-    return UMB_OK;
-}
 
 /* A packed file in memory. */
 struct packed {
@@ -58,32 +29,44 @@ struct packed {
     size_t size;
 };
 
-static enum umb_status read_packed(struct umbs_store *store, struct umbs_entry *entry,
-                                   const char *path, struct packed *packed, struct umb_error *error)
+/* Opens a packed file and reads its size and stamp. Fails: fd is -1, or to be closed. */
+static enum umb_status open_packed(struct umbs_entry *entry, const char *path, int *fd,
+                                   struct umb_error *error)
 {
-    struct stat stat_buffer;
-    enum umb_status status;
-    int fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.64s.umb'", entry->item.name);
+    struct stat facts;
+    const char *name = entry->item.name;
+    *fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    if (*fd < 0 || fstat(*fd, &facts) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.64s.umb'", name);
     }
-    if (fstat(fd, &stat_buffer) != 0) {
-        status =
-            umb_fail_errno(error, UMB_E_IO, errno, "cannot stat '%.64s.umb'", entry->item.name);
-    } else if (!S_ISREG(stat_buffer.st_mode)) {
-        status =
-            umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", entry->item.name);
-    } else if ((uint64_t)stat_buffer.st_size > store->max_memory_bytes) {
-        status = umb_fail(error, UMB_E_TOO_LARGE,
-                          "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)",
-                          entry->item.name, (long long)stat_buffer.st_size,
-                          (unsigned long long)store->max_memory_bytes);
-    } else {
-        entry->stamp = umbs_stamp_of(&stat_buffer);
-        packed->size = (size_t)stat_buffer.st_size;
-        status = read_all(fd, packed->size, entry->item.name, &packed->bytes, error);
+    if (!S_ISREG(facts.st_mode)) {
+        return umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", name);
     }
-    close(fd);
+    if ((uint64_t)facts.st_size > entry->store->max_memory_bytes) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)", name,
+                        (long long)facts.st_size,
+                        (unsigned long long)entry->store->max_memory_bytes);
+    }
+    entry->stamp = umbs_stamp_of(&facts);
+    return UMB_OK;
+}
+
+/* Reads a packed file whole. Fails: E_TRUNCATED if it shrinks meanwhile. */
+static enum umb_status read_packed(struct umbs_entry *entry, const char *path,
+                                   struct packed *packed, struct umb_error *error)
+{
+    int fd = -1;
+    char what[80];
+    (void)snprintf(what, sizeof what, "'%.64s'", entry->item.name);
+    enum umb_status status = open_packed(entry, path, &fd, error);
+    if (status == UMB_OK) {
+        packed->size = entry->stamp.size;
+        status = umbs_read_file(fd, packed->size, what, &packed->bytes, error);
+    }
+    if (fd >= 0) {
+        (void)close(fd);
+    }
     return status;
 }
 
@@ -199,8 +182,8 @@ static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *
     }
     memcpy(record.id, entry->item.id, UMB_ID_BYTES);
     struct umbs_cache *cache = store->folders[entry->folder].cache;
-    enum umb_status status = cache_build(store, cache, path, packed, record.digest, error);
-    return status == UMB_OK ? cache_try(store, path, &record, NULL, entry, error) : status;
+    UMB__TRY(cache_build(store, cache, path, packed, record.digest, error));
+    return cache_try(store, path, &record, NULL, entry, error);
 }
 
 /* Opens the mapped form of a proven packed image, made if needed. Fails: any status; the caller
@@ -210,50 +193,12 @@ static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *e
 {
     struct umbs_cache *cache = store->folders[entry->folder].cache;
     int writable = 0;
-    enum umb_status status = umbs__cache_ready(cache, &writable, error);
-    char *path = status == UMB_OK ? umbs__cache_file(cache, entry->item.id) : NULL;
-    if (status == UMB_OK && path == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
-    }
-    if (status == UMB_OK) {
-        status = cache_reuse(store, entry, path, rebuild, error);
-        if (status != UMB_OK) {
-            status = cache_renew(store, entry, path, packed, writable, error);
-        }
-    }
-    free(path);
-    return status;
-}
-
-/* Removes the mapped form of an asset, if there is one. */
-static void forget_mapped(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES])
-{
-    char *path = cache != NULL ? umbs__cache_file(cache, id) : NULL;
-    if (path != NULL) {
-        (void)unlink(path); /* processes that have mapped the file keep it */
-    }
-    free(path);
-}
-
-void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTES], size_t folder,
-                          int yes)
-{
-    char text[UMB_ID_TEXT_SIZE];
-    struct umbs_entry *entry = NULL;
-    struct umb_error error;
-    umb_id_to_text(id, text);
-    if (umbs_store_acquire(store, text, &entry, &error) == UMB_OK && entry->folder == folder) {
-        atomic_store(&entry->replaced, yes);
-        if (yes) {
-            forget_mapped(store->folders[folder].cache, id);
-        }
-    }
-    umbs_entry_release(entry);
-}
-
-int umbs_entry_is_replaced(const struct umbs_entry *entry)
-{
-    return atomic_load(&entry->replaced);
+    char path[UMBS_PATH_SIZE];
+    UMB__TRY(umbs__cache_ready(cache, &writable, error));
+    umbs__cache_file(cache, entry->item.id, path);
+    return cache_reuse(store, entry, path, rebuild, error) == UMB_OK
+               ? UMB_OK
+               : cache_renew(store, entry, path, packed, writable, error);
 }
 
 static enum umb_status prove(struct umbs_entry *entry, const struct packed *packed,
@@ -291,66 +236,15 @@ static enum umb_status open_proven(struct umbs_store *store, struct umbs_entry *
     return status;
 }
 
-/* Reads, proves and opens a file; on failure the entry has no asset. */
-static enum umb_status load(struct umbs_store *store, struct umbs_entry *entry, const char *path,
-                            int rebuild, struct umb_error *error)
+/* Fills the description of an entry that has its asset, and logs how it was opened. */
+static void describe(struct umbs_entry *entry, const char *how, uint64_t from_ms)
 {
-    struct packed packed = {0};
-    enum umb_status status = read_packed(store, entry, path, &packed, error);
-    if (status == UMB_OK) {
-        status = prove(entry, &packed, error);
-    }
-    if (status == UMB_OK) {
-        status = open_proven(store, entry, &packed, rebuild, error);
-    }
-    free(packed.bytes);
-    return status;
-}
-
-/* Fills the description of an entry that has its asset. */
-static void describe(struct umbs_entry *entry)
-{
+    char id[UMB_ID_TEXT_SIZE];
     struct umb_asset_info info;
     umb_asset_get_info(entry->asset, &info);
     entry->item.packed_bytes = entry->stamp.size;
     entry->item.memory_bytes = info.memory_bytes;
     entry->item.light_count = info.light_count;
-}
-
-int umbs__is_damage(enum umb_status status)
-{
-    return status == UMB_E_FORMAT || status == UMB_E_TRUNCATED || status == UMB_E_CORRUPT;
-}
-
-int umbs__is_the_files_fault(enum umb_status status)
-{
-    return umbs__is_damage(status) || status == UMB_E_VERSION || status == UMB_E_UNSUPPORTED ||
-           status == UMB_E_TOO_LARGE;
-}
-
-char *umbs__packed_path(const struct umbs_store *store, const struct umbs_name *name)
-{
-    char file[UMBS_STORE_NAME_MAX + 8];
-    snprintf(file, sizeof file, "%s.umb", name->text);
-    return umbs__path_join(store->folders[name->folder].path, file);
-}
-
-static struct umbs_entry *entry_create(struct umbs_store *store, const struct umbs_name *name)
-{
-    struct umbs_entry *entry = calloc(1, sizeof *entry);
-    if (entry != NULL) {
-        snprintf(entry->item.name, sizeof entry->item.name, "%s", name->text);
-        entry->store = store;
-        entry->folder = name->folder;
-        atomic_init(&entry->references, 1);
-        atomic_fetch_add(&store->holders, 1);
-    }
-    return entry;
-}
-
-static void log_loaded(struct umbs_entry *entry, const char *how, uint64_t from_ms)
-{
-    char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(entry->item.id, id);
     umbs_log_event(entry->store->log, UMB_LOG_INFO, "asset_loaded",
                    "asset=%s id=%s bytes=%llu memory=%llu how=%s dur_ms=%llu", entry->item.name, id,
@@ -359,19 +253,29 @@ static void log_loaded(struct umbs_entry *entry, const char *how, uint64_t from_
                    (unsigned long long)((uint64_t)umbu_clock_ms() - from_ms));
 }
 
+/* Reads, proves and opens a file; on failure the entry has no asset. */
+static enum umb_status load(struct umbs_store *store, struct umbs_entry *entry, const char *path,
+                            struct packed *packed, int rebuild, struct umb_error *error)
+{
+    UMB__TRY(read_packed(entry, path, packed, error));
+    UMB__TRY(prove(entry, packed, error));
+    return open_proven(store, entry, packed, rebuild, error);
+}
+
 struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
                                     int rebuild)
 {
-    uint64_t from_ms = (uint64_t)umbu_clock_ms();
-    char *path = umbs__packed_path(store, name);
-    struct umbs_entry *entry = path != NULL ? entry_create(store, name) : NULL;
+    const uint64_t from_ms = (uint64_t)umbu_clock_ms();
+    struct packed packed = {0};
+    char path[UMBS_PATH_SIZE];
+    struct umbs_entry *entry = umbs__entry_create(store, name);
     if (entry == NULL) {
-        free(path);
         return NULL;
     }
-    entry->item.status = load(store, entry, path, rebuild, &entry->error);
+    umbs__packed_path(store, name, path);
+    entry->item.status = load(store, entry, path, &packed, rebuild, &entry->error);
     entry->checked_ms = (uint64_t)umbu_clock_ms();
-    free(path);
+    free(packed.bytes);
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
         entry->retry = !umbs__is_the_files_fault(entry->item.status);
@@ -381,8 +285,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
                        umb_status_name(entry->item.status),
                        umbs_log_quote(entry->error.message, quoted));
     } else {
-        describe(entry);
-        log_loaded(entry, "proven", from_ms);
+        describe(entry, "proven", from_ms);
     }
     return entry;
 }
@@ -390,23 +293,22 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed)
 {
-    uint64_t from_ms = (uint64_t)umbu_clock_ms();
+    const uint64_t from_ms = (uint64_t)umbu_clock_ms();
     struct umbs_cache *cache = store->folders[name->folder].cache;
     struct umbs_record known;
-    struct umbs_entry *entry =
-        cache != NULL && umbs__cache_find(cache, packed, &known) ? entry_create(store, name) : NULL;
+    struct umb_error error;
+    char path[UMBS_PATH_SIZE];
+    struct umbs_entry *entry = cache != NULL && umbs__cache_find(cache, packed, &known)
+                                   ? umbs__entry_create(store, name)
+                                   : NULL;
     if (entry == NULL) {
         return NULL;
     }
     memcpy(entry->item.id, known.id, UMB_ID_BYTES);
     entry->has_id = 1;
     entry->stamp = *packed;
-    char *path = umbs__cache_file(cache, entry->item.id);
-    struct umb_error error;
-    int good =
-        path != NULL && cache_try(store, path, &known, &known.mapped, entry, &error) == UMB_OK;
-    free(path);
-    if (!good) {
+    umbs__cache_file(cache, known.id, path);
+    if (cache_try(store, path, &known, &known.mapped, entry, &error) != UMB_OK) {
         umbs_entry_release(entry);
         return NULL;
     }
@@ -415,7 +317,6 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
         entry->checked_ms = (uint64_t)umbu_clock_ms();
     }
-    describe(entry);
-    log_loaded(entry, "known", from_ms);
+    describe(entry, "known", from_ms);
     return entry;
 }

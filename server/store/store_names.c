@@ -95,12 +95,11 @@ static enum umb_status read_folder(struct reading *reading, DIR *folder, const c
     enum umb_status status = UMB_OK;
     while (status == UMB_OK) {
         errno = 0;
-        struct dirent *item = readdir(folder);
+        const struct dirent *item = readdir(folder);
+        if (item == NULL && errno != 0) {
+            status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read a store folder");
+        }
         if (item == NULL) {
-            status = errno != 0 ? umb_fail_errno(error, UMB_E_IO, errno,
-                                                 "cannot read a folder of "
-                                                 "the store")
-                                : UMB_OK;
             break;
         }
         const char *name = item->d_name;
@@ -156,8 +155,7 @@ enum umb_status umbs__names_read(struct umbs_store *store, struct umbs_name_list
         struct reading reading = {.list = list, .folder = i};
         DIR *opened = opendir(folder->path);
         if (opened == NULL) {
-            int code = errno;
-            return umb_fail_errno(error, umb__open_status(code), code,
+            return umb_fail_errno(error, umb__open_status(errno), errno,
                                   "cannot open the store folder '%.200s'", folder->path);
         }
         status = read_folder(&reading, opened, NULL, error);

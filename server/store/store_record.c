@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "common/file_system.h"
 #include "tool/output.h"
 #include "common/private_folder.h"
 
@@ -180,7 +181,7 @@ static int parse_line(const char *line, const uint8_t key[UMBS_KEY_BYTES],
            line == end;
 }
 
-/* Parses a whole file, which ends with a NUL and is changed. */
+/* Parses a whole file, up to its first NUL; changes the text. */
 static enum umb_status parse(char *text, const uint8_t key[UMBS_KEY_BYTES],
                              struct umbs_records *records, size_t *refused, struct umb_error *error)
 {
@@ -202,71 +203,45 @@ static enum umb_status parse(char *text, const uint8_t key[UMBS_KEY_BYTES],
     return UMB_OK;
 }
 
-/* Opens the list. file: NULL, with UMB_OK: there is none. */
-static enum umb_status open_list(const char *path, FILE **file, struct umb_error *error)
+/* Opens the list. Out: fd: -1: there is none; also to be closed after a failure. */
+static enum umb_status open_list(const char *path, int *fd, size_t *size, struct umb_error *error)
 {
     struct stat facts;
-    *file = NULL;
-    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0 && errno == ENOENT) {
+    *fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (*fd < 0 && errno == ENOENT) {
         return UMB_OK;
     }
-    const int good = fd >= 0 && fstat(fd, &facts) == 0;
-    const int cause = errno;
-    if (good && !umbs_private_file(&facts)) {
-        (void)close(fd);
+    if (*fd < 0 || fstat(*fd, &facts) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
+    }
+    if (!umbs_private_file(&facts)) {
         return umb_fail(error, UMB_E_PERMISSION, "'%.200s' can be written to by other users", path);
     }
-    *file = good ? fdopen(fd, "r") : NULL;
-    if (*file == NULL) {
-        if (fd >= 0) {
-            (void)close(fd);
-        }
-        return umb_fail_errno(error, UMB_E_IO, cause, "cannot read '%.200s'", path);
-    }
-    return UMB_OK;
-}
-
-/* Reads all of a file; *text ends with a NUL. */
-static enum umb_status read_text(FILE *file, const char *path, char **text, struct umb_error *error)
-{
-    const size_t limit = UMBS_RECORDS_MAX * LINE_MAX_BYTES;
-    size_t size = 0;
-    size_t capacity = 0;
-    size_t got = 1;
-    while (got > 0) {
-        if (size + 1 >= capacity) {
-            capacity = capacity == 0 ? 65536 : 2 * capacity;
-            char *grown = capacity <= limit ? realloc(*text, capacity) : NULL;
-            if (grown == NULL) {
-                return umb_fail(error, UMB_E_NO_MEMORY, "'%.200s' is too long", path);
-            }
-            *text = grown;
-        }
-        got = fread(*text + size, 1, capacity - size - 1, file);
-        size += got;
-    }
-    (*text)[size] = '\0';
-    return ferror(file) ? umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path)
-                        : UMB_OK;
+    *size = (size_t)facts.st_size;
+    return *size <= UMBS_RECORDS_MAX * LINE_MAX_BYTES
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "'%.200s' is too long", path);
 }
 
 enum umb_status umbs__records_read(const char *path, const uint8_t key[UMBS_KEY_BYTES],
                                    struct umbs_records *records, size_t *refused,
                                    struct umb_error *error)
 {
-    FILE *file = NULL;
-    char *text = NULL;
+    int fd = -1;
+    uint8_t *text = NULL;
+    size_t size = 0;
     *refused = 0;
     memset(records, 0, sizeof *records);
-    enum umb_status status = open_list(path, &file, error);
-    if (file == NULL) {
-        return status;
+    enum umb_status status = open_list(path, &fd, &size, error);
+    if (status == UMB_OK && fd >= 0) {
+        status = umbs_read_file(fd, size, path, &text, error);
     }
-    status = read_text(file, path, &text, error);
-    (void)fclose(file);
-    if (status == UMB_OK) {
-        status = parse(text, key, records, refused, error);
+    if (text != NULL) {
+        text[size] = '\0'; /* umbs_read_file leaves room */
+        status = parse((char *)text, key, records, refused, error);
+    }
+    if (fd >= 0) {
+        (void)close(fd);
     }
     free(text);
     if (status != UMB_OK) {
@@ -275,34 +250,29 @@ enum umb_status umbs__records_read(const char *path, const uint8_t key[UMBS_KEY_
     return status;
 }
 
-static void print_stamp(FILE *out, const struct umbs_stamp *stamp)
+/* Writes seven numbers after two blanks; returns their length. */
+static size_t print_stamp(char *out, size_t size, const struct umbs_stamp *stamp)
 {
-    (void)fprintf(out, "  %" PRIu64 " %" PRIu64 " %" PRIu64 " %lld %ld %lld %ld", stamp->device,
-                  stamp->inode, stamp->size, (long long)stamp->modified.tv_sec,
-                  stamp->modified.tv_nsec, (long long)stamp->changed.tv_sec,
-                  stamp->changed.tv_nsec);
+    return (size_t)snprintf(out, size, "  %" PRIu64 " %" PRIu64 " %" PRIu64 " %lld %ld %lld %ld",
+                            stamp->device, stamp->inode, stamp->size,
+                            (long long)stamp->modified.tv_sec, stamp->modified.tv_nsec,
+                            (long long)stamp->changed.tv_sec, stamp->changed.tv_nsec);
 }
 
 static void print_line(FILE *out, const struct umbs_record *record,
                        const uint8_t key[UMBS_KEY_BYTES])
 {
     char id[UMB_ID_TEXT_SIZE];
-    char digest[UMB_ID_TEXT_SIZE];
     char line[LINE_MAX_BYTES];
     uint8_t mac[UMB_ID_BYTES];
-    umb_id_to_text(record->id, id);
-    umb_id_to_text(record->digest, digest);
-    memset(line, 0, sizeof line);
-    FILE *text = fmemopen(line, sizeof line, "w");
-    if (text == NULL) {
-        return; /* the file is verified again at the next start */
-    }
-    (void)fprintf(text, "%s %s", id, digest);
-    print_stamp(text, &record->packed);
-    print_stamp(text, &record->mapped);
-    (void)fputs("  ", text);
-    (void)fclose(text);
-    line_mac(key, line, strlen(line), mac);
+    umb_id_to_text(record->id, line);
+    line[HASH_LENGTH] = ' ';
+    umb_id_to_text(record->digest, line + HASH_LENGTH + 1);
+    size_t length = 2 * HASH_LENGTH + 1;
+    length += print_stamp(line + length, sizeof line - length, &record->packed);
+    length += print_stamp(line + length, sizeof line - length, &record->mapped);
+    length += (size_t)snprintf(line + length, sizeof line - length, "  ");
+    line_mac(key, line, length, mac);
     umb_id_to_text(mac, id);
     (void)fprintf(out, "%s%s\n", line, id);
 }

@@ -19,6 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/try.h"
 #include "tool/clock.h"
 
 #define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
@@ -27,10 +28,10 @@
 struct pass {
     struct umbs_store *store;
     struct umbs_store_report *report;
-    int may_load;     /* another file may be read whole */
-    uint64_t load_ms; /* Milliseconds spent on such files */
-    int pending;      /* more files wait to be read whole */
-    int waits;        /* the lane has no room for one */
+    int may_load;     /* 1 if another file may be read whole in this pass */
+    uint64_t load_ms; /* Milliseconds spent on files read whole */
+    int pending;      /* 1 if more files wait to be read whole */
+    int waits;        /* 1 if a file waits for the lane */
 };
 
 static int compare_ids(const void *a, const void *b)
@@ -69,7 +70,7 @@ static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
     return 1;
 }
 
-/* Remembers what was proven, so that another name of the same file opens at once. */
+/* Adds the record of a proven entry, so that another name of its file opens at once. */
 static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
     struct umbs_record record;
@@ -78,7 +79,8 @@ static void remember(struct umbs_store *store, const struct umbs_entry *entry)
     }
 }
 
-/* Takes a fresh entry, or keeps the old one where the fresh one's failure may be temporary. */
+/* Returns the entry for the new table: the fresh one, or the old one if the fresh one failed and a
+ * later scan may succeed. */
 static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
                                  struct umbs_entry *fresh, const struct stat *file)
 {
@@ -105,33 +107,18 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
     return fresh;
 }
 
-static enum umb_status look_at(const struct umbs_store *store, const struct umbs_name *name,
-                               struct stat *facts, int *missing, struct umb_error *error)
-{
-    char *path = umbs__packed_path(store, name);
-    if (path == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a path");
-    }
-    *missing = stat(path, facts) != 0 || !S_ISREG(facts->st_mode);
-    free(path);
-    return UMB_OK;
-}
-
-/*
- * Decides what stands for one file in the new table: the old entry, a new one, or none. None is
- * NULL and UMB_OK: the file vanished, or it waits for its turn. The result holds a reference for
- * the table.
- */
+/* Chooses the entry of one file for the new table: the old one, a new one, or NULL with UMB_OK if
+ * the file vanished or waits for its turn. The entry has a reference for the table. */
 static enum umb_status place(struct pass *pass, const struct umbs_name *name,
                              struct umbs_entry **out, struct umb_error *error)
 {
     struct umbs_store *store = pass->store;
     struct stat now;
-    int missing = 0;
+    char path[UMBS_PATH_SIZE];
     *out = NULL;
-    enum umb_status status = look_at(store, name, &now, &missing, error);
-    if (status != UMB_OK || missing) {
-        return status;
+    umbs__packed_path(store, name, path);
+    if (stat(path, &now) != 0 || !S_ISREG(now.st_mode)) {
+        return UMB_OK;
     }
     /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
     struct umbs_entry *old = umbs__table_find_name(store->table, name->text);
@@ -237,43 +224,42 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
     umbs__cache_keep(cache, &now);
 }
 
+/* Publishes tables until every file is in one; the first takes the files that open at once. */
+static enum umb_status scan(struct pass *pass, struct umbs_name_list *list, struct umb_error *error)
+{
+    struct umbs_store *store = pass->store;
+    UMB__TRY(umbs__names_read(store, list, pass->report, error));
+    do {
+        struct umbs_table *table = NULL;
+        const int was_done = umbs__lane_has_done(store);
+        pass->report->unchanged = 0;
+        pass->pending = 0;
+        pass->waits = 0;
+        UMB__TRY(build_table(pass, list, &table, error));
+        publish(pass, table);
+        pass->may_load = 1; /* each further pass takes at least one more file: the loop ends */
+        pass->load_ms = 0;
+        pass->pending |= umbs__lane_clear(store, was_done) && pass->waits;
+    } while (pass->pending);
+    for (size_t i = 0; i < store->cache_count; i++) {
+        write_records(store, &store->caches[i]);
+    }
+    pass->report->swept = umbs__store_sweep(store, store->table);
+    return UMB_OK;
+}
+
 enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_report *report,
                                   struct umb_error *error)
 {
     struct umbs_store_report own;
     struct umbs_name_list list = {0};
-    struct umbs_table *table = NULL;
-    report = report != NULL ? report : &own;
-    memset(report, 0, sizeof *report);
+    struct pass pass = {.store = store, .report = report != NULL ? report : &own};
+    memset(pass.report, 0, sizeof *pass.report);
     pthread_mutex_lock(&store->scan);
     store->serial++;
-    struct pass pass = {.store = store, .report = report};
-    enum umb_status status = umbs__names_read(store, &list, report, error);
-    do {
-        /* The first pass takes the quick files; each further pass takes at least one more file, so
-         * the loop ends. */
-        report->unchanged = 0;
-        pass.pending = 0;
-        pass.waits = 0;
-        const int was_done = umbs__lane_has_done(store);
-        if (status == UMB_OK) {
-            status = build_table(&pass, &list, &table, error);
-        }
-        if (status == UMB_OK) {
-            publish(&pass, table);
-        }
-        pass.may_load = 1;
-        pass.load_ms = 0;
-        pass.pending |= umbs__lane_clear(store, was_done) && pass.waits;
-    } while (status == UMB_OK && pass.pending);
-    free(list.names);
-    for (size_t i = 0; status == UMB_OK && i < store->cache_count; i++) {
-        write_records(store, &store->caches[i]);
-    }
-    if (status == UMB_OK) {
-        report->swept = umbs__store_sweep(store, store->table);
-    }
+    const enum umb_status status = scan(&pass, &list, error);
     pthread_mutex_unlock(&store->scan);
+    free(list.names);
     umbs_store_reap(store);
     return status;
 }
@@ -326,9 +312,9 @@ size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *tabl
         swept += sweep_folder(store, store->folders[i].path, NULL);
     }
     for (size_t i = 0; i < store->cache_count; i++) {
-        char *own = umbs__cache_own_folder(&store->caches[i]);
-        swept += own != NULL ? sweep_folder(store, own, table) : 0;
-        free(own);
+        char own[UMBS_PATH_SIZE];
+        swept +=
+            umbs__cache_own_folder(&store->caches[i], own) ? sweep_folder(store, own, table) : 0;
     }
     return swept;
 }

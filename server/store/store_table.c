@@ -1,10 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Tables: the content of a store at one moment, never changed once published; look-ups in a table,
- * and its holders.
+ * Tables and readers: the content of a store at one moment, never changed once published, and how
+ * a thread finds assets without ever waiting for another one.
  *
  * An entry cannot be freed while a look-up finds it: the look-up holds the table and the table
  * holds the entry, so the entry's count is at least 1 when the look-up raises it.
+ *
+ * A reader looks into a table of its own, which it holds. A scan that publishes a table puts it
+ * into the mail of each reader, with a hold for that reader. The reader takes the mail with one
+ * exchange before it looks, so it sees all that was published before the look-up. A newer table
+ * replaces one that was not fetched. The thread that exchanges a table out of the mail owns its
+ * hold; so each hold is given back once, by the reader or by the scan.
+ *
+ * Waiting and freeing happen elsewhere. The mutex guards the list of readers; a reader takes it
+ * when it is opened and closed and never in between. A table that loses its last reader is left to
+ * umbs_store_reap.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -21,10 +31,7 @@ struct umbs_table *umbs__table_create(size_t room)
     table->by_id = calloc(room + 1, sizeof(struct umbs_entry *));
     table->damaged = calloc(room + 1, sizeof(struct umbs_entry *));
     if (table->by_name == NULL || table->by_id == NULL || table->damaged == NULL) {
-        free(table->by_name);
-        free(table->by_id);
-        free(table->damaged);
-        free(table);
+        umbs__table_free(table);
         return NULL;
     }
     atomic_init(&table->references, 1);
@@ -136,8 +143,9 @@ enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *e
                     umbs_log_quote(name_or_id, quoted));
 }
 
-enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *name_or_id,
-                                    struct umbs_entry **out, struct umb_error *error)
+/* umbs_store_acquire in a table that the caller holds: never waits. */
+static enum umb_status table_acquire(const struct umbs_table *table, const char *name_or_id,
+                                     struct umbs_entry **out, struct umb_error *error)
 {
     uint8_t id[UMB_ID_BYTES];
     int is_id = umb_id_from_text(name_or_id, id) == UMB_OK;
@@ -166,9 +174,133 @@ enum umb_status umbs__table_acquire(const struct umbs_table *table, const char *
     return UMB_OK;
 }
 
-int umbs__table_has(const struct umbs_table *table, const uint8_t id[UMB_ID_BYTES], size_t folders)
+enum umb_status umbs_store_acquire(struct umbs_store *store, const char *name_or_id,
+                                   struct umbs_entry **out, struct umb_error *error)
 {
-    const struct id_list ids = healthy_of(table);
+    struct umbs_table *table = umbs__table_hold(store);
+    enum umb_status status = table_acquire(table, name_or_id, out, error);
+    umbs__table_walked(store, table);
+    return status;
+}
+
+enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item **items,
+                                size_t *count, struct umb_error *error)
+{
+    *items = NULL;
+    *count = 0;
+    struct umbs_table *table = umbs__table_hold(store);
+    size_t found = table->count;
+    struct umbs_store_item *list = calloc(found + 1, sizeof *list);
+    for (size_t i = 0; list != NULL && i < found; i++) {
+        const struct umbs_entry *entry = table->by_name[i];
+        list[i] = entry->item;
+        list[i].status = atomic_load(&entry->faulted) ? UMB_E_CORRUPT : entry->item.status;
+    }
+    umbs__table_walked(store, table);
+    if (list == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a list of %zu assets", found);
+    }
+    *items = list;
+    *count = found;
+    return UMB_OK;
+}
+
+void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts)
+{
+    memset(counts, 0, sizeof *counts);
+    struct umbs_table *table = umbs__table_hold(store);
+    for (size_t i = 0; i < table->count; i++) {
+        const struct umbs_entry *entry = table->by_name[i];
+        if (entry->asset != NULL && !atomic_load(&entry->faulted)) {
+            counts->healthy++;
+            counts->memory_bytes += entry->item.memory_bytes;
+        } else {
+            counts->damaged++;
+        }
+    }
+    umbs__table_walked(store, table);
+    pthread_mutex_lock(&store->mutex);
+    counts->faults = store->faults;
+    counts->scrubbed = store->scrubbed;
+    counts->scrubbed_at = store->scrubbed_at;
+    pthread_mutex_unlock(&store->mutex);
+}
+
+struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table)
+{
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_table *old = store->table;
+    store->table = table;
+    for (struct umbs_reader *reader = store->readers; reader != NULL; reader = reader->next) {
+        atomic_fetch_add(&table->references, 1);
+        struct umbs_table *unread = atomic_exchange(&reader->mail, table);
+        if (unread != NULL) {
+            (void)umbs__table_let_go(store, unread); /* the scan reaps after publishing */
+        }
+    }
+    pthread_mutex_unlock(&store->mutex);
+    return old;
+}
+
+enum umb_status umbs_reader_open(struct umbs_store *store, struct umbs_reader **out,
+                                 struct umb_error *error)
+{
+    *out = NULL;
+    struct umbs_reader *reader = calloc(1, sizeof *reader);
+    if (reader == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a reader of the store");
+    }
+    reader->store = store;
+    pthread_mutex_lock(&store->mutex);
+    reader->table = store->table;
+    atomic_fetch_add(&reader->table->references, 1);
+    reader->next = store->readers;
+    store->readers = reader;
+    pthread_mutex_unlock(&store->mutex);
+    *out = reader;
+    return UMB_OK;
+}
+
+void umbs_reader_close(struct umbs_reader *reader)
+{
+    if (reader == NULL) {
+        return;
+    }
+    struct umbs_store *store = reader->store;
+    pthread_mutex_lock(&store->mutex);
+    struct umbs_reader **at = &store->readers;
+    while (*at != reader) {
+        at = &(*at)->next;
+    }
+    *at = reader->next;
+    pthread_mutex_unlock(&store->mutex);
+    umbs_reader_refresh(reader); /* the reader is out of the list: no scan writes to its mail */
+    umbs__table_walked(store, reader->table);
+    free(reader);
+}
+
+void umbs_reader_refresh(struct umbs_reader *reader)
+{
+    /* Mostly there is none: a relaxed load leaves the cache line shared with its other readers. */
+    if (atomic_load_explicit(&reader->mail, memory_order_relaxed) == NULL) {
+        return;
+    }
+    struct umbs_table *old = reader->table;
+    reader->table = atomic_exchange(&reader->mail, NULL);
+    umbs__table_walked(reader->store, old);
+}
+
+enum umb_status umbs_reader_acquire(struct umbs_reader *reader, const char *name_or_id,
+                                    struct umbs_entry **out, struct umb_error *error)
+{
+    umbs_reader_refresh(reader);
+    return table_acquire(reader->table, name_or_id, out, error);
+}
+
+int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders)
+{
+    umbs_reader_refresh(reader);
+    const struct id_list ids = healthy_of(reader->table);
     for (size_t i = first_of_id(ids, id); has_id(ids, i, id); i++) {
         if (ids.list[i]->folder < folders) {
             return 1;

@@ -210,7 +210,7 @@ static uint64_t bake(const struct soup *soup, int closed_rule, int plain)
     struct umbb_depth depth;
     struct umb__octree octree;
     if (umbb_depth_raster_create(&casters, &how, &depth, NULL) != UMB_OK ||
-        umbb_bake_frustum(&depth, &options, &octree, NULL, NULL) != UMB_OK) {
+        bake_frustum(&depth, &options, &octree, NULL, NULL) != UMB_OK) {
         abort();
     }
     const uint64_t digest = octree_digest(&octree);

@@ -10,8 +10,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 #include "tool/threads.h"
-#include "bake/build/tile_loop.h"
-#include "bake/depth/depth_raster.h"
+#include "bake_frustum.h"
+#include "bake/depth/depth.h"
 #include "bench_machine.h"
 #include "bench_report.h"
 #include "common/sha256.h"
@@ -55,7 +55,7 @@ static void octree_make(const struct bench_scene *scene, int closed_rule, unsign
     struct umbb_depth depth;
     struct umb_error error;
     bench_must(umbb_depth_raster_create(&casters, &depth_options, &depth, &error), &error, "depth");
-    bench_must(umbb_bake_frustum(&depth, &options, octree, NULL, &error), &error, "bake");
+    bench_must(bake_frustum(&depth, &options, octree, NULL, &error), &error, "bake");
     depth.destroy(depth.state);
 }
 

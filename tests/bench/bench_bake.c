@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/depth.h"
 #include "bake_race.h"
 #include "bench_arguments.h"
 #include "bench_machine.h"

@@ -8,8 +8,8 @@
 #include <string.h>
 #include "bake/analysis/light_frame.h"
 #include "tool/threads.h"
-#include "bake/build/tile_loop.h"
-#include "bake/depth/depth_raster.h"
+#include "bake_frustum.h"
+#include "bake/depth/depth.h"
 #include "bench_report.h"
 #include "common/sha256.h"
 #include "format/content.h"
@@ -86,10 +86,10 @@ void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2
     kinds_make(scene);
     scene->light = (struct umb_light_info){.kind = UMB_LIGHT_DIRECTIONAL, .frustum_count = 1};
     umbb_sun_direction(SUN_AZIMUTH, SUN_ELEVATION, 1, scene->light.direction);
-    bench_must(umbb_light_frame_fit((const double(*)[3][3])scene->study.corners, scene->study.count,
-                                    scene->light.direction, scene->origin, log2_size,
-                                    &scene->frustum, &error),
-               &error, "light frame");
+    const struct umbb_fit fit = {(const double(*)[3][3])scene->study.corners, scene->study.count,
+                                 scene->origin, log2_size};
+    bench_must(umbb_light_frame_fit(&fit, scene->light.direction, &scene->frustum, &error), &error,
+               "light frame");
     memcpy(scene->voxels, scene->study.corners, scene->study.count * sizeof *scene->voxels);
     umbb_light_frame_apply(&scene->frustum, scene->origin, scene->voxels, scene->study.count);
     bench_say("%s: %zu triangles, %zu of them closed", name, scene->study.count,
@@ -99,8 +99,8 @@ void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2
 void bench_scene_trace(struct bench_scene *scene)
 {
     struct umb_error error;
-    bench_must(umbr_rays_create((const double(*)[3][3])scene->study.corners, scene->study.count,
-                                &scene->study.rays, &error),
+    bench_must(umbr_rays_build((const double(*)[3][3])scene->study.corners, scene->study.count,
+                               NULL, &scene->study.rays, &error),
                &error, "rays");
 }
 
@@ -172,7 +172,7 @@ static void octree_bake(const struct bench_scene *scene, int closed_rule,
     struct umbb_depth depth;
     struct umb_error error;
     bench_must(umbb_depth_raster_create(&casters, &depth_options, &depth, &error), &error, "depth");
-    bench_must(umbb_bake_frustum(&depth, &options, octree, NULL, &error), &error, "bake");
+    bench_must(bake_frustum(&depth, &options, octree, NULL, &error), &error, "bake");
     depth.destroy(depth.state);
 }
 

@@ -34,7 +34,7 @@ static uint32_t brick_make(struct build *build, const struct umbb_tile *tile, si
                            int32_t z0)
 {
     const int32_t *lit = tile->lit + block * 64, *end = tile->end + block * 64;
-    const struct umbb_slicer *slicer = umbb_slicer_best();
+    const struct umbb_slicer *slicer = umbb_slicer(umbb_vectors_best());
     uint64_t slices[8];
     struct umb_error error;
     uint32_t ref;

@@ -71,8 +71,8 @@ static enum umb_status open_folder(const char *folder, const char *program, stru
     struct umbj_service *service = NULL;
     const struct umbj_service_options options = {
         .folder = folder,
-        .program = program,
-        .max_output_bytes = 1 << 30,
+        .tries.program = program,
+        .tries.max_output_bytes = 1 << 30,
         .max_bundle_bytes = 1 << 30,
         .keep_ms = (uint64_t)1 << 40,
         .limits = {.owner_jobs = 1000,

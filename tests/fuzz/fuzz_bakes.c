@@ -8,7 +8,7 @@
 
 #include "fuzz.h"
 #include "jobs/bundle.h"
-#include "jobs/command_words.h"
+#include "jobs/worker_process.h"
 #include "wire/bakes.h"
 #include "wire/gunzip.h"
 #include "wire/reflection.h"

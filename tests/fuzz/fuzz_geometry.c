@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "bake/analysis/analysis.h"
-#include "bake/analysis/cut_planes.h"
 #include "bake/analysis/plan.h"
+#include "bake/analysis/voxel_casters.h"
 #include "bake/bake_frusta.h"
 #include "bake/bake_transmittance.h"
 #include "bake/memory_plan.h"
@@ -108,9 +108,9 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
         };
         if (umbb_bake_frusta(&job, &octree, &figures, NULL) == UMB_OK &&
             umbb_transmittance_bake(analysis, options, WORKING_BYTES, &transmittance, &level,
-                                    NULL) == UMB_OK) {
-            (void)!umbb_analysis_to_world(analysis, view, NULL);
-            umbb_analysis_orient(analysis);
+                                    NULL) == UMB_OK &&
+            umbb_analysis_need_corners(analysis, view, NULL) == UMB_OK) {
+            free(umbb_analysis_take_turned(analysis));
         }
     }
     umb__octree_finish(&octree);

@@ -28,12 +28,11 @@ static uint8_t *again(const struct umbb_tile_shape *plain, int with_depths, cons
                                              &error) == UMB_OK);
         own.occluder_depth = &occluder_depth;
     }
-    const enum umb_status status =
-        umbb_tile_decode(shape, bytes, size, &pool, &runs, &result, &error);
+    const struct umbb_tile_nodes nodes = {&pool, &runs, BUDGET};
+    const enum umb_status status = umbb_tile_decode(shape, bytes, size, &nodes, &result, &error);
     if (status == UMB_OK) {
         FUZZ_DEMAND(result.column.run_first + result.column.run_count == runs.count);
-        FUZZ_DEMAND(umbb_tile_encode(shape, &pool, &runs, &result, BUDGET, &out, out_size,
-                                     &error) == UMB_OK);
+        FUZZ_DEMAND(umbb_tile_encode(shape, &nodes, &result, &out, out_size, &error) == UMB_OK);
     } else {
         FUZZ_DEMAND(status == UMB_E_CORRUPT && pool.bytes == 0 && runs.count == 0 &&
                     occluder_depth.count == 0);

@@ -63,16 +63,24 @@ LIBRARIES = {
 FLOORS = {
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/*"],
     "server/bake": [
-        "bake_progress interrupt print_text",
+        "base/*",
         "sandbox/*",
         "import/*",
-        "bake_options effect_options light_options",
+        "options/*",
         "depth/*",
         "analysis/*",
         "build/*",
         "tiles/*",
         "write/*",
         "*",
+    ],
+    "server/store": ["fault_guard", "asset_map", "store_record", "store_cache", "*"],
+    "server/jobs": [
+        "job job_place file_threads folder farm",
+        "bundle staging",
+        "upload job_*",
+        "executor worker_process bake_try farm_bake slurm_farm status_snapshot",
+        "service*",
     ],
     "server/daemon": [
         "net_address config_file daemon_options daemon_metrics rate_limit tokens box_price h2_filter h2_guard",

@@ -12,7 +12,6 @@
 
 #include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
-#include "bake/depth/cut_out.h"
 #include "bake/depth/tile.h"
 #include "base/try.h"
 #include "base/vec.h"
@@ -24,7 +23,6 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
     free(analysis->kinds);
     free(analysis->dropped);
     free(analysis->frusta);
-    free(analysis->cut_planes);
     free(analysis->translucent);
     free(analysis->translucent_cuts);
     umbs_cuts_finish(&analysis->cuts);
@@ -47,7 +45,7 @@ static void compact(struct umbb_analysis *analysis)
     }
 }
 
-/* Moves the cuts of the kept triangles in the same way; once, as they do not change. */
+/* Moves the cuts of the kept opaque triangles to the front. Done once: cuts do not change. */
 static void compact_cuts(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -102,13 +100,15 @@ static double area_of(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Decides whether the closed rule is used. If it is asked for closed parts only, it must be worth
- * it. The inside of closed parts saves bytes where their surfaces are, and costs penumbras and
- * columns everywhere. Without the rule all casters are open. */
+/* Decides whether the closed rule is used. In mode auto the rule must be worth its price: the
+ * inside of closed parts saves bytes where their surfaces are, and costs penumbras and columns
+ * everywhere. Without the rule all casters are open. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;
     const int any = analysis->closed_part_count > 0;
+    analysis->open_on_word =
+        mode == UMBB_CLOSED_ON ? analysis->part_count - analysis->closed_part_count : 0;
     analysis->closed_rule = mode == UMBB_CLOSED_ON || (mode == UMBB_CLOSED_AUTO && any && worth);
     analysis->closed_declined = mode == UMBB_CLOSED_AUTO && any && !worth;
     for (size_t i = 0; i < analysis->count && analysis->closed_declined; i++) {
@@ -170,43 +170,31 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
 {
     struct umbs_parts parts;
     memset(&parts, 0, sizeof parts);
-    enum umb_status status = umbs_parts_find((const double(*)[3][3])analysis->corners,
-                                             analysis->flat_count, &parts, error);
-    if (status == UMB_OK) {
-        umbs_cuts_open_parts(&analysis->cuts, &parts, analysis->flat_count);
-        status = take_parts(analysis, &parts, mode, error);
-        umbs_parts_finish(&parts);
+    UMB__TRY(umbs_parts_find((const double(*)[3][3])analysis->corners, analysis->flat_count, &parts,
+                             error));
+    umbs_cuts_open_parts(&analysis->cuts, &parts, analysis->flat_count);
+    const enum umb_status status = take_parts(analysis, &parts, mode, error);
+    umbs_parts_finish(&parts);
+    UMB__TRY(status);
+    UMB__TRY(keep_translucent(analysis, error));
+    if (analysis->count + analysis->translucent_count > 0) {
+        return UMB_OK;
     }
-    if (status == UMB_OK) {
-        status = keep_translucent(analysis, error);
-    }
-    if (status == UMB_OK && analysis->count + analysis->translucent_count == 0) {
-        status = umb_fail(
-            error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles %s", analysis->flat_count,
-            analysis->gone_count > 0 ? "casts a shadow: the alpha of all is below their materials' "
-                                       "cut-off, or they are clear"
-                                     : "has an area");
-    }
-    return status;
+    return umb_fail(error, UMB_E_BAD_SCENE, "scene: none of its %zu triangles %s",
+                    analysis->flat_count,
+                    analysis->gone_count > 0 ? "casts a shadow: the alpha of all is below their "
+                                               "materials' cut-off, or they are clear"
+                                             : "has an area");
 }
 
 /* Finds the cut-out and translucent triangles, unless they are to be taken as opaque. */
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options, struct umb_error *error)
 {
-    enum umb_status status = umbs_cuts_find(view, &analysis->cuts, error);
-    if (status == UMB_OK) { /* the figures stay, for the plan */
-        umbs_cuts_take_as_opaque(&analysis->cuts, options->opaque_cut_outs,
-                                 options->opaque_translucents);
-    }
-    if (status == UMB_OK && analysis->cuts.count > 0) {
-        analysis->cut_planes = calloc(analysis->cuts.count, sizeof *analysis->cut_planes);
-        if (analysis->cut_planes == NULL) {
-            status = umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %zu triangles refused",
-                              analysis->cuts.count);
-        }
-    }
-    return status;
+    UMB__TRY(umbs_cuts_find(view, &analysis->cuts, error));
+    umbs_cuts_take_as_opaque(&analysis->cuts, options->opaque_cut_outs,
+                             options->opaque_translucents); /* the figures stay, for the plan */
+    return UMB_OK;
 }
 
 /* Sets the bounds of the casters and the origin of the asset. */
@@ -234,21 +222,17 @@ static void measure(struct umbb_analysis *analysis)
 static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                struct umb_error *error)
 {
-    enum umb_status status =
-        umbs_scene_flatten(view, &analysis->corners, NULL, &analysis->flat_count, error);
-    if (status == UMB_OK && analysis->flat_count == 0) {
-        status = umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
+    UMB__TRY(umbs_scene_flatten(view, &analysis->corners, NULL, &analysis->flat_count, error));
+    if (analysis->flat_count == 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
-    /* Before areas, which may overflow, drop a triangle without a message. */
-    if (status == UMB_OK) {
-        status =
-            umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error);
-    }
-    if (status == UMB_OK && analysis->flat_count >= UINT32_MAX) {
-        status = umb_fail(error, UMB_E_LIMIT, "scene: %zu triangles are more than %u",
+    /* Before any area is computed: an overflow there would drop a triangle without a message. */
+    UMB__TRY(
+        umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error));
+    return analysis->flat_count < UINT32_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_LIMIT, "scene: %zu triangles are more than %u",
                           analysis->flat_count, UINT32_MAX - 1U);
-    }
-    return status;
 }
 
 /* Checks the memory of flattening and of the search for parts, in addition to the scene. */
@@ -279,11 +263,11 @@ static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_
                                   struct umb_error *error)
 {
     const struct umbb_frusta_input input = {
-        .corners = (const double(*)[3][3])analysis->corners,
-        .count = analysis->count + analysis->translucent_count,
+        .fit = {.corners = (const double(*)[3][3])analysis->corners,
+                .count = analysis->count + analysis->translucent_count,
+                .origin = analysis->origin,
+                .log2_size = log2_size},
         .bounds = analysis->bounds,
-        .origin = analysis->origin,
-        .log2_size = log2_size,
         .closed = analysis->closed_rule,
     };
     return umbb_frusta_fit(&input, &analysis->choice, &analysis->frusta, &analysis->frustum_count,
@@ -299,91 +283,65 @@ enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log
     return fit_frusta(analysis, log2_size, error);
 }
 
+/* Analyses a scene whose memory was checked. The caller finishes the analysis after a failure. */
+static enum umb_status analyse(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
+                               const struct umbb_options *options, struct umb_error *error)
+{
+    UMB__TRY(flatten(analysis, view, error));
+    UMB__TRY(find_cuts(analysis, view, options, error));
+    UMB__TRY(find_parts(analysis, options->closed, error));
+    compact(analysis);
+    compact_cuts(analysis);
+    measure(analysis);
+    analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
+    UMB__TRY(umbb_lights_choose(view, options, analysis->z_up, &analysis->choice, error));
+    for (uint32_t i = 0; options->penumbra == UMBB_PENUMBRA_OFF && i < analysis->choice.count;
+         i++) {
+        analysis->choice.lights[i].extent = 0.0;
+    }
+    return fit_frusta(analysis, options->resolution_log2, error);
+}
+
 enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                   const struct umbb_options *options,
                                   struct umbb_analysis *analysis, struct umb_error *error)
 {
     memset(analysis, 0, sizeof *analysis);
     UMB__TRY(check_memory(view, options->memory_bytes, error));
-    enum umb_status status = flatten(analysis, view, error);
-    if (status != UMB_OK) {
-        goto done;
-    }
-    status = find_cuts(analysis, view, options, error);
-    if (status != UMB_OK) {
-        goto done;
-    }
-    status = find_parts(analysis, options->closed, error);
-    if (status != UMB_OK) {
-        goto done;
-    }
-    compact(analysis);
-    compact_cuts(analysis);
-    measure(analysis);
-    analysis->in_world = 1;
-    analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
-    status = umbb_lights_choose(view, options, analysis->z_up, &analysis->choice, error);
-    for (uint32_t i = 0; options->penumbra == UMBB_PENUMBRA_OFF && i < analysis->choice.count;
-         i++) {
-        analysis->choice.lights[i].extent = 0.0;
-    }
-    if (status == UMB_OK) {
-        status = fit_frusta(analysis, options->resolution_log2, error);
-    }
-done:
+    const enum umb_status status = analyse(analysis, view, options, error);
     if (status != UMB_OK) {
         umbb_analysis_finish(analysis);
     }
     return status;
 }
 
-void umbb_analysis_to_voxels(struct umbb_analysis *analysis, uint32_t frustum)
-{
-    umbb_light_frame_apply(&analysis->frusta[frustum], analysis->origin, analysis->corners,
-                           analysis->count);
-    analysis->in_world = 0;
-}
-
-enum umb_status umbb_analysis_project(const struct umbb_analysis *analysis, uint32_t number,
-                                      const struct umbb_cuts *cuts, size_t max_bytes,
-                                      struct umbb_projected *projected, struct umb_error *error)
-{
-    const struct umb_frustum_info *frustum = &analysis->frusta[number];
-    const double *position = analysis->choice.lights[frustum->light].position;
-    const struct umbb_casters world = {.corners = (const double(*)[3][3])analysis->corners,
-                                       .kinds = analysis->kinds,
-                                       .count = analysis->count,
-                                       .cuts = cuts};
-    return umbb_perspective_project(&world, frustum, analysis->origin,
-                                    umbb_light_reach(&analysis->bounds, position), max_bytes,
-                                    projected, error);
-}
-
-enum umb_status umbb_analysis_to_world(struct umbb_analysis *analysis,
-                                       const struct umbs_scene_view *view, struct umb_error *error)
+enum umb_status umbb_analysis_need_corners(struct umbb_analysis *analysis,
+                                           const struct umbs_scene_view *view,
+                                           struct umb_error *error)
 {
     size_t count = 0;
-    if (analysis->in_world) {
+    if (analysis->corners != NULL) {
         return UMB_OK;
     }
-    free(analysis->corners);
-    analysis->corners = NULL;
     UMB__TRY(umbs_scene_flatten(view, &analysis->corners, NULL, &count, error));
     if (count != analysis->flat_count) {
+        free(analysis->corners);
+        analysis->corners = NULL;
         return umb_fail(error, UMB_E_INTERNAL, "scene: %zu triangles became %zu",
                         analysis->flat_count, count);
     }
     compact(analysis);
-    analysis->in_world = 1;
     return UMB_OK;
 }
 
-void umbb_analysis_orient(struct umbb_analysis *analysis)
+double (*umbb_analysis_take_turned(struct umbb_analysis *analysis))[3][3]
 {
+    double(*corners)[3][3] = analysis->corners;
+    analysis->corners = NULL;
     for (size_t i = 0; i < analysis->count; i++) {
         if (analysis->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED) {
-            umbs_triangle_turn(analysis->corners[i]);
-            analysis->kinds[i] = UMBB_CASTER_CLOSED;
+            umbs_triangle_turn(corners[i]);
         }
     }
+    return corners;
 }

@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/analysis/lamp_contact.h"
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/perspective_frame.h"
+#include "base/try.h"
 
 #define DEG_A_RAD 57.29577951308232
 
@@ -17,11 +17,8 @@ struct list {
     const struct umbb_frusta_input *input;
     struct umb_frustum_info *frusta; /* [6 * lights] */
     uint32_t count;
-    double voxel_min; /* least voxel size of spot and point lights, metres */
-    /* Direction of the spot light being added. */
-    const double *direction; /* NULL: a point light */
-    double cone_sine;
-    struct umbb_contact contact; /* Nearest contact of all its faces */
+    double voxel_min;            /* least voxel size of spot and point lights, metres */
+    struct umbb_contact contact; /* nearest contact of all the light's faces */
     int has_contact;
 };
 
@@ -46,28 +43,20 @@ static double least_voxel(const struct umb_box *bounds)
     return half * UMBB_VOXEL_SHARE;
 }
 
-static struct umb_frustum_info *next(struct list *list, uint32_t light)
+/* Appends a fitted frustum of a light. */
+static void append(struct list *list, uint32_t light, const struct umb_frustum_info *fitted)
 {
     struct umb_frustum_info *frustum = &list->frusta[list->count++];
+    *frustum = *fitted;
     frustum->light = light;
     frustum->closed = list->input->closed;
-    return frustum;
 }
 
 /* Records the surface that is too near to a face's light, if there is one. */
 static void look_for_contact(struct list *list, const struct umbb_eye *eye)
 {
     struct umbb_contact contact;
-    const struct umbb_contact_input input = {
-        .corners = list->input->corners,
-        .count = list->input->count,
-        .eye = eye,
-        .log2_size = list->input->log2_size,
-        .direction = list->direction,
-        .cone_sine = list->cone_sine,
-        .origin = list->input->origin,
-    };
-    if (umbb_lamp_contact(&input, &contact) &&
+    if (umbb_lamp_contact(&list->input->fit, eye, &contact) &&
         (!list->has_contact || contact.distance < list->contact.distance)) {
         list->contact = contact;
         list->has_contact = 1;
@@ -105,14 +94,9 @@ static int add_face(struct list *list, uint32_t light, const struct umbb_eye *ey
 {
     struct umb_frustum_info frustum;
     look_for_contact(list, eye);
-    const int seen = umbb_perspective_fit(list->input->corners, list->input->count, eye,
-                                          list->input->origin, list->input->log2_size, &frustum);
+    const int seen = umbb_perspective_fit(&list->input->fit, eye, &frustum);
     if (seen || always) {
-        struct umb_frustum_info *to = next(list, light);
-        const struct umb_frustum_info kept = *to;
-        *to = frustum;
-        to->light = kept.light;
-        to->closed = kept.closed;
+        append(list, light, &frustum);
     }
     return seen;
 }
@@ -161,14 +145,9 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
     const struct umb_light_info *light = &choice->lights[number];
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         struct umb_frustum_info frustum;
-        const enum umb_status status =
-            umbb_light_frame_fit(input->corners, input->count, light->direction, input->origin,
-                                 input->log2_size, &frustum, error);
-        struct umb_frustum_info *to = next(list, number);
-        frustum.light = to->light;
-        frustum.closed = to->closed;
-        *to = frustum;
-        return status;
+        UMB__TRY(umbb_light_frame_fit(&input->fit, light->direction, &frustum, error));
+        append(list, number, &frustum);
+        return UMB_OK;
     }
     struct umbb_eye eye = {.reach = umbb_light_reach(&input->bounds, light->position),
                            .voxel_min = list->voxel_min};
@@ -179,14 +158,11 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
                         eye.reach);
     }
     const double half_deg = choice->cones[number] * DEG_A_RAD;
-    double sine = 1.0, cosine;
+    double cosine;
     list->has_contact = 0;
-    list->direction = NULL;
-    list->cone_sine = 1.0;
     if (light->kind == UMB_LIGHT_SPOT) {
-        umbb_sin_cos_degrees(half_deg, &sine, &cosine);
-        list->direction = light->direction;
-        list->cone_sine = sine;
+        umbb_sin_cos_degrees(half_deg, &eye.cone_sine, &cosine);
+        eye.direction = light->direction;
     }
     if (light->kind == UMB_LIGHT_POINT) {
         static const double z[3] = {0.0, 0.0, 1.0};
@@ -194,7 +170,7 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
     } else if (half_deg > UMBB_SPOT_HALF_ANGLE_DEG) {
         add_cube(list, number, &eye, light->direction, 0);
     } else {
-        eye.tangent = sine / cosine;
+        eye.tangent = eye.cone_sine / cosine;
         umbb_light_axes(light->direction, eye.axes);
         (void)add_face(list, number, &eye, 1);
     }
@@ -211,9 +187,7 @@ enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *input,
     list.frusta = calloc((size_t)6 * choice->count, sizeof *list.frusta);
     if (list.frusta == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY,
-                        "analysis: memory for the frusta of %u lights "
-                        "refused",
-                        choice->count);
+                        "analysis: memory for the frusta of %u lights refused", choice->count);
     }
     for (uint32_t i = 0; i < choice->count; i++) {
         choice->lights[i].first_frustum = list.count;

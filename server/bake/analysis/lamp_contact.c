@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The boxes of triangles exclude nearly all of them; the distance of the others is computed, and
- * they are cut to the face. */
-#include "bake/analysis/lamp_contact.h"
+/* The boxes of triangles exclude nearly all of them. The other triangles are cut to the face, and
+ * their distance is computed. */
+#include "bake/analysis/frusta.h"
 
 #include <math.h>
 #include <string.h>
@@ -81,28 +81,27 @@ static int is_cut_away(const double at[3][3], const struct umbb_eye *eye, double
     return least < near;
 }
 
-/* Greatest coordinate in a distance, relative to the origin. */
-static double greatest(const struct umbb_contact_input *input, const double corners[3][3])
+/* Greatest coordinate of a lamp and a triangle, relative to the origin. */
+static double greatest(const double position[3], const double corners[3][3], const double origin[3])
 {
     double most = 0;
     for (int k = 0; k < 3; k++) {
-        most = fmax(most, fabs(input->eye->position[k] - input->origin[k]));
+        most = fmax(most, fabs(position[k] - origin[k]));
         for (int i = 0; i < 3; i++) {
-            most = fmax(most, fabs(corners[i][k] - input->origin[k]));
+            most = fmax(most, fabs(corners[i][k] - origin[k]));
         }
     }
     return most;
 }
 
-/* Tests a triangle whose box is near; 1 if light would pass through it. */
-static int judge(const struct umbb_contact_input *input, double near, double tangent, size_t number,
-                 struct umbb_contact *contact)
+/* Tests a triangle whose box is near; returns 1 if light would pass through the triangle. In: near,
+ * tangent: the face's near distance, and its t with the guard band. */
+static int judge(const double corners[3][3], const double origin[3], const struct umbb_eye *eye,
+                 double near, double tangent, struct umbb_contact *contact)
 {
-    const double(*corners)[3] = input->corners[number];
-    const double *position = input->eye->position;
     double at[3][3], one[3], two[3], normal[3], place[3];
     for (int i = 0; i < 3; i++) {
-        umb__subtract(corners[i], position, at[i]);
+        umb__subtract(corners[i], eye->position, at[i]);
     }
     umb__subtract(at[1], at[0], one);
     umb__subtract(at[2], at[0], two);
@@ -113,26 +112,28 @@ static int judge(const struct umbb_contact_input *input, double near, double tan
     nearest_place((const double(*)[3])at, normal, place);
     contact->distance = umb__length(place);
     for (int k = 0; k < 3; k++) {
-        contact->at[k] = position[k] + place[k];
+        contact->at[k] = eye->position[k] + place[k];
     }
-    if (contact->distance <= UMBB_ON_SHARE * greatest(input, corners)) {
+    if (contact->distance <= UMBB_ON_SHARE * greatest(eye->position, corners, origin)) {
         contact->distance = 0;
-        return input->direction == NULL ||
-               fabs(umb__dot(input->direction, normal)) < input->cone_sine - 1e-9;
+        return eye->direction == NULL ||
+               fabs(umb__dot(eye->direction, normal)) < eye->cone_sine - 1e-9;
     }
-    return is_cut_away((const double(*)[3])at, input->eye, tangent, near);
+    return is_cut_away((const double(*)[3])at, eye, tangent, near);
 }
 
-int umbb_lamp_contact(const struct umbb_contact_input *input, struct umbb_contact *contact)
+int umbb_lamp_contact(const struct umbb_fit *fit, const struct umbb_eye *eye,
+                      struct umbb_contact *contact)
 {
-    const double tangent = umbb_guarded_tangent(input->eye->tangent, input->log2_size);
-    const double near = input->eye->reach * UMBB_NEAR_SHARE;
+    const double tangent = umbb_guarded_tangent(eye->tangent, fit->log2_size);
+    const double near = eye->reach * UMBB_NEAR_SHARE;
     const double reach = near * sqrt(1 + 2 * tangent * tangent);
     int found = 0;
-    for (size_t i = 0; i < input->count; i++) {
+    for (size_t i = 0; i < fit->count; i++) {
         struct umbb_contact one;
-        if (is_near(input->corners[i], input->eye->position, reach) &&
-            judge(input, near, tangent, i, &one) && (!found || one.distance < contact->distance)) {
+        if (is_near(fit->corners[i], eye->position, reach) &&
+            judge(fit->corners[i], fit->origin, eye, near, tangent, &one) &&
+            (!found || one.distance < contact->distance)) {
             *contact = one;
             found = 1;
         }

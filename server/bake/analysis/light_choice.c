@@ -9,7 +9,7 @@
 
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/sun_position.h"
-#include "bake/print_text.h"
+#include "bake/base/print_text.h"
 #include "base/try.h"
 
 #define RAD_A_DEG 0.017453292519943295
@@ -83,21 +83,18 @@ static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
 static enum umb_status add_sun(struct chooser *c, struct umb_light_info **light,
                                struct umb_error *error)
 {
-    const enum umb_status status = add_light(c, UMB_LIGHT_DIRECTIONAL, light, error);
-    if (status == UMB_OK && !c->options->lights.has_size_deg) {
+    UMB__TRY(add_light(c, UMB_LIGHT_DIRECTIONAL, light, error));
+    if (!c->options->lights.has_size_deg) {
         (*light)->extent = SUN_DIAMETER_DEG * RAD_A_DEG;
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double elevation_deg,
                                   struct umb_error *error)
 {
-    struct umb_light_info *light = NULL;
-    const enum umb_status status = add_sun(c, &light, error);
-    if (light == NULL) {
-        return status;
-    }
+    struct umb_light_info *light;
+    UMB__TRY(add_sun(c, &light, error));
     if (c->options->lights.count > 1) {
         snprintf(light->name, sizeof light->name, "sun %g,%g", azimuth_deg, elevation_deg);
     } else {
@@ -163,11 +160,8 @@ static enum umb_status choose_at(struct chooser *c, const struct umbb_light_requ
 static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light *from,
                                       struct umb_error *error)
 {
-    struct umb_light_info *light = NULL;
-    const enum umb_status status = add_light(c, (enum umb_light_kind)from->kind, &light, error);
-    if (light == NULL) {
-        return status;
-    }
+    struct umb_light_info *light;
+    UMB__TRY(add_light(c, (enum umb_light_kind)from->kind, &light, error));
     snprintf(light->name, sizeof light->name, "%.*s", (int)(sizeof light->name - 1), from->name);
     if (light->kind != UMB_LIGHT_DIRECTIONAL) {
         memcpy(light->position, from->position, sizeof light->position);
@@ -213,29 +207,27 @@ static enum umb_status choose_default(struct chooser *c, struct umb_error *error
     return choose_sun(c, DEFAULT_AZIMUTH_DEG, DEFAULT_ELEVATION_DEG, error);
 }
 
+static enum umb_status choose_one(struct chooser *c, const struct umbb_light_request *request,
+                                  struct umb_error *error)
+{
+    switch (request->kind) {
+    case UMBB_REQUEST_SUN:
+        return choose_sun(c, request->azimuth_deg, request->elevation_deg, error);
+    case UMBB_REQUEST_PATH:
+        return choose_path(c, &request->path, error);
+    case UMBB_REQUEST_NAME:
+        return choose_named(c, request->name, error);
+    default:
+        return choose_at(c, request, error);
+    }
+}
+
 static enum umb_status choose_requested(struct chooser *c, struct umb_error *error)
 {
-    const struct umbb_light_requests *wanted = &c->options->lights;
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < wanted->count && status == UMB_OK; i++) {
-        const struct umbb_light_request *request = &wanted->items[i];
-        switch (request->kind) {
-        case UMBB_REQUEST_SUN:
-            status = choose_sun(c, request->azimuth_deg, request->elevation_deg, error);
-            break;
-        case UMBB_REQUEST_PATH:
-            status = choose_path(c, &request->path, error);
-            break;
-        case UMBB_REQUEST_SPOT:
-        case UMBB_REQUEST_POINT:
-            status = choose_at(c, request, error);
-            break;
-        case UMBB_REQUEST_NAME:
-            status = choose_named(c, request->name, error);
-            break;
-        }
+    for (size_t i = 0; i < c->options->lights.count; i++) {
+        UMB__TRY(choose_one(c, &c->options->lights.items[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,

@@ -2,16 +2,16 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 /*
- * Choice of the lights to bake. The options of light_options.h come first, in the order given; else
- * all of the file's lights; else a sun at azimuth 135, elevation 45. Each assumption becomes a
- * notice.
+ * Choice of the lights to bake: those of the options (light_options.h), in the order given. Without
+ * such options all of the file's lights; without any, a sun at azimuth 135 degrees, elevation 45
+ * degrees. Each assumption becomes a notice.
  */
-#include "bake/bake_options.h"
+#include "bake/options/bake_options.h"
 #include "scene/scene.h"
 
 /* The chosen lights, and notices about the choice. */
 struct umbb_light_choice {
-    /* [count] name, kind, unit direction, position, extent; their frusta are not set yet. */
+    /* [count] Lights with name, kind, unit direction, position and extent; without frusta. */
     struct umb_light_info *lights;
     double *cones; /* [count] half the angle of a spot light's cone, radians */
     uint32_t count, capacity;

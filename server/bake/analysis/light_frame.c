@@ -9,10 +9,6 @@
 
 #include "base/vec.h"
 
-/* Least length of an axis as a share of the longest one: a flat scene still gets voxels of some
- * depth. */
-#define EXTENT_SHARE_MIN (1.0 / 1024.0)
-
 /* Sine and cosine of 0..45 degrees by their series; the omitted terms are below 1e-19. */
 static void small_sin_cos(double degrees, double *sine, double *cosine)
 {
@@ -101,11 +97,6 @@ void umbb_light_axes(const double w[3], double axes[3][3])
     memcpy(axes[2], w, sizeof axes[2]);
 }
 
-/* Least and greatest coordinate along an axis. */
-struct extent {
-    double low, high;
-};
-
 enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
                                  struct umb_error *error)
 {
@@ -123,36 +114,38 @@ enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
     return UMB_OK;
 }
 
-static void measure(const double (*corners)[3][3], size_t count, double axes[3][3],
-                    const double origin[3], struct extent extents[3])
+static void measure(const struct umbb_fit *fit, double axes[3][3], struct umbb_extent extents[3])
 {
     for (int axis = 0; axis < 3; axis++) {
-        extents[axis] = (struct extent){INFINITY, -INFINITY};
+        extents[axis] = (struct umbb_extent){INFINITY, -INFINITY};
     }
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < fit->count; i++) {
         for (int k = 0; k < 3; k++) {
-            const double *p = corners[i][k];
-            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+            double at[3];
+            umb__subtract(fit->corners[i][k], fit->origin, at);
             for (int axis = 0; axis < 3; axis++) {
-                const double along = umb__dot(axes[axis], at);
-                struct extent *e = &extents[axis];
-                e->low = along < e->low ? along : e->low;
-                e->high = along > e->high ? along : e->high;
+                umbb_extent_add(&extents[axis], umb__dot(axes[axis], at));
             }
         }
     }
 }
 
-enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
-                                     const double direction[3], const double origin[3],
-                                     uint32_t log2_size, struct umb_frustum_info *frustum,
-                                     struct umb_error *error)
+double umbb_extent_scale(const struct umbb_extent *extent, double least, double size,
+                         double *offset)
+{
+    const double scale = (size - 2.0) / fmax(extent->high - extent->low, least);
+    *offset = 0.5 * size - 0.5 * (extent->low + extent->high) * scale;
+    return scale;
+}
+
+enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit, const double direction[3],
+                                     struct umb_frustum_info *frustum, struct umb_error *error)
 {
     memset(frustum, 0, sizeof *frustum);
     double axes[3][3];
-    struct extent extents[3];
+    struct umbb_extent extents[3];
     umbb_light_axes(direction, axes);
-    measure(corners, count, axes, origin, extents);
+    measure(fit, axes, extents);
     double most = 0.0;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, extents[axis].high - extents[axis].low);
@@ -161,17 +154,16 @@ enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "scene: its extent of %g metres is below the least of 1e-9", most);
     }
-    const double size = (double)((uint32_t)1 << log2_size);
-    frustum->log2_size = log2_size;
+    const double size = (double)((uint32_t)1 << fit->log2_size);
+    frustum->log2_size = fit->log2_size;
     for (int axis = 0; axis < 3; axis++) {
-        const double length = fmax(extents[axis].high - extents[axis].low, most * EXTENT_SHARE_MIN);
-        const double middle = 0.5 * (extents[axis].low + extents[axis].high);
-        const double scale = (size - 2.0) / length; /* one voxel of margin on either side */
+        double *row = frustum->world_to_voxel[axis];
+        const double scale =
+            umbb_extent_scale(&extents[axis], most * UMBB_EXTENT_SHARE_MIN, size, &row[3]);
         for (int i = 0; i < 3; i++) {
-            frustum->world_to_voxel[axis][i] = axes[axis][i] * scale;
+            row[i] = axes[axis][i] * scale;
             frustum->voxel_step[axis][i] = axes[axis][i] / scale;
         }
-        frustum->world_to_voxel[axis][3] = 0.5 * size - middle * scale;
     }
     frustum->world_to_voxel[3][3] = 1.0;
     return UMB_OK;

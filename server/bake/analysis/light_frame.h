@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_FRAME_H
 /*
- * Light space of a directional light: position and size of its voxels.
+ * Light space of a directional light: position and size of the voxels of its frustum.
  *
  * The frame's axes are u, v across the light and w along it, right handed (u x v = w). The box of
  * all casters is fitted on each axis separately, so voxels are boxes, not cubes. Casters keep a
@@ -32,6 +32,26 @@ void umbb_compass_direction(const double east_north_up[3], int z_up, double dire
 /* Normalises a direction. Returns 0 if it has no usable length. */
 int umbb_direction_normalise(double direction[3]);
 
+/* Least length of a frustum's axis as a share of the longest one: a flat scene still gets voxels of
+ * some depth. */
+#define UMBB_EXTENT_SHARE_MIN (1.0 / 1024.0)
+
+/* Least and greatest coordinate along an axis; the empty one is {INFINITY, -INFINITY}. */
+struct umbb_extent {
+    double low, high;
+};
+
+static inline void umbb_extent_add(struct umbb_extent *extent, double value)
+{
+    extent->low = value < extent->low ? value : extent->low;
+    extent->high = value > extent->high ? value : extent->high;
+}
+
+/* Voxels a unit along an axis, with a margin of a voxel on either side. In: least: least length of
+ * the axis. size: voxels of the axis. Out: offset: voxel coordinate of zero. */
+double umbb_extent_scale(const struct umbb_extent *extent, double least, double size,
+                         double *offset);
+
 /* Makes unit axes u, v, w from w, right handed: u is perpendicular to w and to the world axis with
  * the smallest part in w. */
 void umbb_light_axes(const double w[3], double axes[3][3]);
@@ -40,17 +60,23 @@ void umbb_light_axes(const double w[3], double axes[3][3]);
 UMB_CHECKED enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
                                              struct umb_error *error);
 
+/* World triangles that frusta are fitted to. */
+struct umbb_fit {
+    const double (*corners)[3][3]; /* [count] checked by umbb_world_check */
+    size_t count;                  /* above 0 */
+    const double *origin;          /* [3] metres, world: origin of the asset */
+    uint32_t log2_size;            /* voxels a side of a frustum, log2 */
+};
+
 /*
- * Fits the frustum of a directional light to world triangles.
+ * Fits the frustum of a directional light.
  *
- * In:    corners: double[count][3][3], count > 0, checked by umbb_world_check. direction: unit.
- *        origin: the asset's origin.
+ * In:    direction: unit.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
  * Fails: E_BAD_SCENE (no extent at all).
  */
-UMB_CHECKED enum umb_status umbb_light_frame_fit(const double (*corners)[3][3], size_t count,
-                                                 const double direction[3], const double origin[3],
-                                                 uint32_t log2_size,
+UMB_CHECKED enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit,
+                                                 const double direction[3],
                                                  struct umb_frustum_info *frustum,
                                                  struct umb_error *error);
 

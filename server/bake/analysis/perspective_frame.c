@@ -11,36 +11,21 @@
 #include "bake/analysis/eye_clip.h"
 #include "bake/depth/cut_out.h"
 
-/* Least length of an axis as a share of the longest one, as in light_frame.c. */
-#define EXTENT_SHARE_MIN (1.0 / 1024.0)
-
-struct extent {
-    double low, high;
-};
-
-static void extent_add(struct extent *extent, double value)
-{
-    extent->low = value < extent->low ? value : extent->low;
-    extent->high = value > extent->high ? value : extent->high;
-}
-
 /* Extents of u / W, v / W and W over the casters that the face sees. */
-static void measure(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                    double tangent, struct extent extents[3])
+static void measure(const struct umbb_fit *fit, const struct umbb_eye *eye, double tangent,
+                    struct umbb_extent extents[3])
 {
     const struct umbb_pyramid pyramid = {.low = {-tangent, -tangent},
                                          .high = {tangent, tangent},
                                          .near = eye->reach * UMBB_NEAR_SHARE};
     for (int axis = 0; axis < 3; axis++) {
-        extents[axis] = (struct extent){INFINITY, -INFINITY};
+        extents[axis] = (struct umbb_extent){INFINITY, -INFINITY};
     }
-    for (size_t i = 0; i < count; i++) {
-        double triangle[3][3];
+    for (size_t i = 0; i < fit->count; i++) {
+        double triangle[3][3], at[3];
         struct umbb_polygon polygon;
         for (int k = 0; k < 3; k++) {
-            const double *p = corners[i][k];
-            const double at[3] = {p[0] - eye->position[0], p[1] - eye->position[1],
-                                  p[2] - eye->position[2]};
+            umb__subtract(fit->corners[i][k], eye->position, at);
             for (int axis = 0; axis < 3; axis++) {
                 triangle[k][axis] = umb__dot(eye->axes[axis], at);
             }
@@ -48,51 +33,40 @@ static void measure(const double (*corners)[3][3], size_t count, const struct um
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
         for (size_t k = 0; k < polygon.count; k++) {
             const double *p = polygon.corners[k];
-            extent_add(&extents[0], p[0] / p[2]);
-            extent_add(&extents[1], p[1] / p[2]);
-            extent_add(&extents[2], p[2]);
+            umbb_extent_add(&extents[0], p[0] / p[2]);
+            umbb_extent_add(&extents[1], p[1] / p[2]);
+            umbb_extent_add(&extents[2], p[2]);
         }
     }
 }
 
-/* Voxels a unit along an axis, and the position of zero: with a margin of a voxel on either
- * side. */
-static double scale_of(const struct extent *extent, double least, double size, double *offset)
-{
-    const double length = fmax(extent->high - extent->low, least);
-    const double scale = (size - 2.0) / length;
-    *offset = 0.5 * size - 0.5 * (extent->low + extent->high) * scale;
-    return scale;
-}
-
-int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                         const double origin[3], uint32_t log2_size,
+int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum)
 {
-    const double size = (double)((uint32_t)1 << log2_size);
-    const double tangent = umbb_guarded_tangent(eye->tangent, log2_size);
-    struct extent extents[3];
-    measure(corners, count, eye, tangent, extents);
+    const double size = (double)((uint32_t)1 << fit->log2_size);
+    const double tangent = umbb_guarded_tangent(eye->tangent, fit->log2_size);
+    struct umbb_extent extents[3];
+    double eye_at[3];
+    measure(fit, eye, tangent, extents);
     const int seen = extents[2].low <= extents[2].high;
     if (!seen) {
-        extents[0] = extents[1] = (struct extent){-tangent, tangent};
-        extents[2] = (struct extent){eye->reach * UMBB_NEAR_SHARE, eye->reach};
+        extents[0] = extents[1] = (struct umbb_extent){-tangent, tangent};
+        extents[2] = (struct umbb_extent){eye->reach * UMBB_NEAR_SHARE, eye->reach};
     }
     const double far = extents[2].high;
     const double wide = fmax(extents[0].high - extents[0].low, extents[1].high - extents[1].low);
     const double most = fmax(wide * far, far - extents[2].low);
-    const double least[3] = {most / far * EXTENT_SHARE_MIN, most / far * EXTENT_SHARE_MIN,
-                             fmax(most * EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
-    const double eye_at[3] = {eye->position[0] - origin[0], eye->position[1] - origin[1],
-                              eye->position[2] - origin[2]};
+    const double least[3] = {most / far * UMBB_EXTENT_SHARE_MIN, most / far * UMBB_EXTENT_SHARE_MIN,
+                             fmax(most * UMBB_EXTENT_SHARE_MIN, eye->voxel_min * (size - 2.0))};
     const double *w = eye->axes[2];
     double(*m)[4] = frustum->world_to_voxel;
+    umb__subtract(eye->position, fit->origin, eye_at);
     memset(frustum, 0, sizeof *frustum);
-    frustum->log2_size = log2_size;
+    frustum->log2_size = fit->log2_size;
     for (int axis = 0; axis < 3; axis++) {
         const double *along = eye->axes[axis];
         double offset;
-        const double scale = scale_of(&extents[axis], least[axis], size, &offset);
+        const double scale = umbb_extent_scale(&extents[axis], least[axis], size, &offset);
         for (int k = 0; k < 3; k++) {
             m[axis][k] = along[k] * scale + (axis < 2 ? w[k] * offset : 0.0);
             frustum->voxel_step[axis][k] = along[k] / scale;
@@ -102,6 +76,20 @@ int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const stru
     memcpy(m[3], w, 3 * sizeof *w);
     m[3][3] = -umb__dot(w, eye_at);
     return seen;
+}
+
+void umbb_eye_corners(const struct umb_frustum_info *frustum, const double origin[3],
+                      const double triangle[3][3], double corners[3][3])
+{
+    static const int rows[3] = {0, 1, 3};
+    for (int k = 0; k < 3; k++) {
+        double at[3];
+        umb__subtract(triangle[k], origin, at);
+        for (int r = 0; r < 3; r++) {
+            const double *row = frustum->world_to_voxel[rows[r]];
+            corners[k][r] = umb__dot(row, at) + row[3];
+        }
+    }
 }
 
 /* Input of a projection, and the limit of its triangles. */
@@ -177,39 +165,30 @@ static enum umb_status add_polygon(struct umbb_projected *projected,
 }
 
 enum umb_status umbb_perspective_project(const struct umbb_casters *world,
-                                         const struct umb_frustum_info *frustum,
-                                         const double origin[3], double reach, size_t max_bytes,
+                                         const struct umbb_eye_view *view,
                                          struct umbb_projected *projected, struct umb_error *error)
 {
-    const double(*m)[4] = frustum->world_to_voxel;
-    const double size = (double)((uint32_t)1 << frustum->log2_size);
-    const double near = reach * UMBB_NEAR_SHARE;
+    const double(*m)[4] = view->frustum->world_to_voxel;
+    const double size = (double)((uint32_t)1 << view->frustum->log2_size);
+    const double near = view->reach * UMBB_NEAR_SHARE;
     const struct umbb_pyramid pyramid = {
         .low = {-1.0, -1.0}, .high = {size + 1.0, size + 1.0}, .near = near};
     const struct source source = {.world = world,
                                   .near = near,
-                                  .max_bytes = max_bytes,
+                                  .max_bytes = view->max_bytes,
                                   .has_cuts = world->cuts != NULL && world->cuts->of != NULL};
     const double rate = umb__dot(m[2], m[3]) / umb__dot(m[3], m[3]); /* Z = rate W + offset */
     memset(projected, 0, sizeof *projected);
     projected->depth_scale = rate * near;
     projected->depth_offset = m[2][3] - rate * m[3][3];
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < world->count && status == UMB_OK; i++) {
-        static const int rows[3] = {0, 1, 3};
+    for (size_t i = 0; i < world->count; i++) {
         double triangle[3][3];
         struct umbb_polygon polygon;
-        for (int k = 0; k < 3; k++) {
-            const double *p = world->corners[i][k];
-            const double at[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
-            for (int r = 0; r < 3; r++) {
-                triangle[k][r] = umb__dot(m[rows[r]], at) + m[rows[r]][3];
-            }
-        }
+        umbb_eye_corners(view->frustum, view->origin, world->corners[i], triangle);
         umbb_eye_clip(&pyramid, (const double(*)[3])triangle, &polygon);
-        status = add_polygon(projected, &polygon, &source, i, error);
+        UMB__TRY(add_polygon(projected, &polygon, &source, i, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 void umbb_projected_finish(struct umbb_projected *projected)

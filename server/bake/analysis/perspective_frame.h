@@ -5,10 +5,10 @@
  * Light space of spot and point lights: position and size of the voxels of one face.
  *
  * A face looks along w and sees |u| <= t W, |v| <= t W, W being the distance along w. The frustum
- * keeps the part of it with casters, fitted on each of three axes separately: the tangents u / W
- * and v / W, and W. Depth is linear in W. If casters fill a range of W below the voxels that
- * coordinates can resolve (UMBB_VOXEL_SHARE), the range is wider; part of it may then lie behind
- * the light, where nothing is.
+ * keeps the part of the face with casters. That part is fitted on each of three axes separately:
+ * the tangents u / W and v / W, and W. Depth is linear in W. The range of W is at least so wide
+ * that coordinates can resolve its voxels (UMBB_VOXEL_SHARE). Part of a widened range may lie
+ * behind the light, where nothing is.
  *
  * Guard band: t is widened so that at least UMBB_GUARD_TEXELS texels lie beyond the face's edge. A
  * filter window of a point inside the face then has all its texels in the face's own frustum. A
@@ -16,6 +16,7 @@
  *
  * Only additions, multiplications, divisions and square roots of doubles.
  */
+#include "bake/analysis/light_frame.h"
 #include "bake/depth/tile.h"
 
 /* Half of the widest window, and some for rounding. */
@@ -23,31 +24,34 @@
 
 /*
  * Near distance of a face, as a share of its reach along the face's axis. Casters nearer than this
- * are left out, because the division by their distance loses precision. lamp_contact.h refuses
+ * are left out, because the division by their distance loses precision. umbb_lamp_contact finds
  * lamps with such casters.
  *
- * Why 2^-26. X of X / W is off by some 2^-52 of size times the reach, so a caster at the near
- * distance by 2^-26 size texels: 2^-8 of a texel at 2^18. Over a triangle that reaches from there
- * to the far end, near / W goes from 1 to 2^-26 and is off by 2^-52. So W is off by 2^-26 of
- * itself, 2^-8 of a voxel at 2^18. A power of two leaves the bits of farther casters unchanged.
+ * Why 2^-26. Across the axis: the numerator X of X / W is off by some 2^-52 of `size` times the
+ * reach. So a caster at the near distance is off by 2^-26 `size` texels, which is 2^-8 of a texel
+ * at 2^18 texels a side. Along the axis: over a triangle from the near distance to the far end the
+ * ratio near / W goes from 1 to 2^-26, off by 2^-52. So W is off by 2^-26 of itself, 2^-8 of a
+ * voxel at 2^18 voxels a side. A power of two leaves the bits of farther casters unchanged.
  */
 #define UMBB_NEAR_SHARE 0x1p-26
 
 /*
- * Least depth of a voxel, as a share of half the longest side of the casters' box. A caller's
- * floats, relative to the middle of the scene, are off by 2^-25 of that in each coordinate. So a
- * point of a surface is within a voxel of it, as the automatic bias expects; doubles are off by
- * 2^-28 of such a voxel.
+ * Least depth of a voxel, as a share of half the longest side of the casters' box. Floats relative
+ * to the middle of the scene are off by 2^-25 of that half side in each coordinate. So a point of a
+ * surface, given as floats, lies within a voxel of the surface, as the automatic bias expects.
+ * Doubles are off by 2^-28 of such a voxel.
  */
 #define UMBB_VOXEL_SHARE 0x1p-22
 
 /* One face of a light. */
 struct umbb_eye {
-    double position[3]; /* position of the light: metres, world */
-    double axes[3][3];  /* u, v, w: unit, right handed */
-    double tangent;     /* t without the guard band */
-    double reach;       /* metres: distance of the farthest caster, or more */
-    double voxel_min;   /* metres: least depth of a voxel */
+    double position[3];      /* position of the light: metres, world */
+    double axes[3][3];       /* u, v, w: unit, right handed */
+    double tangent;          /* t without the guard band */
+    double reach;            /* metres: distance of the farthest caster, or more */
+    double voxel_min;        /* metres: least depth of a voxel */
+    const double *direction; /* [3] unit: direction of a spot light; NULL: a point light */
+    double cone_sine;        /* sine of half the angle of a spot light's cone */
 };
 
 /* The tangent t with the guard band. */
@@ -58,37 +62,47 @@ static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
 }
 
 /*
- * Fits the frustum of a face to world triangles.
+ * Fits the frustum of a face.
  *
- * In:  origin: of the asset.
  * Out: frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
  *      Returns 1 if the face sees a caster; else 0, and the frustum is an arbitrary one.
  */
-int umbb_perspective_fit(const double (*corners)[3][3], size_t count, const struct umbb_eye *eye,
-                         const double origin[3], uint32_t log2_size,
+int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum);
+
+/* Coordinates X, Y and W of a world triangle's corners, by the rows of a frustum's matrix; W is 1
+ * for parallel light. */
+void umbb_eye_corners(const struct umb_frustum_info *frustum, const double origin[3],
+                      const double triangle[3][3], double corners[3][3]);
 
 /* World triangles as a perspective frustum's casters. */
 struct umbb_projected {
-    double (*corners)[3][3]; /* [count] x, y in voxels; depth as umbb_casters wants it */
-    uint8_t *kinds;          /* [count] x, y in voxels; depth as in umbb_casters */
-    uint32_t *cuts;          /* [count] index of its cut; NULL if the world has none */
+    double (*corners)[3][3]; /* [count] x, y in voxels; depth as in umbb_casters with depth_scale */
+    uint8_t *kinds;          /* [count] enum umbb_caster */
+    uint32_t *cuts;          /* [count] index of the caster's cut; NULL if the world has none */
     size_t count, capacity;
     double depth_scale, depth_offset; /* see umbb_casters */
+};
+
+/* A fitted face that casters are projected to. */
+struct umbb_eye_view {
+    const struct umb_frustum_info *frustum;
+    const double *origin; /* [3] metres, world: origin of the asset */
+    double reach;         /* metres: as in the struct umbb_eye that the frustum was fitted to */
+    size_t max_bytes;     /* limit of the projected triangles */
 };
 
 /*
  * Cuts triangles to a frustum and a voxel around it, and projects them.
  *
- * In:    world: corners, kinds, and of cuts the table of casters. reach: as in
- *        umbb_perspective_fit. max_bytes: limit of the result.
+ * In:    world: corners, kinds, and of cuts the table of casters.
  * Out:   projected: finish it after any result.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
-UMB_CHECKED enum umb_status
-umbb_perspective_project(const struct umbb_casters *world, const struct umb_frustum_info *frustum,
-                         const double origin[3], double reach, size_t max_bytes,
-                         struct umbb_projected *projected, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_perspective_project(const struct umbb_casters *world,
+                                                     const struct umbb_eye_view *view,
+                                                     struct umbb_projected *projected,
+                                                     struct umb_error *error);
 void umbb_projected_finish(struct umbb_projected *projected);
 
 #endif

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/effect_options.h"
-#include "bake/print_text.h"
+#include "bake/options/bake_options.h"
+#include "bake/base/print_text.h"
 #include "format/receiver_mask.h"
 
 /* Relative rounding error of a coordinate stored as a float. */
@@ -121,9 +121,9 @@ static int has_extent(const struct umbb_analysis *a)
     return any;
 }
 
-/* Width of half shadows, in metres and in voxels. For a directional light it is taken behind the
- * whole depth of its frustum; for other lights behind a caster halfway between light and
- * receiver. */
+/* Width of a light's half shadows, in metres and in voxels. Under a directional light the receiver
+ * is taken to lie behind the whole depth of the frustum. Under other lights the caster is taken to
+ * lie halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
                              double *voxels)
 {

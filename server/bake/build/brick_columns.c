@@ -41,9 +41,9 @@ static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *valu
     return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
 }
 
-/* The brick after z that may differ from it, `end` if none before. Brick z has an event if some lit
- * or end v has v / 8 == z. Between two events all bricks are equal: every comparison with every
- * slice has the same result. */
+/* The first brick after z that may differ from brick z; `end` if there is none before `end`. Brick
+ * z has an event if some value v of lit or end has v / 8 == z. Between two events all bricks are
+ * equal, because every comparison of a value with a slice has the same result. */
 static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
                            uint32_t end)
 {
@@ -66,23 +66,18 @@ static enum umb_status brick_column(void *user, size_t x, size_t y, struct umbb_
     for (uint32_t z = column->mixed_first; z < column->mixed_end; z = next) {
         uint32_t ref;
         next = next_brick(walk, values, z, column->mixed_end);
-        enum umb_status status = build_brick(walk, values, z, &ref, error);
-        if (status == UMB_OK) {
-            status = umbb_runs_push(walk->runs, column->run_first, next, ref, error);
-        }
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(build_brick(walk, values, z, &ref, error));
+        UMB__TRY(umbb_runs_push(walk->runs, column->run_first, next, ref, error));
     }
     column->run_count = walk->runs->count - column->run_first;
     return UMB_OK;
 }
 
-/* Prefetches the texels of the square of 16x16 that the tree visits after (x, y). */
+/* Prefetches the texels of the quad that the tree visits after quad (x, y). */
 static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
 {
     size_t bit = 1;
-    while ((x & y & bit) != 0) { /* last of a quarter: goes on in the quarter around it */
+    while ((x & y & bit) != 0) { /* last of a quarter: the next one is in another quarter */
         x ^= bit;
         y ^= bit;
         bit <<= 1;
@@ -116,13 +111,16 @@ static void quad_bounds(const struct umbb_tile *tile, size_t x, size_t y,
 /* Most nodes that a low quad may have along the light. */
 #define LOW_NODES 8U
 
-/* All bricks of a low quad: [from its first node on][x + 2 * y]. Two rows are a node's children. */
-typedef uint32_t low_bricks[2 * LOW_NODES][4];
+/* All bricks of a low quad. */
+struct low {
+    uint32_t first;                    /* z of the bricks of row 0 */
+    uint32_t bricks[2 * LOW_NODES][4]; /* [row][x + 2 * y]; two rows are a node's eight children */
+};
 
-/* Fills column q. In: first: the brick of row 0. */
+/* Fills column q. */
 static enum umb_status low_column(const struct walk *walk, size_t block,
-                                  const struct umbb_column *column, uint32_t first, size_t q,
-                                  low_bricks bricks, struct umb_error *error)
+                                  const struct umbb_column *column, size_t q, struct low *low,
+                                  struct umb_error *error)
 {
     const int32_t *const values[2] = {walk->tile->lit + block * 64, walk->tile->end + block * 64};
     uint32_t next;
@@ -131,7 +129,7 @@ static enum umb_status low_column(const struct walk *walk, size_t block,
         next = next_brick(walk, values, z, column->mixed_end);
         UMB__TRY(build_brick(walk, values, z, &ref, error));
         for (uint32_t i = z; i < next; i++) {
-            bricks[i - first][q] = ref;
+            low->bricks[i - low->first][q] = ref;
         }
     }
     return UMB_OK;
@@ -143,31 +141,31 @@ static enum umb_status low_quad(const struct walk *walk, const size_t place[2],
                                 struct umb_error *error)
 {
     const size_t width = (size_t)walk->tile->size >> UMB_LEVEL_BRICK;
-    const uint32_t first = 2 * column->mixed_first;
     const uint32_t nodes = column->mixed_end - column->mixed_first;
-    low_bricks bricks;
-    enum umb_status status = UMB_OK;
+    struct low low;
+    low.first = 2 * column->mixed_first;
     for (uint32_t i = 0; i < 2 * nodes; i++) {
         for (size_t q = 0; q < 4; q++) {
-            bricks[i][q] = first + i < four[q].mixed_first ? UMB__REF_LIT : UMB__REF_SHADOWED;
+            low.bricks[i][q] =
+                low.first + i < four[q].mixed_first ? UMB__REF_LIT : UMB__REF_SHADOWED;
         }
     }
-    for (size_t q = 0; q < 4 && status == UMB_OK; q++) {
+    for (size_t q = 0; q < 4; q++) {
         const size_t block = (2 * place[1] + (q >> 1)) * width + 2 * place[0] + (q & 1);
-        status = low_column(walk, block, &four[q], first, q, bricks, error);
+        UMB__TRY(low_column(walk, block, &four[q], q, &low, error));
     }
     uint32_t ref = UMB__REF_LIT;
-    for (uint32_t i = 0; i < nodes && status == UMB_OK; i++) {
-        if (i == 0 || memcmp(bricks[2 * i - 2], bricks[2 * i], sizeof bricks[0] * 2) != 0) {
-            status = umb__pool_node(walk->pool, UMB_LEVEL_BRICK + 1, bricks[2 * i], &ref, error);
+    for (uint32_t i = 0; i < nodes; i++) {
+        if (i == 0 ||
+            memcmp(low.bricks[2 * i - 2], low.bricks[2 * i], sizeof low.bricks[0] * 2) != 0) {
+            UMB__TRY(
+                umb__pool_node(walk->pool, UMB_LEVEL_BRICK + 1, low.bricks[2 * i], &ref, error));
         }
-        if (status == UMB_OK) {
-            status = umbb_runs_push(walk->runs, column->run_first, column->mixed_first + i + 1, ref,
-                                    error);
-        }
+        UMB__TRY(
+            umbb_runs_push(walk->runs, column->run_first, column->mixed_first + i + 1, ref, error));
     }
     column->run_count = walk->runs->count - column->run_first;
-    return status;
+    return UMB_OK;
 }
 
 /* Makes nodes of level 4: joins the four columns of bricks in a 16x16 square. */
@@ -175,7 +173,6 @@ static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_c
                                    struct umb_error *error)
 {
     const struct walk *walk = user;
-    const size_t mark = walk->runs->count;
     struct umbb_column four[4];
     next_quad_ahead(walk->tile, x, y);
     quad_bounds(walk->tile, x, y, four);
@@ -187,14 +184,15 @@ static enum umb_status quad_column(void *user, size_t x, size_t y, struct umbb_c
         four[q].run_first = walk->runs->count;
         UMB__TRY(brick_column(user, 2 * x + (q & 1), 2 * y + (q >> 1), &four[q], error));
     }
-    return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, mark, walk->runs, column, error);
+    return umbb_column_join(walk->pool, UMB_LEVEL_BRICK + 1, four, walk->runs, column, error);
 }
 
 enum umb_status umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
                                       const struct umbb_square *square, struct umbb_runs *runs,
                                       struct umbb_column *column, struct umb_error *error)
 {
-    struct walk walk = {.pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer_best()};
+    struct walk walk = {
+        .pool = pool, .tile = tile, .runs = runs, .slicer = umbb_slicer(umbb_vectors_best())};
     const int one_brick = square->level == UMB_LEVEL_BRICK;
     const struct umbb_column_tree tree = {
         .pool = pool,

@@ -9,7 +9,7 @@
 
 #include <stddef.h>
 
-#ifdef __SSE2__
+#ifdef __x86_64__ /* with SSE2 always */
 #include <emmintrin.h>
 #endif
 
@@ -35,13 +35,9 @@ static int32_t least_from_plain(const int32_t values[64], int32_t z0)
     return least;
 }
 
-const struct umbb_slicer *umbb_slicer_plain(void)
-{
-    static const struct umbb_slicer plain = {above_plain, least_from_plain};
-    return &plain;
-}
+const struct umbb_slicer umbb_slicer_plain = {above_plain, least_from_plain};
 
-#ifdef __SSE2__
+#ifdef __x86_64__
 
 /* Four values relative to z0. Both are within 0..2^20, so nothing overflows. */
 static __m128i relative(const int32_t *values, __m128i base)
@@ -75,27 +71,22 @@ static void above_sse2(const int32_t values[64], int32_t z0, uint64_t slices[8])
     }
 }
 
-const struct umbb_slicer *umbb_slicer_sse2(void)
-{
-    static const struct umbb_slicer sse2 = {above_sse2, least_from_plain};
-    return &sse2;
-}
-
-#else
-
-const struct umbb_slicer *umbb_slicer_sse2(void)
-{
-    return NULL;
-}
+static const struct umbb_slicer slicer_sse2 = {above_sse2, least_from_plain};
 
 #endif
 
-const struct umbb_slicer *umbb_slicer_best(void)
+const struct umbb_slicer *umbb_slicer(enum umbb_vectors vectors)
 {
-    const struct umbb_slicer *slicer = umbb_slicer_avx512();
-    slicer = slicer != NULL ? slicer : umbb_slicer_avx2();
-    slicer = slicer != NULL ? slicer : umbb_slicer_sse2();
-    return slicer != NULL ? slicer : umbb_slicer_plain();
+    static const struct umbb_slicer *const rows[] = {
+#ifdef __x86_64__
+        [UMBB_VECTORS_NONE] = &slicer_sse2,
+        [UMBB_VECTORS_AVX2] = &umbb__slicer_avx2,
+        [UMBB_VECTORS_AVX512] = &umbb__slicer_avx512,
+#else
+        [UMBB_VECTORS_NONE] = &umbb_slicer_plain,
+#endif
+    };
+    return vectors <= umbb_vectors_best() ? rows[vectors] : NULL;
 }
 
 void umbb_slices_fill(const uint64_t visible[8], const uint64_t allowed[8], uint64_t slices[8])

@@ -2,10 +2,8 @@
 /* Slices with AVX2: integers only, so equal by construction. */
 #include "bake/build/brick_slices.h"
 
-#include <stddef.h>
-
 #ifdef __AVX2__
-#include <immintrin.h>
+#include "bake/depth/lane_extremes.h"
 
 static inline __m256i load(const int32_t *from)
 {
@@ -46,23 +44,9 @@ static int32_t least_from(const int32_t values[64], int32_t z0)
         const __m256i counts = _mm256_blendv_epi8(none, row, _mm256_cmpgt_epi32(row, below));
         least = _mm256_min_epi32(least, counts);
     }
-    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(least), _mm256_extracti128_si256(least, 1));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));
-    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));
-    return _mm_cvtsi128_si32(m);
+    return umbb_least_of_8(least);
 }
 
-const struct umbb_slicer *umbb_slicer_avx2(void)
-{
-    static const struct umbb_slicer avx2 = {above, least_from};
-    return __builtin_cpu_supports("avx2") ? &avx2 : NULL;
-}
-
-#else
-
-const struct umbb_slicer *umbb_slicer_avx2(void)
-{
-    return NULL;
-}
+const struct umbb_slicer umbb__slicer_avx2 = {above, least_from};
 
 #endif

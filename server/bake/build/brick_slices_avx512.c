@@ -3,9 +3,7 @@
  * construction. */
 #include "bake/build/brick_slices.h"
 
-#include <stddef.h>
-
-#if defined(__AVX512F__) && defined(__AVX512BW__)
+#ifdef __AVX512F__
 #include <immintrin.h>
 
 /* Sixteen values relative to z0, saturated to bytes: values above 127 stay above 7. */
@@ -37,18 +35,6 @@ static int32_t least_from(const int32_t values[64], int32_t z0)
     return _mm512_reduce_min_epi32(least);
 }
 
-const struct umbb_slicer *umbb_slicer_avx512(void)
-{
-    static const struct umbb_slicer avx512 = {above, least_from};
-    const int has = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw");
-    return has ? &avx512 : NULL;
-}
-
-#else
-
-const struct umbb_slicer *umbb_slicer_avx512(void)
-{
-    return NULL;
-}
+const struct umbb_slicer umbb__slicer_avx512 = {above, least_from};
 
 #endif

@@ -69,7 +69,8 @@ struct cursor {
     size_t run; /* run that contains z, if z is in the mixed range */
 };
 
-/* Node at z, which never decreases from call to call; *end: first node after it that may differ. */
+/* Node at z. In: z: never decreases from call to call. Out: end: first node after z that may
+ * differ. */
 static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs, uint32_t z,
                             uint32_t *end)
 {
@@ -113,10 +114,10 @@ static uint32_t read_children(struct cursor cursors[4], const struct umbb_runs *
 }
 
 enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
-                                 const struct umbb_column four[4], size_t runs_mark,
-                                 struct umbb_runs *runs, struct umbb_column *column,
-                                 struct umb_error *error)
+                                 const struct umbb_column four[4], struct umbb_runs *runs,
+                                 struct umbb_column *column, struct umb_error *error)
 {
+    const size_t mark = four[0].run_first;
     struct cursor cursors[4];
     for (unsigned q = 0; q < 4; q++) {
         cursors[q] = (struct cursor){&four[q], four[q].run_first};
@@ -127,23 +128,17 @@ enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
         uint32_t children[8], ref;
         uint32_t next = read_children(cursors, runs, z, children);
         next = next < column->mixed_end ? next : column->mixed_end;
-        enum umb_status status = umb__pool_node(pool, level, children, &ref, error);
-        if (status == UMB_OK) {
-            status = umbb_runs_push(runs, first, next, ref, error);
-        }
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(umb__pool_node(pool, level, children, &ref, error));
+        UMB__TRY(umbb_runs_push(runs, first, next, ref, error));
         z = next;
     }
     /* The four columns' runs are no longer needed: the new ones move down over them. */
-    column->run_first = runs_mark;
+    column->run_first = mark;
     column->run_count = runs->count - first;
     if (column->run_count > 0) {
-        memmove(runs->items + runs_mark, runs->items + first,
-                column->run_count * sizeof *runs->items);
+        memmove(runs->items + mark, runs->items + first, column->run_count * sizeof *runs->items);
     }
-    runs->count = runs_mark + column->run_count;
+    runs->count = mark + column->run_count;
     return UMB_OK;
 }
 
@@ -160,11 +155,10 @@ enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_
     if (level == tree->leaf_level) {
         return tree->leaf(tree->user, place[0], place[1], column, error);
     }
-    const size_t mark = tree->runs->count;
     struct umbb_column four[4];
     for (size_t q = 0; q < 4; q++) {
         const size_t quarter[2] = {2 * place[0] + (q & 1), 2 * place[1] + (q >> 1)};
         UMB__TRY(umbb_column_of_tree(tree, level - 1, quarter, &four[q], error));
     }
-    return umbb_column_join(tree->pool, level, four, mark, tree->runs, column, error);
+    return umbb_column_join(tree->pool, level, four, tree->runs, column, error);
 }

@@ -20,7 +20,7 @@
 #include "format/node_pool.h"
 #include "bake/depth/tile.h"
 
-/* A run: nodes from the end of the run before it up to z_end - 1 are all `ref`. */
+/* A run of equal nodes: all nodes up to z_end - 1, from the end of the run before, are `ref`. */
 struct umbb_column_run {
     uint32_t z_end;
     uint32_t ref;
@@ -44,8 +44,8 @@ void umbb_runs_finish(struct umbb_runs *runs);
 UMB_CHECKED enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,
                                            struct umbb_column *column, struct umb_error *error);
 
-/* Appends nodes up to z_end to the column whose runs start at column_first; joins them with its
- * last run if that is equal. Fails: E_NO_MEMORY. */
+/* Appends nodes up to z_end to the column whose runs start at column_first. Equal nodes lengthen
+ * the column's last run. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_runs_push(struct umbb_runs *runs, size_t column_first,
                                            uint32_t z_end, uint32_t ref, struct umb_error *error);
 
@@ -108,11 +108,11 @@ umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
 /*
  * Joins four columns (x + 2 * y) of level - 1 into one.
  *
- * In:    column: bounds set; the four's runs are the last of `runs`, from runs_mark on.
+ * In:    column: bounds set. four: their runs are the last of `runs`.
  * Out:   column: its runs replace the four's.
  */
 UMB_CHECKED enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,
-                                             const struct umbb_column four[4], size_t runs_mark,
+                                             const struct umbb_column four[4],
                                              struct umbb_runs *runs, struct umbb_column *column,
                                              struct umb_error *error);
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Windows as boxes. The bias moves point p of a triangle by at most `reach`, and the window adds
- * half the taps. So p's window can read texel t only if p lies within that box around t; there the
- * triangle lies between two depths. The bias excludes the triangle's own plane: the window of a
- * point on it lies before the plane everywhere, by half a voxel and more.
+ * half the taps. So the window of p can read texel t only if p lies within a box of that size
+ * around t. Inside the box the triangle lies between two depths. The window of a point on the
+ * triangle's plane lies before the plane everywhere, by half a voxel and more, thanks to the bias.
  */
 #include "bake/build/static_rule.h"
 
@@ -22,12 +22,15 @@
 #define BIAS_SLACK   (65.0 / 64.0) /* slack of automatic biases, as in client/core/query */
 #define WINDOW_HALF  (UMB_TAPS_MAX / 2 + 1.0) /* half of the widest window, and half a texel */
 #define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey in one slice */
-#define VERTICAL     1e-6 /* share of its normal's length: a triangle seen edge on */
+#define VERTICAL     1e-6 /* share of a normal's length along z below which a triangle is edge on */
 
 /*
- * Reach in voxels of edges e: how far the bias s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 moves a
- * point, s nx / ex and so on. Products of two components of a unit normal are at most 1/2. It also
- * covers points without a normal (query.c). One voxel is added for rounding.
+ * Greatest distance in voxels by which the automatic bias moves a point. In: edge: lengths e of a
+ * voxel's edges.
+ *
+ * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2, and the moves
+ * s nx / ex, s ny / ey and s nz / ez. Products of two components of n are at most 1/2. The result
+ * also covers points without a normal (query.c), and has one voxel more for rounding.
  */
 static void set_reach(const double edge[3], double reach[3])
 {
@@ -266,15 +269,12 @@ struct asked {
 
 static void asked_init(struct asked *asked, const double corners[3][3])
 {
-    double a[3], b[3];
+    double a[3], b[3], n[3];
     bounds_of(corners, 3, asked->low, asked->high);
-    for (int k = 0; k < 3; k++) {
-        asked->anchor[k] = corners[0][k];
-        a[k] = corners[1][k] - corners[0][k];
-        b[k] = corners[2][k] - corners[0][k];
-    }
-    const double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                         a[0] * b[1] - a[1] * b[0]};
+    memcpy(asked->anchor, corners[0], sizeof asked->anchor);
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umb__cross(a, b, n);
     asked->is_vertical = !(fabs(n[2]) > VERTICAL * umb__length(n));
     asked->gradient[0] = asked->is_vertical ? 0 : -n[0] / n[2];
     asked->gradient[1] = asked->is_vertical ? 0 : -n[1] / n[2];

@@ -5,9 +5,9 @@
  * The static rule: nothing moves, so queries come only for points on surfaces. Voxels that no
  * window of such a point reads are undefined.
  *
- * A triangle is *asked* if some shadow touches it: at some texel centre that it covers another
- * caster lies more than a voxel before it, or it covers no centre. Triangles that the light reaches
- * all over are not asked: their answer is lit, whatever their windows meet behind another caster's
+ * A triangle is *asked* if some shadow touches it: it covers a texel centre where another caster
+ * lies more than a voxel before it, or it covers no centre. A triangle that the light reaches all
+ * over is not asked: points on it are lit, whatever their windows meet behind another caster's
  * front. Behind the first caster a column is undefined up to the first voxel that a window of an
  * asked triangle may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the automatic
  * bias, and the triangle's own normal, or none on slopes of at most 3 in 4
@@ -49,9 +49,9 @@ UMB_CHECKED enum umb_status umbb_static_init(struct umbb_static *rule,
                                              uint64_t *cells, struct umb_error *error);
 void umbb_static_finish(struct umbb_static *rule);
 
-/* Finds the asked triangles, from a tile's texels; texels of squares that the pyramid marks as
- * background need not be set. In: jobs: idle; all its threads help. cancelled: called from any
- * thread, or NULL. Once it returns 1, as it must from then on, the rest is skipped. */
+/* Finds the asked triangles from a tile's texels. Texels of squares that the pyramid marks as
+ * background need not be set. In: jobs: idle threads, which all help. cancelled: called from any
+ * thread, or NULL; after it returned 1 the remaining triangles are skipped. */
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
                         struct umbu_threads *jobs, int (*cancelled)(void));
 

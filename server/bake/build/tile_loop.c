@@ -2,9 +2,8 @@
 /*
  * The loop over tiles and the levels above them.
  *
- * The grid of tiles keeps, for each tile, its greatest lit, its least end and the runs of its
- * column. That is all that the levels above need, so their nodes do not depend on the division into
- * tiles.
+ * The grid of tiles keeps the greatest lit, the least end and the column's runs of each tile. The
+ * levels above the tiles need no more, so their nodes do not depend on the division into tiles.
  */
 #include "bake/build/tile_loop.h"
 
@@ -12,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/page_alloc.h"
 #include "bake/build/columns.h"
 #include "base/try.h"
 #include "tool/threads.h"
@@ -41,13 +39,19 @@ struct loop {
     int only;             /* 1: only some tiles, for the tile cache */
     int drawn_slot;       /* slot of the tile whose depth is being drawn */
     int ruled_slot;       /* slot of the tile under the static rule */
-    uint32_t square_jobs; /* slices of the tile that is built meanwhile */
+    uint32_t square_jobs; /* number of slices that build the tile before */
     struct umbb_bake_figures figures;
 };
 
 static int is_cancelled(const struct loop *loop)
 {
     return loop->options->cancelled != NULL && loop->options->cancelled();
+}
+
+static enum umb_status check_cancelled(const struct loop *loop, struct umb_error *error)
+{
+    return is_cancelled(loop) ? umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written")
+                              : UMB_OK;
 }
 
 size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule)
@@ -65,17 +69,12 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
     loop->pool->max_bytes = o->octree_max_bytes;
-    enum umb_status status = umbu_threads_create(o->threads, &loop->jobs, error);
-    if (status == UMB_OK) {
-        status = umbb_squares_create(o->tile_log2, &loop->squares, error);
-    }
+    UMB__TRY(umbu_threads_create(o->threads, &loop->jobs, error));
+    UMB__TRY(umbb_squares_create(o->tile_log2, &loop->squares, error));
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
-    for (int i = 0; i < slots && status == UMB_OK; i++) {
-        status =
-            umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule || o->rule != NULL, error);
-    }
-    if (status != UMB_OK) {
-        return status;
+    for (int i = 0; i < slots; i++) {
+        UMB__TRY(umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule || o->rule != NULL,
+                                error));
     }
     const size_t n = grid_width(o);
     loop->columns = calloc(n * n, sizeof *loop->columns);
@@ -159,7 +158,8 @@ static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
                         "than the %zu MiB left; give more or lower the resolution",
                         loop->pool->bytes >> 20, runs >> 20, limit >> 20);
     }
-    const size_t lists = loop->depth->allow(loop->depth->state, limit - runs - loop->pool->bytes);
+    const size_t lists =
+        umbb_tile_lists_allow(loop->depth->lists, limit - runs - loop->pool->bytes);
     loop->pool->max_bytes =
         at_most(o->octree_max_bytes, limit - runs - at_most(lists, limit - runs));
     loop->spare_bytes = loop->pool->max_bytes - at_most(loop->pool->bytes, loop->pool->max_bytes);
@@ -188,17 +188,12 @@ static enum umb_status depth_begin(struct loop *loop, uint32_t number, int slot,
     struct umbb_tile *tile = &loop->tiles[slot];
     tile->x0 = place.x0;
     tile->y0 = place.y0;
-    enum umb_status status = share_memory(loop, error);
-    if (status == UMB_OK) {
-        status = loop->depth->begin(loop->depth->state, slot, tile, error);
-    }
-    if (status == UMB_OK) {
-        status = share_memory(loop, error); /* shares the rest after begin */
-    }
+    UMB__TRY(share_memory(loop, error));
+    UMB__TRY(loop->depth->begin(loop->depth->state, slot, tile, error));
     const uint32_t across = (uint32_t)(tile->size / umbb_tile_block(tile));
     loop->drawn_slot = slot;
     *blocks = across * across;
-    return status;
+    return share_memory(loop, error); /* shares the rest after begin */
 }
 
 /* Keeps the part of a tile's result that the levels above need. */
@@ -230,20 +225,18 @@ static enum umb_status tile_build(struct loop *loop, uint32_t number, int slot,
         .min_end = tile->min_end[level][0],
     };
     loop->runs.count = 0;
-    enum umb_status status = umbb_squares_column(loop->squares, loop->jobs, loop->pool, &loop->runs,
-                                                 &result.column, error);
-    if (status == UMB_OK && loop->options->occluder_depth != NULL) {
-        status = umbb_tile_occluder_depth(tile, loop->options->occluder_depth, error);
+    UMB__TRY(umbb_squares_column(loop->squares, loop->jobs, loop->pool, &loop->runs, &result.column,
+                                 error));
+    if (loop->options->occluder_depth != NULL) {
+        UMB__TRY(umbb_tile_occluder_depth(tile, loop->options->occluder_depth, error));
     }
-    if (status == UMB_OK && cached_tiles != NULL) {
+    if (cached_tiles != NULL) {
         const struct umbb_tile_place place = place_of(loop, number);
-        status = share_memory(loop, error);
-        if (status == UMB_OK) {
-            status = cached_tiles->keep(cached_tiles->user, &place, loop->spare_bytes, loop->pool,
-                                        &loop->runs, &result, error);
-        }
+        UMB__TRY(share_memory(loop, error));
+        const struct umbb_tile_nodes nodes = {loop->pool, &loop->runs, loop->spare_bytes};
+        UMB__TRY(cached_tiles->keep(cached_tiles->user, &place, &nodes, &result, error));
     }
-    return status == UMB_OK ? result_keep(loop, number, &result, error) : status;
+    return result_keep(loop, number, &result, error);
 }
 
 /* Looks a tile up in the tile cache. */
@@ -254,35 +247,32 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     const struct umbb_tile_place place = place_of(loop, number);
     struct umbb_tile_result result;
     UMB__TRY(share_memory(loop, error));
-    /* A quarter of the rest is for the tile cache's work; three quarters are for the nodes that it
-     * adds to the pool. */
-    loop->pool->max_bytes -= loop->spare_bytes / 4;
+    /* A quarter of the spare bytes is for the cache's work, three quarters are for the nodes that
+     * the cache adds to the pool. */
+    const struct umbb_tile_nodes nodes = {loop->pool, &loop->runs, loop->spare_bytes / 4};
+    loop->pool->max_bytes -= nodes.max_bytes;
     loop->runs.count = 0;
-    enum umb_status status = cached_tiles->find(cached_tiles->user, &place, loop->spare_bytes / 4,
-                                                loop->pool, &loop->runs, &result, found, error);
-    if (status == UMB_OK && *found) {
+    UMB__TRY(cached_tiles->find(cached_tiles->user, &place, &nodes, &result, found, error));
+    if (*found) {
         loop->figures.tiles++;
         loop->figures.tiles_found++;
-        status = result_keep(loop, number, &result, error);
+        UMB__TRY(result_keep(loop, number, &result, error));
         show_progress(loop);
     }
-    return status;
+    return UMB_OK;
 }
 
-/* The first tile from `number` on that the tile cache lacks; `end` if it has all. */
+/* Moves *number to the first tile from there on that the tile cache lacks, or to `end`. */
 static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
                                     struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
     int found = loop->options->cached_tiles != NULL;
-    while (found && *number < end && status == UMB_OK) {
-        if (is_cancelled(loop)) {
-            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
-        }
-        status = tile_find(loop, *number, &found, error);
-        *number += status == UMB_OK && found;
+    while (found && *number < end) {
+        UMB__TRY(check_cancelled(loop, error));
+        UMB__TRY(tile_find(loop, *number, &found, error));
+        *number += found != 0;
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Applies the static rule to a band of the next tile to be built. */
@@ -309,22 +299,14 @@ static int static_bands(struct loop *loop, int slot)
 /*
  * Builds a drawn tile while the next is drawn.
  *
- * In: number: of the tile in `slot`. next, end: the first tile after it that is to be drawn, or
- * end.
+ * In: number: of the tile in `slot`. next: number of the next tile to be drawn; `end`: none.
  */
 static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t next, uint32_t end,
                                  int slot, struct umb_error *error)
 {
     uint32_t blocks = 0;
-    enum umb_status status = UMB_OK;
-    if (next < end) {
-        status = depth_begin(loop, next, 1 - slot, &blocks, error);
-    } else {
-        status = share_memory(loop, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(next < end ? depth_begin(loop, next, 1 - slot, &blocks, error)
+                        : share_memory(loop, error));
     if (loop->options->rule != NULL && !static_bands(loop, slot)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "static rule: memory for a band refused");
     }
@@ -335,64 +317,54 @@ static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t ne
     return tile_build(loop, number, slot, error);
 }
 
-static enum umb_status all_tiles(struct loop *loop, struct umb_error *error)
+/* Builds the wanted tiles, one after another. */
+static enum umb_status build_tiles(struct loop *loop, struct umb_error *error)
 {
     const uint32_t n = grid_width(loop->options);
     const uint32_t end = loop->only ? loop->options->only_end : n * n;
     uint32_t number = loop->only ? loop->options->only_first : 0;
     uint32_t blocks = 0;
     int slot = 0;
-    enum umb_status status = next_unknown(loop, &number, end, error);
-    if (status == UMB_OK && number < end) {
-        status = depth_begin(loop, number, slot, &blocks, error);
+    UMB__TRY(next_unknown(loop, &number, end, error));
+    if (number < end) {
+        UMB__TRY(depth_begin(loop, number, slot, &blocks, error));
     }
-    if (status == UMB_OK) {
-        umbu_threads_start(loop->jobs, run_job, loop, blocks);
-    }
-    while (number < end && status == UMB_OK) {
+    umbu_threads_start(loop->jobs, run_job, loop, blocks);
+    while (number < end) {
         const double start = umbu_clock_s();
         umbu_threads_wait(loop->jobs, show_progress, loop);
         show_progress(loop);
         const double depth_done = umbu_clock_s();
         loop->figures.seconds_depth += depth_done - start;
-        if (is_cancelled(loop)) {
-            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
-        }
+        UMB__TRY(check_cancelled(loop, error));
         uint32_t next = number + 1;
-        status = next_unknown(loop, &next, end, error);
-        if (status == UMB_OK) {
-            status = tile_step(loop, number, next, end, slot, error);
-            loop->figures.tiles++;
-            show_progress(loop);
-        }
+        UMB__TRY(next_unknown(loop, &next, end, error));
+        const enum umb_status status = tile_step(loop, number, next, end, slot, error);
+        loop->figures.tiles++;
+        show_progress(loop);
+        UMB__TRY(status);
         number = next;
         slot = 1 - slot;
         loop->figures.seconds_build += umbu_clock_s() - depth_done;
     }
-    atomic_store_explicit(&loop->failed, status != UMB_OK, memory_order_relaxed);
-    return status;
+    return UMB_OK;
 }
 
 /* Draws every tile for the static rule's survey of triangles. */
 static enum umb_status static_survey(struct loop *loop, struct umb_error *error)
 {
     const uint32_t n = grid_width(loop->options);
-    enum umb_status status = UMB_OK;
-    for (uint32_t number = 0; number < n * n && status == UMB_OK; number++) {
+    for (uint32_t number = 0; number < n * n; number++) {
         uint32_t blocks = 0;
-        if (is_cancelled(loop)) {
-            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
-        }
-        status = depth_begin(loop, number, 0, &blocks, error);
-        if (status == UMB_OK) {
-            umbu_threads_start(loop->jobs, run_job, loop, blocks);
-            umbu_threads_wait(loop->jobs, NULL, NULL);
-            umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
-                               loop->options->cancelled);
-        }
+        UMB__TRY(check_cancelled(loop, error));
+        UMB__TRY(depth_begin(loop, number, 0, &blocks, error));
+        umbu_threads_start(loop->jobs, run_job, loop, blocks);
+        umbu_threads_wait(loop->jobs, NULL, NULL);
+        umbb_static_survey(loop->options->rule, &loop->tiles[0], loop->jobs,
+                           loop->options->cancelled);
     }
     atomic_store(&loop->texels_done, 0); /* the tiles were not built */
-    return status;
+    return UMB_OK;
 }
 
 /* Fills the pyramids of the grid above the tiles. */
@@ -443,6 +415,22 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     return UMB_OK;
 }
 
+/* Bakes with everything set up; the caller ends the threads after a failure. */
+static enum umb_status loop_run(struct loop *loop, uint32_t *root, struct umb_error *error)
+{
+    UMB__TRY(loop_init(loop, error));
+    if (loop->options->rule != NULL) {
+        UMB__TRY(static_survey(loop, error));
+    }
+    UMB__TRY(build_tiles(loop, error));
+    if (!loop->only) {
+        const double start = umbu_clock_s();
+        UMB__TRY(build_root(loop, root, error));
+        loop->figures.seconds_build += umbu_clock_s() - start;
+    }
+    return UMB_OK;
+}
+
 enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                const struct umbb_bake_options *options, struct umb__pool *pool,
                                uint32_t *root, struct umbb_bake_figures *figures,
@@ -454,39 +442,12 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                         .only = options->only_end > options->only_first};
     atomic_init(&loop.texels_done, 0);
     atomic_init(&loop.failed, 0);
-    enum umb_status status = loop_init(&loop, error);
-    if (status == UMB_OK && options->rule != NULL) {
-        status = static_survey(&loop, error);
-    }
-    if (status == UMB_OK) {
-        status = all_tiles(&loop, error);
-    }
-    if (status == UMB_OK && !loop.only) {
-        const double start = umbu_clock_s();
-        status = build_root(&loop, root, error);
-        loop.figures.seconds_build += umbu_clock_s() - start;
-    }
+    const enum umb_status status = loop_run(&loop, root, error);
+    atomic_store_explicit(&loop.failed, status != UMB_OK, memory_order_relaxed);
     loop.figures.texels = atomic_load(&loop.texels_done);
+    loop_finish(&loop);
     if (figures != NULL) {
         *figures = loop.figures;
     }
-    loop_finish(&loop);
-    return status;
-}
-
-enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
-                                  const struct umbb_bake_options *options,
-                                  struct umb__octree *octree, struct umbb_bake_figures *figures,
-                                  struct umb_error *error)
-{
-    struct umb__pool pool;
-    uint32_t root = UMB__REF_LIT;
-    memset(octree, 0, sizeof *octree);
-    umb__pool_init(&pool, &umb__page_alloc, options->octree_max_bytes);
-    enum umb_status status = umbb_bake_into(depth, options, &pool, &root, figures, error);
-    if (status == UMB_OK) {
-        status = umb__pool_take(&pool, &root, &options->log2_size, 1, octree, error);
-    }
-    umb__pool_finish(&pool);
     return status;
 }

@@ -11,13 +11,14 @@
  */
 #include "bake/build/static_rule.h"
 #include "bake/build/cached_tiles.h"
+#include "bake/depth/depth.h"
 #include "format/occluder_depth_build.h"
 
 /* Figures of a bake, for the summary. */
 struct umbb_bake_figures {
     uint64_t texels; /* texels that were processed: without tiles that the tile cache had */
     uint64_t tiles;
-    uint64_t tiles_found; /* part of these that the tile cache had */
+    uint64_t tiles_found; /* tiles that the tile cache had */
     double seconds_depth; /* time of waiting for depth, without building */
     double seconds_build;
     size_t octree_bytes; /* size at the end, tables included */
@@ -29,8 +30,8 @@ struct umbb_bake_options {
     unsigned threads;   /* 1.. */
     int closed_rule;
     size_t octree_max_bytes;
-    /* Limit of the octree, the columns kept for the levels above the tiles, and the depth path's
-     * lists of triangles together; 0 = no limit. */
+    /* Limit in bytes of three things together: the octree, the columns kept for the levels above
+     * the tiles, and the depth path's lists of triangles; 0 = no limit. */
     size_t shared_max_bytes;
     /* If end is above first: only tiles first .. end - 1 are baked, for the tile cache; the pool is
      * empty afterwards, and there is no root. */
@@ -44,8 +45,8 @@ struct umbb_bake_options {
      * draws each tile twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
-    /* Progress callback of the owner; may be NULL. tiles: finished; _found: part of these that the
-     * tile cache had, without work; texels_done does not count them. */
+    /* Progress callback, called by the owner; may be NULL. tiles: number of finished tiles.
+     * tiles_found: how many of these the tile cache had; texels_done leaves them out. */
     void (*progress)(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found);
     void *progress_user;
 };
@@ -64,18 +65,6 @@ UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            struct umb__pool *pool, uint32_t *root,
                                            struct umbb_bake_figures *figures,
                                            struct umb_error *error);
-
-/*
- * Bakes one frustum alone.
- *
- * Out:   octree: canonical, one root; the caller finishes it.
- * Else as umbb_bake_into.
- */
-UMB_CHECKED enum umb_status umbb_bake_frustum(const struct umbb_depth *depth,
-                                              const struct umbb_bake_options *options,
-                                              struct umb__octree *octree,
-                                              struct umbb_bake_figures *figures,
-                                              struct umb_error *error);
 
 /* Bytes of all tiles that a bake has in memory. */
 size_t umbb_bake_tile_bytes(uint32_t log2_size, uint32_t tile_log2, int closed_rule);

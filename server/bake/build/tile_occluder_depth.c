@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#include "base/try.h"
+
 #define BLOCKS 8 /* blocks of 8x8 texels along a square's side */
 
 /* Gathered texels of a square. */
@@ -34,8 +36,7 @@ enum umb_status umbb_tile_occluder_depth(const struct umbb_tile *tile,
 {
     static const size_t side = UMB__OCCLUDER_DEPTH_SIDE;
     const size_t across = (size_t)tile->size / side;
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < across * across && status == UMB_OK; i++) {
+    for (size_t i = 0; i < across * across; i++) {
         struct square square;
         square.undefined = 0;
         for (size_t block = 0; block < BLOCKS * BLOCKS; block++) {
@@ -44,11 +45,11 @@ enum umb_status umbb_tile_occluder_depth(const struct umbb_tile *tile,
                        &square.undefined);
         }
         if (square.undefined) {
-            status = umb__occluder_depth_add(
+            UMB__TRY(umb__occluder_depth_add(
                 occluder_depth, (uint32_t)((size_t)tile->x0 / side + i % across),
                 (uint32_t)((size_t)tile->y0 / side + i / across), (const int32_t(*)[64])square.lit,
-                (const int32_t(*)[64])square.end, error);
+                (const int32_t(*)[64])square.end, error));
         }
     }
-    return status;
+    return UMB_OK;
 }

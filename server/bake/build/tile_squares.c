@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares are slices in the order in which the owner wants them (quarter by quarter, as columns are
- * joined), so it seldom waits. Their pools live as long as the bake: they are cleared, not freed.
- * The pool given back last is reused first, as it may still be in a cache; a single thread uses
- * only one.
+ * Slices build the squares in the order in which the owner joins them (quarter by quarter), so the
+ * owner seldom waits. The squares' pools live as long as the bake: they are cleared, not freed. The
+ * pool given back last is reused first, as it may still be in a cache; a single thread uses only
+ * one pool.
  */
 #include "bake/build/tile_squares.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+
+#include "base/try.h"
 
 /* Pool and runs in which a square is built. */
 struct work {
@@ -97,7 +99,7 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     free(squares);
 }
 
-/* Bytes of a work. Runs and merge numbers grow with the pool, to a fraction of it. */
+/* Bytes of a work. The numbers of a merge are left out: they are a fraction of the pool. */
 static size_t work_bytes(const struct work *work)
 {
     return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;
@@ -187,18 +189,17 @@ static enum umb_status square_merge(struct umbb_squares *squares, const struct s
                                     struct umbb_column *column, struct umb_error *error)
 {
     const struct work *work = square->work;
-    enum umb_status status =
-        umb__pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error);
+    UMB__TRY(umb__pool_merge(squares->pool, &work->pool, squares->level, &squares->numbers, error));
     *column = square->column;
     column->run_first = squares->runs->count;
-    for (size_t i = 0; i < square->column.run_count && status == UMB_OK; i++) {
+    for (size_t i = 0; i < square->column.run_count; i++) {
         const struct umbb_column_run run = work->runs.items[square->column.run_first + i];
         const uint32_t ref =
             umb__ref_state(run.ref) == UMB__NODE_MIXED ? squares->numbers.refs[run.ref] : run.ref;
-        status = umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error);
+        UMB__TRY(umbb_runs_push(squares->runs, column->run_first, run.z_end, ref, error));
     }
     column->run_count = squares->runs->count - column->run_first;
-    return status;
+    return UMB_OK;
 }
 
 /* The column over a square, as a leaf of the tile's tree. */
@@ -213,7 +214,7 @@ static enum umb_status square_take(void *user, size_t x, size_t y, struct umbb_c
         square_give_back(squares, square);
         return status;
     }
-    work_release(square->work); /* it exceeds its share */
+    work_release(square->work); /* the square needs more than its share */
     square_give_back(squares, square);
     const struct umbb_square place = {squares->level, {x, y}};
     return umbb_column_of_square(squares->pool, squares->tile, &place, squares->runs, column,

@@ -7,7 +7,7 @@
  *
  *     umbb_squares_create(tile_log2, &squares, &error);
  *     for each tile:
- *         umbb_squares_begin(squares, tile, max_bytes);
+ *         umbb_squares_begin(squares, tile);
  *         start slices 0 .. UMBB_SQUARE_COUNT - 1, each calling umbb_squares_job
  *         umbb_squares_column(squares, jobs, &target, &column, &error);
  *     umbb_squares_destroy(squares);
@@ -37,7 +37,7 @@ void umbb_squares_destroy(struct umbb_squares *squares);
  */
 void umbb_squares_allow(struct umbb_squares *squares, size_t max_bytes);
 
-/* Prepares for a tile, and borrows it until its column is built. */
+/* Prepares for a tile, which is borrowed until its column is built. */
 void umbb_squares_begin(struct umbb_squares *squares, const struct umbb_tile *tile);
 
 /* Builds square `job`. Threads: any, one slice each. */

@@ -1,25 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Drawing of noted cells with AVX-512. A cell's texels are four registers, which all its parts
- * lower one after the other; two rows of eight texels at a time. The operations are those of the
- * predicate in the same order, never fused, so the bits are the same.
+ * Drawing of noted cells with AVX-512. A cell's texels are four registers of two rows each. All
+ * parts of the cell lower them, one part after the other. The operations are those of the predicate
+ * in the same order, never fused, so the bits are the same.
  *
- * A texel is kept as twice its depth rounded up; lit is the half of that, rounded down: ceil(z -
- * 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and clamp may
- * come before the halving, which is then done once a cell.
+ * A register holds ceil(2 z) for each depth z. Then lit is the half of that, rounded down, because
+ * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and
+ * clamp may come before the halving, which is done once a cell.
  */
-#include "bake/depth/cells_avx512.h"
+#include "bake/depth/depth_cells.h"
 
-#include <stddef.h>
-
-#if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
+#ifdef __AVX512F__
 #include <immintrin.h>
 
 #define UP (_MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC)
 
-/* Rounding constant. Adding it with rounding up to a number below 2^30 in magnitude leaves the
- * number, rounded up to a multiple of one half, in the lower half of the sum's bits, counted in
- * halves. */
+/* Rounding constant. Let z be below 2^30 in magnitude. Then the sum of z and the constant, rounded
+ * up, holds ceil(2 z) in the lower 32 bits of its mantissa. */
 #define HALF_MAGIC 3377699720527872.0 /* 1.5 * 2^51 */
 
 /* Texels of a cell as twice their depth; two rows in each register. */
@@ -219,19 +216,6 @@ static void store(const struct umbb_cells *cells, struct umbb_tile *tile, int32_
     }
 }
 
-const struct umbb_cells_steps *umbb_cells_avx512(void)
-{
-    static const struct umbb_cells_steps steps = {umbb__cells_note_avx512, draw, store};
-    const int has = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                    __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq");
-    return has ? &steps : NULL;
-}
-
-#else
-
-const struct umbb_cells_steps *umbb_cells_avx512(void)
-{
-    return NULL;
-}
+const struct umbb_cells_steps umbb__cells_avx512 = {umbb__cells_note_avx512, draw, store};
 
 #endif

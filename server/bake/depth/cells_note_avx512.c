@@ -5,14 +5,15 @@
  * Rounding up and down is part of the conversion to integers.
  *
  * There are two steps, each over several triangles: first their bands of eight rows, then the cells
- * of 8x8 texels of those bands. The branches on a small triangle's coverage are unpredictable.
- * Handled alone, each triangle would wait at each of its bands for a wrong guess.
+ * of 8x8 texels of those bands. The reason is the branches on a small triangle's coverage, which
+ * the processor cannot predict: handled alone, each triangle would wait at each band for a wrong
+ * guess.
  */
-#include "bake/depth/cells_avx512.h"
+#include "bake/depth/depth_cells.h"
 
-#include <stddef.h>
+#include <string.h>
 
-#if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) && defined(__AVX512DQ__)
+#ifdef __AVX512F__
 #include "bake/depth/lane_extremes.h"
 
 /* Bands found at a time: their records fit the first-level cache. */
@@ -26,7 +27,7 @@ struct plane {
     const struct umbb_coverage *coverage;
     double x_min[3], x_max[3]; /* range of x of the edges 0-1, 1-2 and 0-2 */
     double left, right;        /* range of x of all corners */
-    double corner_off;         /* x of corner 1, less that of the long edge in its row */
+    double corner_off;         /* x of corner 1, less x of the long edge at the same height */
     uint16_t number;           /* index among the notes' planes */
     /* X from a cell's first texel to the centre of its nearest, and of its farthest column. */
     double near_x, far_x;
@@ -44,7 +45,7 @@ struct band {
     uint64_t front;      /* a byte a row: all ones if the row goes to the canvas's front */
 };
 
-/* x where rows at `py` cross the short edge; from corner 1 on that is the lower one. */
+/* x where rows at `py` cross a short edge: edge 0-1 above corner 1, edge 1-2 from there on. */
 static inline __m512d cross_short(const struct plane *k, __m512d py)
 {
     const struct umbb_coverage *c = k->coverage;
@@ -264,6 +265,32 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
     k->far_y = 7 - k->near_y;
 }
 
+/* Depths from which a layer hides everything behind. */
+struct hiding {
+    const int32_t *far; /* `far` of the layer's cells */
+    /* Greatest `far` in each band of cells; 0 beyond the last, for loads of eight at a time. */
+    int32_t band_far[UMBB_CANVAS_MAX / 8 + UMBB_CELLS_SLACK];
+    int32_t all_far; /* greatest of these */
+};
+
+/* Plain C: the compiler handles a band in four registers. */
+static void hiding_find(const struct umbb_cells *cells, enum umbb_layer layer,
+                        struct hiding *hiding)
+{
+    const size_t across = (size_t)(cells->n >> 3);
+    memset(hiding, 0, sizeof *hiding);
+    hiding->far = cells->layers[layer].far;
+    for (size_t band = 0; band < across; band++) {
+        const int32_t *far = hiding->far + band * across;
+        int32_t greatest = 0;
+        for (size_t i = 0; i < across; i++) {
+            greatest = far[i] > greatest ? far[i] : greatest;
+        }
+        hiding->band_far[band] = greatest;
+        hiding->all_far = greatest > hiding->all_far ? greatest : hiding->all_far;
+    }
+}
+
 /* Tolerance in texels, far above the rounding error of a crossing. */
 #define SLACK 0.01
 
@@ -271,7 +298,7 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
 #define CELLS_SEEN 8
 
 /* Bit mask of the lanes in which some `far` of cells `first` to `last` exceeds lit. */
-static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t band, __m256i first,
+static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __m256i first,
                                     __m256i last, __m256i lit)
 {
     const int32_t *far = hiding->far;
@@ -296,64 +323,97 @@ static inline unsigned lanes_before(const struct umbb__hiding *hiding, size_t ba
     return before | left;
 }
 
+/* Eight bands of a triangle, one a lane: first rows, and a range of x that holds all covered
+ * centres. */
+struct eight {
+    __m256i rows;
+    __m512d left, right;
+};
+
 /*
- * Bit mask of the bands that the triangle may change: eight bands from `row` on, or those down to
- * `last`. It computes bounds, which is quicker than making a band: at every row the triangle lies
- * between its long edge and that edge moved to corner 1.
+ * The bands from `row` on.
+ *
+ * Why all centres lie in the range: the triangle lies on one side of its long edge 0-2. Its
+ * horizontal distance from the long edge is greatest in the row of corner 1 (corner_off) and falls
+ * to 0 at both ends. So in each row the triangle lies between the long edge and the long edge moved
+ * by corner_off. Over the eight rows of a band the long edge runs from `top` to `bottom`. SLACK
+ * covers the rounding of crossings. No centre lies beyond the corners.
  */
-static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
-                                  const struct umbb__hiding hiding[2], int32_t row, int32_t last)
+static inline struct eight eight_bands(const struct plane *k, int32_t row)
 {
     const struct umbb_coverage *c = k->coverage;
-    /* A lane is a band: x of the long edge at its first row (top) and at its last row (bottom). */
-    const __m256i bands = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    const __m256i rows = _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_slli_epi32(bands, 3));
+    const __m256i rows =
+        _mm256_add_epi32(_mm256_set1_epi32(row), _mm256_setr_epi32(0, 8, 16, 24, 32, 40, 48, 56));
     const __m512d below = _mm512_sub_pd(
         _mm512_add_pd(_mm512_cvtepi32_pd(rows), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
     const __m512d slope = _mm512_set1_pd(c->slope[2]);
     const __m512d top = _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, slope));
     const __m512d bottom = _mm512_add_pd(top, _mm512_mul_pd(_mm512_set1_pd(7.0), slope));
+    const __m512d left = _mm512_add_pd(_mm512_min_pd(top, bottom),
+                                       _mm512_set1_pd(least(k->corner_off, 0.0) - SLACK));
+    const __m512d right =
+        _mm512_add_pd(_mm512_max_pd(top, bottom), _mm512_set1_pd(most(k->corner_off, 0.0) + SLACK));
     /* min and max return the second operand for a NaN too. */
-    const __m512d left =
-        _mm512_max_pd(_mm512_add_pd(_mm512_min_pd(top, bottom),
-                                    _mm512_set1_pd(least(k->corner_off, 0.0) - SLACK)),
-                      _mm512_set1_pd(k->left));
-    const __m512d right = _mm512_min_pd(
-        _mm512_add_pd(_mm512_max_pd(top, bottom), _mm512_set1_pd(most(k->corner_off, 0.0) + SLACK)),
-        _mm512_set1_pd(k->right));
-    /* The nearest row's y exactly as in the predicate: adding seven to `below` would round
-     * twice. */
-    const __m256i near_row = _mm256_add_epi32(rows, _mm256_set1_epi32((int32_t)k->near_y));
-    const __m512d near_below = _mm512_sub_pd(
-        _mm512_add_pd(_mm512_cvtepi32_pd(near_row), _mm512_set1_pd(0.5)), _mm512_set1_pd(c->y[0]));
-    const __m512d near_x = _mm512_sub_pd(k->near_x < 4.0 ? left : right, _mm512_set1_pd(c->x[0]));
+    return (struct eight){rows, _mm512_max_pd(left, _mm512_set1_pd(k->left)),
+                          _mm512_min_pd(right, _mm512_set1_pd(k->right))};
+}
+
+/*
+ * A bound of lit in each band: no texel of the triangle lies before it.
+ *
+ * Why: all operations of the predicate, rounded or not, are monotone in x and in y. So the least
+ * depth is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y
+ * is computed as in the predicate, because adding seven to `below` would round twice. The range of
+ * x holds all centres, and may be too wide: then the bound is only lower.
+ */
+static inline __m256i eight_bounds(const struct plane *k, const struct eight *bands)
+{
+    const struct umbb_coverage *c = k->coverage;
+    const __m256i row = _mm256_add_epi32(bands->rows, _mm256_set1_epi32((int32_t)k->near_y));
+    const __m512d below = _mm512_sub_pd(_mm512_add_pd(_mm512_cvtepi32_pd(row), _mm512_set1_pd(0.5)),
+                                        _mm512_set1_pd(c->y[0]));
+    const __m512d x =
+        _mm512_sub_pd(k->near_x < 4.0 ? bands->left : bands->right, _mm512_set1_pd(c->x[0]));
     __m512d z = _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
-                              _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), near_below));
-    z = _mm512_add_pd(z, _mm512_mul_pd(_mm512_set1_pd(c->gradient_x), near_x));
+                              _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), below));
+    z = _mm512_add_pd(z, _mm512_mul_pd(_mm512_set1_pd(c->gradient_x), x));
     z = _mm512_min_pd(_mm512_max_pd(z, _mm512_set1_pd(c->z_min)), _mm512_set1_pd(c->z_max));
-    /* A bound of lit: no texel of the triangle in this band lies before it. */
-    const __m256i lit = _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
-    /* The range of x clipped to the canvas, then as cells of each band: first .. end_cell. */
-    const __m512d origin = _mm512_set1_pd((double)cells->x0), zero = _mm512_setzero_pd();
+    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+}
+
+/* Columns of cells in which x lies, clipped to the canvas. */
+static inline __m256i eight_columns(const struct umbb_cells *cells, __m512d x)
+{
     const __m512d end = _mm512_set1_pd((double)(cells->n - 1));
-    const __m512d first_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(left, origin), zero), end);
-    const __m512d last_x = _mm512_min_pd(_mm512_max_pd(_mm512_sub_pd(right, origin), zero), end);
+    x = _mm512_sub_pd(x, _mm512_set1_pd((double)cells->x0));
+    x = _mm512_min_pd(_mm512_max_pd(x, _mm512_setzero_pd()), end);
+    return _mm256_srli_epi32(_mm512_cvttpd_epi32(x), 3);
+}
+
+/*
+ * Bit mask of the bands that the triangle may change: eight bands from `row` on, or those down to
+ * row `last`. A band is left out if the bound of its lit (eight_bounds) does not lie before the
+ * `far` of any cell in its range of x. That is quicker than making the band, and never leaves out a
+ * band that would change a texel.
+ */
+static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
+                                  const struct hiding hiding[2], int32_t row, int32_t last)
+{
+    const struct eight bands = eight_bands(k, row);
+    const __m256i lit = eight_bounds(k, &bands);
     /* Lanes after the last band read an existing cell; the mask at the end drops them. */
-    const __m256i band = _mm256_min_epi32(bands, _mm256_set1_epi32((last - row) >> 3));
-    const __m256i at =
-        _mm256_add_epi32(_mm256_mullo_epi32(band, _mm256_set1_epi32(cells->n >> 3)),
-                         _mm256_set1_epi32(((row - cells->y0) >> 3) * (cells->n >> 3)));
-    const __m256i first = _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(first_x), 3));
-    const __m256i end_cell =
-        _mm256_add_epi32(at, _mm256_srli_epi32(_mm512_cvttpd_epi32(last_x), 3));
-    /* The triangle may change a band if it may lie before a cell of either layer. */
     const size_t at_band = (size_t)(row - cells->y0) >> 3;
-    unsigned seen = lanes_before(&hiding[0], at_band, first, end_cell, lit);
+    const int32_t count = ((last - row) >> 3) + 1, across = cells->n >> 3;
+    const __m256i band =
+        _mm256_min_epi32(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), _mm256_set1_epi32(count - 1));
+    const __m256i at = _mm256_add_epi32(_mm256_mullo_epi32(band, _mm256_set1_epi32(across)),
+                                        _mm256_set1_epi32((int32_t)at_band * across));
+    const __m256i first = _mm256_add_epi32(at, eight_columns(cells, bands.left));
+    const __m256i end = _mm256_add_epi32(at, eight_columns(cells, bands.right));
+    unsigned seen = lanes_before(&hiding[0], at_band, first, end, lit);
     if (hiding[1].far != hiding[0].far) {
-        seen |= lanes_before(&hiding[1], at_band, first, end_cell, lit);
+        seen |= lanes_before(&hiding[1], at_band, first, end, lit);
     }
-    /* Drop the lanes after the last band. */
-    const int32_t count = ((last - row) >> 3) + 1;
     return count < 8 ? seen & ((1U << count) - 1U) : seen;
 }
 
@@ -371,7 +431,7 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
 /* Bit mask of the bands that a triangle may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
  * layers of both sides, or NULL while too little is drawn to hide anything. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
-                                     const struct umbb__hiding *hiding)
+                                     const struct hiding *hiding)
 {
     uint32_t seen = 0;
     int32_t last;
@@ -386,7 +446,7 @@ static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_ce
 }
 
 /* True if all of a triangle lies behind everything in both layers. */
-static inline int triangle_hidden(const struct umbb_coverage *c, const struct umbb__hiding *hiding)
+static inline int triangle_hidden(const struct umbb_coverage *c, const struct hiding *hiding)
 {
     return hiding != NULL && umbb_coverage_round(c->z_min) >= hiding[0].all_far &&
            umbb_coverage_round(c->z_min) >= hiding[1].all_far;
@@ -403,7 +463,7 @@ struct work {
 /* Takes over triangles while there is room for planes; finds the bands that each may change. */
 static size_t planes_take(struct work *work, struct umbb_cells *cells,
                           const struct umbb_coverage *coverages, size_t count,
-                          const struct umbb__hiding *hiding)
+                          const struct hiding *hiding)
 {
     size_t taken = 0;
     for (; taken < count && cells->plane_count < UMBB_PLANES_MAX; taken++) {
@@ -472,10 +532,10 @@ size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_cover
                                size_t count, const struct umbb_sides *sides)
 {
     struct work work;
-    struct umbb__hiding hiding[2];
+    struct hiding hiding[2];
     if (sides->often_hidden) {
-        umbb__cells_hiding_avx512(cells, sides->front, &hiding[0]);
-        umbb__cells_hiding_avx512(cells, sides->back, &hiding[1]);
+        hiding_find(cells, sides->front, &hiding[0]);
+        hiding_find(cells, sides->back, &hiding[1]);
     }
     const size_t taken =
         planes_take(&work, cells, coverages, count, sides->often_hidden ? hiding : NULL);

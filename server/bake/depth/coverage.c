@@ -89,20 +89,3 @@ int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_
     coverage->z_max = clamp(fmax(fmax(v[0][2], v[1][2]), v[2][2]), 0.0, size);
     return 1;
 }
-
-void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
-                        int32_t size, struct umbb_coverage *coverages)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (!umbb_coverage_prepare(corners[triangles[i]], size, &coverages[i])) {
-            coverages[i] = (struct umbb_coverage){.row_first = 0, .row_last = -1};
-        }
-    }
-}
-
-umbb_prepare_fn umbb_prepare_quickest(void)
-{
-    umbb_prepare_fn prepare = umbb_prepare_avx512();
-    prepare = prepare != NULL ? prepare : umbb_prepare_avx2();
-    return prepare != NULL ? prepare : umbb_prepare_plain;
-}

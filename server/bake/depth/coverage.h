@@ -69,29 +69,6 @@ _Static_assert(sizeof(struct umbb_coverage) == 16 * sizeof(double) &&
  */
 int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_coverage *coverage);
 
-/*
- * Prepares several triangles; one that covers no texel centre gets row_first > row_last.
- *
- * In: corners: [..] as for umbb_coverage_prepare. triangles: uint32[count], indices into corners.
- * Out: coverages: [count].
- */
-typedef void (*umbb_prepare_fn)(const double (*corners)[3][3], const uint32_t *triangles,
-                                size_t count, int32_t size, struct umbb_coverage *coverages);
-
-/* Plain C, one at a time by umbb_coverage_prepare: the definition. */
-void umbb_prepare_plain(const double (*corners)[3][3], const uint32_t *triangles, size_t count,
-                        int32_t size, struct umbb_coverage *coverages);
-
-/* AVX2: four at a time, with the same bits for triangles that meet rows; NULL if this build or this
- * processor lacks it. */
-umbb_prepare_fn umbb_prepare_avx2(void);
-
-/* AVX-512: eight at a time; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
-umbb_prepare_fn umbb_prepare_avx512(void);
-
-/* The fastest form on this machine. */
-umbb_prepare_fn umbb_prepare_quickest(void);
-
 /* x where a row of centres enters and leaves a triangle, counted from the centre of texel 0; low
  * may equal high. Returns as umbb_coverage_row. */
 static inline int umbb_coverage_crossings(const struct umbb_coverage *coverage, int32_t row,

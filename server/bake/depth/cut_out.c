@@ -4,12 +4,7 @@
 
 #include <math.h>
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
+#include "base/vec.h"
 
 void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plane)
 {
@@ -25,7 +20,7 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
         moved[k][2] = corners[k][2];
     }
     for (int k = 0; k < 3; k++) {
-        cross(moved[(k + 1) % 3], moved[(k + 2) % 3], plane->edge[k]);
+        umb__cross(moved[(k + 1) % 3], moved[(k + 2) % 3], plane->edge[k]);
     }
 }
 
@@ -72,24 +67,4 @@ double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int
     double at[2];
     place(cuts, cut, x, y, at);
     return umbs_cut_opacity(cuts->table, cut, at[0], at[1]);
-}
-
-void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
-                   const struct umbb_canvas *canvas)
-{
-    int32_t row, last, span[2];
-    umbb_coverage_rows_within(coverage, canvas->y0, canvas->n, &row, &last);
-    for (; row <= last; row++) {
-        const int front = umbb_coverage_row_within(coverage, row, canvas->x0, canvas->n, span);
-        const double row_z = umbb_coverage_row_z(coverage, row);
-        int32_t *line = (front ? canvas->front : canvas->back) +
-                        umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
-        for (int32_t x = span[0]; x <= span[1]; x++) {
-            const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
-            int32_t *at = umbb_canvas_at(canvas, line, x);
-            if (lit < *at && umbb_cut_casts(cuts, cut, x, row)) {
-                *at = lit;
-            }
-        }
-    }
 }

@@ -11,7 +11,6 @@
  * that lies outside by rounding. All paths use this one function of triangle, texel and texture.
  */
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_draw.h"
 #include "bake/depth/tile.h"
 #include "scene/scene_alpha.h"
 
@@ -42,9 +41,5 @@ static inline uint32_t umbb_cut_of(const struct umbb_cuts *cuts, size_t caster)
 {
     return cuts == NULL || cuts->of == NULL ? UMBS_CUT_NONE : cuts->of[caster];
 }
-
-/* Draws a prepared caster as umbb_draw_plain does, without the texels that its texture cuts out. */
-void umbb_cut_draw(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
-                   const struct umbb_canvas *canvas);
 
 #endif

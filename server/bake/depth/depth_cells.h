@@ -2,23 +2,22 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_CELLS_H
 /*
- * Drawing in two steps. First all triangles of a block are noted: which of them each cell of 8x8
- * texels shows. Then each cell is drawn in registers and written once, at its place in the tile. A
- * note's part takes 16 bytes; a cell's texels are 256, which every triangle would otherwise read
- * and write again.
+ * Drawing in two steps. First each cell of 8x8 texels of a block gets notes: a part for each
+ * triangle that may show there. Then each cell is drawn in registers and written once, at its place
+ * in the tile. A part takes 16 bytes. A cell's texels take 256 bytes, which every triangle would
+ * otherwise read and write again.
  *
- * Life, once a block: begin; note (as often as needed); then store. When the notes are full, draw
- * them into layers (depth_draw.h), which clears them, and go on; then the layers hold the result.
+ * Life, once a block: begin; note (as often as needed); then store. When the notes are full, `draw`
+ * draws them into layers (depth_kernels.h) and clears them, noting goes on, and the layers hold the
+ * result.
  *
- * Bounds tell what a cell hides: no texel of it lies behind `far`, so a part whose nearest lit is
- * not less need not be noted or drawn. Bounds are the predicate's own values at a cell's corners:
- * every operation of it, rounded or not, is monotone in x and in y. A cell that no single triangle
- * covers gets its bound from all parts that cover it together.
+ * Bounds tell what a cell hides. No texel of a cell ends up behind the cell's `far`, so a part
+ * whose nearest lit is not below `far` need not be noted or drawn. A part's bounds are the
+ * predicate's own values at corners of the cell: all operations of the predicate, rounded or not,
+ * are monotone in x and in y. A cell that no single triangle covers gets its `far` from all parts
+ * that cover the cell together.
  */
-#include "bake/depth/coverage.h"
-#include "bake/depth/depth_draw.h"
-#include "bake/depth/depth_store.h"
-#include "bake/depth/tile.h"
+#include "bake/depth/depth_kernels.h"
 
 #define UMBB_CELLS_MAX  ((UMBB_CANVAS_MAX / 8) * (UMBB_CANVAS_MAX / 8))
 #define UMBB_PLANES_MAX 4096
@@ -88,7 +87,8 @@ struct umbb_cells_steps {
     void (*store)(const struct umbb_cells *cells, struct umbb_tile *tile, int32_t x, int32_t y);
 };
 
-/* AVX-512 forms; NULL if this build or this processor lacks it (F, VL, BW, DQ). */
-const struct umbb_cells_steps *umbb_cells_avx512(void);
+/* The first step of umbb__cells_avx512, on x86-64 only. */
+size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_coverage *coverages,
+                               size_t count, const struct umbb_sides *sides);
 
 #endif

@@ -3,17 +3,16 @@
  * One ray a texel along z. It collects all candidates and commits none: the ray's end never moves,
  * because the nearest front face, back face and other face are wanted at once.
  */
-#include "bake/depth/depth_embree.h"
-
 #include <embree3/rtcore.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "bake/depth/cut_out.h"
+#include "bake/depth/depth.h"
 #include "bake/depth/depth_perspective.h"
-#include "bake/depth/front_marks.h"
 #include "bake/depth/proven_squares.h"
 
 /* Padding of boxes in voxels: far above the error of rounding to float and of Embree's box test for
@@ -21,8 +20,7 @@
 #define BOX_PADDING 0.0625
 
 struct caster {
-    const struct umbb_casters *casters; /* casters with their marks (`marked`) */
-    struct umbb_casters marked;
+    struct umbb_casters casters; /* the caller's, with `marks` */
     uint8_t *marks;
     RTCDevice device;
     RTCScene scene;
@@ -32,7 +30,7 @@ struct caster {
 struct texel {
     struct RTCIntersectContext context; /* first field: Embree sees only this */
     int32_t x, y;
-    int32_t front, back, open;
+    int32_t nearest[UMBB_LAYER_COUNT]; /* nearest fragment of each layer, as `lit` */
 };
 
 /* The next float above (or below) a padded double. */
@@ -60,11 +58,6 @@ static void triangle_bounds(const struct RTCBoundsFunctionArguments *args)
     box->upper_z = padded(high[2], 1);
 }
 
-static void lower(int32_t *value, int32_t lit)
-{
-    *value = lit < *value ? lit : *value;
-}
-
 /* Called for each triangle whose box the ray meets (one ray at a time: N is 1). */
 static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args)
 {
@@ -86,17 +79,10 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
         return;
     }
     const double row_z = umbb_coverage_row_z(&coverage, texel->y);
-    const int32_t lit = casters->depth_scale > 0.0
-                            ? umbb_perspective_lit(casters, &coverage, row_z, texel->x)
-                            : umbb_coverage_lit(&coverage, row_z, texel->x);
-    const uint8_t kind = casters->closed_rule ? casters->kinds[args->primID] : UMBB_CASTER_OPEN;
-    if (kind == UMBB_CASTER_OPEN) {
-        lower(&texel->open, lit);
-    } else if (front != (kind == UMBB_CASTER_CLOSED_FLIPPED)) {
-        lower(&texel->front, lit);
-    } else {
-        lower(&texel->back, lit);
-    }
+    const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, texel->x);
+    int32_t *nearest =
+        &texel->nearest[umbb_layer_of(umbb_caster_kind(casters, args->primID), front)];
+    *nearest = lit < *nearest ? lit : *nearest;
 }
 
 static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *tile,
@@ -105,17 +91,9 @@ static enum umb_status embree_begin(void *state, int slot, struct umbb_tile *til
     const struct caster *caster = state;
     (void)slot;
     (void)error;
-    tile->background = caster->casters->size;
-    umbb_prove_squares(caster->casters, NULL, caster->casters->count, NULL, tile);
+    tile->background = caster->casters.size;
+    umbb_prove_squares(&caster->casters, NULL, caster->casters.count, NULL, tile);
     return UMB_OK;
-}
-
-/* Does nothing: its hierarchy is built once, and its memory is planned for. */
-static size_t embree_allow(void *state, size_t max_bytes)
-{
-    (void)state;
-    (void)max_bytes;
-    return 0;
 }
 
 static void cast_texel(const struct caster *caster, struct texel *texel)
@@ -130,7 +108,9 @@ static void cast_texel(const struct caster *caster, struct texel *texel)
     ray.ray.mask = UINT32_MAX;
     ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     ray.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-    texel->front = texel->back = texel->open = caster->casters->size;
+    for (int layer = 0; layer < UMBB_LAYER_COUNT; layer++) {
+        texel->nearest[layer] = caster->casters.size;
+    }
     rtcIntersect1(caster->scene, &texel->context, &ray);
 }
 
@@ -148,11 +128,7 @@ static void embree_block(void *state, int slot, unsigned thread, struct umbb_til
             texel.x = tile->x0 + x;
             texel.y = tile->y0 + y;
             cast_texel(caster, &texel);
-            const size_t at = umbb_tile_index(tile, x, y);
-            const int32_t nearest[3] = {texel.open, texel.front, texel.back};
-            int32_t end;
-            umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
-            tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
+            umbb_tile_put(tile, umbb_tile_index(tile, x, y), texel.nearest);
         }
     }
     umbb_tile_reduce(tile, bx * (n >> 3), by * (n >> 3), n >> 3);
@@ -162,8 +138,12 @@ static void embree_destroy(void *state)
 {
     struct caster *caster = state;
     if (caster != NULL) {
-        rtcReleaseScene(caster->scene);
-        rtcReleaseDevice(caster->device);
+        if (caster->scene != NULL) {
+            rtcReleaseScene(caster->scene);
+        }
+        if (caster->device != NULL) {
+            rtcReleaseDevice(caster->device);
+        }
         free(caster->marks);
         free(caster);
     }
@@ -179,8 +159,8 @@ static int build_scene(struct caster *caster)
         return 0;
     }
     rtcSetSceneFlags(caster->scene, RTC_SCENE_FLAG_ROBUST);
-    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)caster->casters->count);
-    rtcSetGeometryUserData(geometry, (void *)(uintptr_t)caster->casters);
+    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)caster->casters.count);
+    rtcSetGeometryUserData(geometry, &caster->casters);
     rtcSetGeometryBoundsFunction(geometry, triangle_bounds, NULL);
     rtcSetGeometryIntersectFunction(geometry, triangle_candidate);
     rtcCommitGeometry(geometry);
@@ -188,6 +168,25 @@ static int build_scene(struct caster *caster)
     rtcReleaseGeometry(geometry);
     rtcCommitScene(caster->scene);
     return rtcGetDeviceError(caster->device) == RTC_ERROR_NONE;
+}
+
+/* Marks the casters, and builds Embree's device and scene. */
+static enum umb_status caster_init(struct caster *caster, const struct umbb_depth_options *options,
+                                   struct umb_error *error)
+{
+    char config[64];
+    snprintf(config, sizeof config, "threads=%u", options->threads);
+    UMB__TRY(umbb_front_marks_make(&caster->casters, options->prove, NULL, &caster->marks, error));
+    caster->casters.marks = caster->marks;
+    caster->device = rtcNewDevice(config);
+    if (caster->device == NULL) {
+        return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
+                        (int)rtcGetDeviceError(NULL));
+    }
+    return build_scene(caster) ? UMB_OK
+                               : umb_fail(error, UMB_E_NO_MEMORY,
+                                          "ray caster: Embree could not build %zu triangles",
+                                          caster->casters.count);
 }
 
 enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
@@ -199,34 +198,16 @@ enum umb_status umbb_depth_embree_create(const struct umbb_casters *casters,
     if (caster == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: memory refused");
     }
-    char config[64];
-    snprintf(config, sizeof config, "threads=%u", options->threads);
-    const enum umb_status status =
-        umbb_front_marks_make(casters, options->prove, NULL, &caster->marks, error);
+    caster->casters = *casters;
+    const enum umb_status status = caster_init(caster, options, error);
     if (status != UMB_OK) {
-        free(caster);
-        return status;
-    }
-    caster->marked = *casters;
-    caster->marked.marks = caster->marks;
-    caster->casters = &caster->marked;
-    caster->device = rtcNewDevice(config);
-    if (caster->device == NULL) {
-        free(caster->marks);
-        free(caster);
-        return umb_fail(error, UMB_E_INTERNAL, "ray caster: Embree gave no device (error %d)",
-                        (int)rtcGetDeviceError(NULL));
-    }
-    if (!build_scene(caster)) {
         embree_destroy(caster);
-        return umb_fail(error, UMB_E_NO_MEMORY, "ray caster: Embree could not build %zu triangles",
-                        casters->count);
+        return status;
     }
     *depth = (struct umbb_depth){
         .state = caster,
         .begin = embree_begin,
         .block = embree_block,
-        .allow = embree_allow,
         .destroy = embree_destroy,
     };
     return UMB_OK;

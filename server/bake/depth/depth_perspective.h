@@ -4,24 +4,25 @@
 /*
  * Depth of spot and point lights by scan conversion.
  *
- * The predicate of coverage.h with one change: over a projected triangle not the distance W is
- * linear, but 1 / W. So the casters' third coordinate is q = c / W. The predicate interpolates q as
- * it does any depth (from the canonical first corner, clamped to the corners' values), and z =
- * depth_scale / q + depth_offset follows. Between near and far q spans at most 2^26, so q is
- * accurate to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's depth, far below a
- * voxel.
+ * The predicate of coverage.h with one change: over a projected triangle 1 / W is linear, not the
+ * distance W. So the casters' third coordinate is q = c / W, with a constant c. The predicate
+ * interpolates q as it does any depth (from the canonical first corner, clamped to the corners'
+ * values), and z = depth_scale / q + depth_offset follows. The greatest q is at most 2^26 times the
+ * least. So q is accurate to about 2^-52 of its greatest value, and z to 2^-26 of the frustum's
+ * depth, far below a voxel.
  *
  * Slivers: cutting a triangle to the frustum can leave corners that differ by rounding alone. The
- * area and the gradients of such a triangle are rounding errors. One as long as the frustum may run
- * through thousands of texel centres (the diagonal of a floor below a lamp).
- * umbb_perspective_prepare gives those narrower than 2^-49 size^2 texels the gradient along their
- * longest edge. Wider triangles have gradients accurate to an eighth of a voxel; across a sliver
- * depth is off by its slope times 2^-49 size^2 texels, 2^-21 at 16384.
+ * area and the gradients of such a triangle are rounding errors. A sliver as long as the frustum
+ * may run through thousands of texel centres (the diagonal of a floor below a lamp).
+ * umbb_perspective_prepare gives triangles narrower than 2^-49 size^2 texels the gradient along
+ * their longest edge. Wider triangles have gradients accurate to an eighth of a voxel. Across a
+ * sliver depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels
+ * a side.
  *
- * Plain C and one division a covered texel; the same life and threads as depth_raster.h.
+ * Plain C and one division a covered texel.
  */
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/tile.h"
 
 /* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
@@ -39,16 +40,15 @@ static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
     const double size = (double)casters->size;
     double z = casters->depth_scale / q + casters->depth_offset;
     z = z > 0.0 ? z : 0.0;
-    z = z < size ? z : size;
-    const double t = z - 0.5;
-    const int32_t lit = (int32_t)t;
-    return lit + ((double)lit < t);
+    return umbb_coverage_round(z < size ? z : size);
 }
 
-/* Creates the path. In: casters: depth_scale above 0. Else as umbb_depth_raster_create. */
-UMB_CHECKED enum umb_status umbb_depth_perspective_create(const struct umbb_casters *casters,
-                                                          const struct umbb_depth_options *options,
-                                                          struct umbb_depth *depth,
-                                                          struct umb_error *error);
+/* umbb_perspective_lit or umbb_coverage_lit, as the casters' light demands. */
+static inline int32_t umbb_caster_lit(const struct umbb_casters *casters,
+                                      const struct umbb_coverage *coverage, double row_z, int32_t x)
+{
+    return casters->depth_scale > 0.0 ? umbb_perspective_lit(casters, coverage, row_z, x)
+                                      : umbb_coverage_lit(coverage, row_z, x);
+}
 
 #endif

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Pairing the half edges of front faces. Each waits in a hash table until its counterpart comes. A
- * half edge that still waits at the end has none: it is a border.
+ * Pairing the half edges of front faces. A half edge is put into a hash table, unless its
+ * counterpart is there: then both are paired. A half edge that is left in the table at the end is a
+ * border.
  *
- * Several threads share the table. A slot goes from free to taken to gone and never back. So an
- * edge and its counterpart, which start at the same slot, cannot miss each other: both want the
- * first free slot, and the second to come finds the other there. Threads share only the slots; the
- * triangles that slots name were written before, so no memory ordering is needed.
+ * Several threads share the table. A slot goes from free to taken to gone and never back. So a half
+ * edge and its counterpart, whose searches start at the same slot, cannot miss each other: both
+ * want the first free slot, and the later one finds the other there. Threads share only the slots.
+ * The triangles that slots name were written before, so no memory ordering is needed.
  */
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -25,7 +26,7 @@
 #define CASTERS_PER_SQUARE 8
 
 #define SLOT_FREE UINT32_MAX
-#define SLOT_GONE (UINT32_MAX - 1U) /* its edge was paired; a search goes on past it */
+#define SLOT_GONE (UINT32_MAX - 1U) /* the slot's half edge was paired; searches go on past it */
 
 struct finder {
     const struct umbb_casters *casters;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Proving squares in one pass over the casters. Until the end the tile itself holds the state of a
- * square: its pyramid's two numbers hold the bounds, its flag tells what touches it. Each thread
- * takes a strip of whole rows of squares, and reads all casters.
+ * Proving squares in one pass over the casters. Until the end the tile itself holds a square's
+ * state: the two numbers of the pyramid hold the bounds, and the entry of `proven` holds flags.
+ * Each thread takes a strip of whole rows of squares, and reads all casters.
  */
 #include "bake/depth/proven_squares.h"
 
@@ -10,7 +10,6 @@
 
 #include "tool/threads.h"
 #include "bake/depth/coverage.h"
-#include "bake/depth/front_marks.h"
 
 #define SQUARE (1 << UMBB_SQUARE_LOG2)
 
@@ -31,7 +30,7 @@ struct squares {
     int32_t top, bottom;        /* first and last row of texels */
     int32_t *front_most;        /* greatest lit of front faces */
     int32_t *far_least;         /* least lit of all other faces */
-    int32_t *cover; /* least of the bounds that single front faces covering the whole square give */
+    int32_t *cover; /* least bound of lit by a front face that covers the whole square */
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -223,7 +222,7 @@ static void decide(struct squares *s, size_t square)
         s->front_most[square] = background;
         proven = 1;
     } else {
-        /* Bound of every lit: a face over the whole square, or all faces that may lie over it. */
+        /* Bound of every lit: by a front face over the whole square, or by all front faces. */
         const int whole = flags == (TOUCHED | MIDDLE);
         s->front_most[square] =
             whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];

@@ -7,18 +7,61 @@
  * silhouettes.
  *
  * A square is proven if nothing covers it. It is also proven if a multiple of 64 lies between a
- * bound of its greatest lit and the least of all back and open faces: lit then ends before that
- * multiple and nothing defined is shadowed before it. The bound is that of a single front face that
- * covers every texel. Or, if a front face covers the middle and no border of the front side
- * (front_marks.h) comes near, it is the greatest lit that any front face could give: away from
- * borders every texel has as many front faces over it as the middle one, at least one. Behind each
- * of them is a back face of its solid; this holds only where every closed part was found closed.
+ * bound of its greatest lit and the least lit of all back and open faces. Then lit ends before that
+ * multiple, and nothing defined is shadowed before the multiple.
  *
- * The bounds are the predicate's own values at the nearest or farthest texel (every rounded
- * operation is monotone). They depend on square and casters only, not on tiles, threads or paths.
+ * There are two bounds of the greatest lit. Where a single front face covers every texel, it is
+ * that face's greatest lit. Where a front face covers the middle and no border of the front side
+ * (the marks below) comes near, it is the greatest lit that any front face could give: away from
+ * borders every texel has as many front faces over it as the middle one, at least one. Behind each
+ * front face lies a back face of the same solid; this holds only where every closed part was found
+ * closed.
+ *
+ * The bounds are the predicate's own values at the nearest or farthest texel, as every rounded
+ * operation is monotone. They depend on square and casters only, not on tiles, threads or paths.
  */
 #include "bake/depth/tile.h"
-#include "format/content.h"
+#include "umbrage/workers.h"
+
+/*
+ * Marks of closed triangles: whether a triangle surely faces the light, and at which of its edges
+ * that front side ends: the silhouettes, and any edge whose neighbour does not fit.
+ *
+ * An edge is inner if the triangle on its other side also faces the light and lies on the other
+ * side of it in the projection: it has the same two corners, equal in every bit, in the other
+ * direction. Any other edge is a border. Away from borders the number of front faces over a texel
+ * cannot change. The file's adjacency is not used, because it cannot be trusted.
+ */
+
+/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
+enum umbb_prove {
+    UMBB_PROVE_AUTO = 0,
+    UMBB_PROVE_ALWAYS = 1,
+    UMBB_PROVE_NEVER = 2,
+};
+
+enum {
+    UMBB_MARK_BORDER = 7, /* bit e: the edge from corner e to e + 1 is a border */
+    UMBB_MARK_FRONT = 8,  /* faces the light by more than rounding could reverse */
+};
+
+/*
+ * Makes the marks of all casters; open ones, and those that do not surely face the light, get 0.
+ *
+ * In:    prove: whether to make them. By itself: if squares of texels are many for the number of
+ *        triangles. This depends on the casters alone, because it decides which undefined voxels
+ *        are chosen. workers: threads to use; NULL: only the caller's. The marks depend neither on
+ *        them nor on the order of casters: keys of tiles hold them (umbb_tile_key).
+ * Out:   marks: uint8[count], freed by the caller; NULL if none are made, which is always so where
+ *        parts count as closed on the caller's word only.
+ * Fails: E_NO_MEMORY.
+ * Cost:  a temporary table of up to 32 bytes a front face; about three cache misses an edge of a
+ *        front face.
+ */
+UMB_CHECKED enum umb_status umbb_front_marks_make(const struct umbb_casters *casters,
+                                                  enum umbb_prove prove,
+                                                  const struct umb_workers *workers,
+                                                  uint8_t **marks, struct umb_error *error);
 
 /*
  * Fills tile->proven, and level UMBB_SQUARE_LOG2 of its pyramid where a square is proven: a bound

@@ -21,7 +21,7 @@
 #include "umbrage/asset.h"
 
 #define UMBB_BLOCK_LOG2 8
-/* Texels a side of the unit of depth work: fits the second-level cache. */
+/* Texels a side of a block, the unit of depth work: its layers fit the second-level cache. */
 #define UMBB_BLOCK (1 << UMBB_BLOCK_LOG2)
 
 /* Log2 of the texels a side of a square that may be proven from bounds. */
@@ -45,18 +45,12 @@ struct umbb_casters {
     /* 1: some kinds are closed on the caller's word only, so there may be no back faces behind
      * their front faces; no square is proven then. */
     int open_on_word;
-    /* Above 0: rays start in one point. A corner's third coordinate is then the reciprocal q of its
-     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: it is z. */
+    /* Above 0: rays start in one point, a corner's third coordinate is the reciprocal q of its
+     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: the third
+     * coordinate is z. */
     double depth_scale, depth_offset;
-    const uint8_t *marks;         /* [count] front_marks.h; NULL: no square is proven */
+    const uint8_t *marks;         /* [count] of umbb_front_marks_make; NULL: no square is proven */
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
-};
-
-/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
-enum umbb_prove {
-    UMBB_PROVE_AUTO = 0,
-    UMBB_PROVE_ALWAYS = 1,
-    UMBB_PROVE_NEVER = 2,
 };
 
 struct umbb_tile {
@@ -64,7 +58,7 @@ struct umbb_tile {
     uint32_t log2_size;
     int32_t size; /* texels a side */
     int32_t *lit; /* [size * size] by 8x8 blocks */
-    int32_t *end; /* [size * size] by 8x8 blocks; is `lit` without the closed rule */
+    int32_t *end; /* [size * size] by 8x8 blocks; the same array as `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];
     /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds; its texels and levels below
@@ -99,43 +93,38 @@ void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n)
 /* Fills the pyramid above level 3, except where a square is proven. */
 void umbb_tile_pyramid(struct umbb_tile *tile);
 
-/*
- * One step of such a pyramid: reduces 2n x 2n squares of greatest lit and least end to n x n.
- */
+/* One step of a pyramid: reduces 2n x 2n squares of greatest lit and least end to n x n. */
 void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t *max_lit,
                        int32_t *min_end);
-
-/*
- * A depth path. One object serves one bake. begin is called once a tile; block is called for every
- * UMBB_BLOCK square (or the whole tile if that is smaller), from any thread.
- */
-struct umbb_depth {
-    void *state;
-    /* Prepares for a tile of this place and size, and proves the squares it can. slot: 0 or 1, as
-     * two tiles may be in progress. */
-    enum umb_status (*begin)(void *state, int slot, struct umbb_tile *tile,
-                             struct umb_error *error);
-    /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks. */
-    void (*block)(void *state, int slot, unsigned thread, struct umbb_tile *tile, int32_t bx,
-                  int32_t by);
-    /* Sets the limit in bytes of the path's lists of triangles from now on: begin fails with
-     * E_LIMIT instead of exceeding it. Returns their present size. Called by begin's caller. */
-    size_t (*allow)(void *state, size_t max_bytes);
-    /*
-     * Names the casters that the tile at (x0, y0) can depend on, and no more than those that touch
-     * it or have a border within two texels of it, give or take a texel. Returns all casters as the
-     * path sees them; list: numbers among them, ascending, NULL only if count is 0. NULL: the path
-     * cannot tell (Embree). Threads: as begin.
-     */
-    const struct umbb_casters *(*reach)(void *state, int32_t x0, int32_t y0, const uint32_t **list,
-                                        size_t *count);
-    void (*destroy)(void *state);
-};
 
 /* Texels a side of the blocks of a tile. */
 static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
 {
     return tile->size < UMBB_BLOCK ? tile->size : UMBB_BLOCK;
+}
+
+/* Layers of fragments: each texel of a layer holds the nearest of some kind of face. */
+enum umbb_layer {
+    UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
+    UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
+    UMBB_LAYER_BACK = 2,  /* nearest back face of closed parts */
+    UMBB_LAYER_COUNT = 3,
+};
+
+/* Class of a caster under the casters' rule: enum umbb_caster. */
+static inline uint8_t umbb_caster_kind(const struct umbb_casters *casters, size_t caster)
+{
+    return casters->closed_rule ? casters->kinds[caster] : UMBB_CASTER_OPEN;
+}
+
+/* Layer of a fragment of a caster. In: kind: of umbb_caster_kind. front: 1 if the caster, by its
+ * winding, faces the light in the fragment's row. */
+static inline enum umbb_layer umbb_layer_of(uint8_t kind, int front)
+{
+    if (kind == UMBB_CASTER_OPEN) {
+        return UMBB_LAYER_OPEN;
+    }
+    return front != (kind == UMBB_CASTER_CLOSED_FLIPPED) ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK;
 }
 
 /*
@@ -158,6 +147,14 @@ static inline void umbb_texel_decide(const int32_t nearest[3], int32_t backgroun
     first = front < first ? front : first;
     *lit = first;
     *end = front == first && back < background ? back : first;
+}
+
+/* Decides and writes texel number `at` of a tile. In: nearest: [enum umbb_layer]. */
+static inline void umbb_tile_put(struct umbb_tile *tile, size_t at, const int32_t nearest[3])
+{
+    int32_t end;
+    umbb_texel_decide(nearest, tile->background, &tile->lit[at], &end);
+    tile->end[at] = end; /* lit's array without the closed rule; end equals lit then */
 }
 
 #endif

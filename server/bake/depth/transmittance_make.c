@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See transmittance_make.h. A slice of work is a row of squares, drawn square by square from lists
- * of the triangles that touch each; results are put in the order of rows.
+ * A slice of work is a row of squares. Each square is drawn from the list of triangles that touch
+ * it. The results of the rows are joined in order.
  */
 #include "bake/depth/transmittance_make.h"
 
@@ -93,18 +93,17 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
     if (!umbb_perspective_prepare(casters, triangle, &coverage)) {
         return UMB_OK;
     }
-    const int32_t bottom = y0 + SIDE - 1, right = x0 + SIDE - 1;
-    const int32_t last = coverage.row_last < bottom ? coverage.row_last : bottom;
-    for (int32_t row = coverage.row_first > y0 ? coverage.row_first : y0; row <= last; row++) {
+    const int32_t right = x0 + SIDE - 1;
+    int32_t row, last;
+    umbb_coverage_rows_within(&coverage, y0, SIDE, &row, &last);
+    for (; row <= last; row++) {
         int32_t x_first, x_last;
         umbb_coverage_row_once(&coverage, row, &x_first, &x_last);
         const double row_z = umbb_coverage_row_z(&coverage, row);
         x_first = x_first > x0 ? x_first : x0;
         x_last = x_last < right ? x_last : right;
         for (int32_t x = x_first; x <= x_last; x++) {
-            const int32_t lit = casters->depth_scale > 0.0
-                                    ? umbb_perspective_lit(casters, &coverage, row_z, x)
-                                    : umbb_coverage_lit(&coverage, row_z, x);
+            const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, x);
             const double opacity =
                 lit < casters->size ? umbb_cut_takes(casters->cuts, cut, x, row) : 0.0;
             if (!(opacity > 0.0)) {
@@ -174,14 +173,10 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
                                    struct umb_error *error)
 {
     size_t count;
-    const uint32_t *triangles = umbb_bins_cell(&m->bins, 6, x0, y0, &count);
-    enum umb_status status = UMB_OK;
+    const uint32_t *triangles = umbb_bins_cell(&m->bins, x0 / SIDE, y0 / SIDE, &count);
     bench->count = 0;
-    for (size_t i = 0; i < count && status == UMB_OK; i++) {
-        status = draw(m, triangles[i], x0, y0, bench, error);
-    }
-    if (status != UMB_OK) {
-        return status;
+    for (size_t i = 0; i < count; i++) {
+        UMB__TRY(draw(m, triangles[i], x0, y0, bench, error));
     }
     sort_by_texel(bench);
     for (size_t i = 0; i < UMB__TRANSMITTANCE_SIDE * UMB__TRANSMITTANCE_SIDE; i++) {
@@ -278,12 +273,11 @@ static enum umb_status join(const struct maker *m, uint32_t rows,
         total += m->rows[i].count;
     }
     *too_large = bytes->count + total > m->job->max_bytes;
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < rows && total > empty_bytes(m) && status == UMB_OK; i++) {
-        status = umb__transmittance_append(bytes, m->rows[i].data, m->rows[i].count,
-                                           m->job->max_bytes, error);
+    for (uint32_t i = 0; i < rows && total > empty_bytes(m); i++) {
+        UMB__TRY(umb__transmittance_append(bytes, m->rows[i].data, m->rows[i].count,
+                                           m->job->max_bytes, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status fill_bins(struct maker *m, uint32_t rows, struct umb_error *error)
@@ -299,27 +293,31 @@ static enum umb_status fill_bins(struct maker *m, uint32_t rows, struct umb_erro
     return umbb_bins_fill(&m->bins, &input, error);
 }
 
+/* Makes the map from allocated arrays. */
+static enum umb_status make_map(struct maker *m, uint32_t rows,
+                                struct umb__transmittance_bytes *bytes, int *too_large,
+                                struct umb_error *error)
+{
+    if (m->benches == NULL || m->rows == NULL || m->statuses == NULL || m->errors == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
+    }
+    UMB__TRY(fill_bins(m, rows, error));
+    UMB__TRY(make_rows_in_memory(m, rows, too_large, error));
+    return join(m, rows, bytes, too_large, error);
+}
+
 enum umb_status umbb_transmittance_make(const struct umbb_transmittance_input *job,
                                         struct umb__transmittance_bytes *bytes, int *too_large,
                                         struct umb_error *error)
 {
     const uint32_t rows = (uint32_t)1 << (job->level - 6);
-    struct maker m = {.job = job};
+    struct maker m = {.job = job,
+                      .benches = calloc(job->threads, sizeof *m.benches),
+                      .rows = calloc(rows, sizeof *m.rows),
+                      .statuses = calloc(rows, sizeof *m.statuses),
+                      .errors = calloc(rows, sizeof *m.errors)};
     *too_large = 0;
-    m.benches = calloc(job->threads, sizeof *m.benches);
-    m.rows = calloc(rows, sizeof *m.rows);
-    m.statuses = calloc(rows, sizeof *m.statuses);
-    m.errors = calloc(rows, sizeof *m.errors);
-    enum umb_status status =
-        m.benches != NULL && m.rows != NULL && m.statuses != NULL && m.errors != NULL
-            ? fill_bins(&m, rows, error)
-            : umb_fail(error, UMB_E_NO_MEMORY, "transmittance: memory refused");
-    if (status == UMB_OK) {
-        status = make_rows_in_memory(&m, rows, too_large, error);
-    }
-    if (status == UMB_OK) {
-        status = join(&m, rows, bytes, too_large, error);
-    }
+    const enum umb_status status = make_map(&m, rows, bytes, too_large, error);
     for (uint32_t i = 0; m.rows != NULL && i < rows; i++) {
         umb__transmittance_bytes_finish(&m.rows[i]);
     }

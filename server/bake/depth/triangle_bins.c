@@ -2,7 +2,8 @@
 /*
  * Binning by counting: one pass counts the entries of each cell, a second writes them. Both are cut
  * into chunks of triangles for several threads; the lists do not depend on that. Most triangles lie
- * in one cell: the first pass keeps its number, so the second need not read their corners.
+ * in one cell. The first pass keeps the number of that cell, so the second pass need not read the
+ * triangle's corners.
  *
  * A triangle that spans several rows and columns of cells is cut into the rows' strips. So a sliver
  * across the map is listed along its length and not all over its bounding box.
@@ -13,8 +14,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 
 /* The cells that a triangle's texel centres may fall into; empty if x0 > x1. */
 struct cell_range {
@@ -40,11 +42,11 @@ static inline int axis_range(const struct umbb_bins_input *input, int32_t origin
     return (a <= b) & (b >= 0) & (a <= end);
 }
 
-/* Texels beyond its own corners for which a triangle with a border is listed: a border counts for a
- * square within a texel, whose first centre is half a texel further. */
+/* Texels by which the listed area of a triangle with a border exceeds the triangle: a border counts
+ * for a square within a texel, whose first centre is half a texel further. */
 #define BORDER_SLACK 2.0
 
-/* Texels beyond its own for which a triangle is listed. */
+/* Texels by which the listed area of a triangle exceeds the triangle. */
 static inline double slack(const struct umbb_bins_input *input, uint32_t triangle)
 {
     return input->borders && (input->casters->marks[triangle] & UMBB_MARK_BORDER) != 0
@@ -284,10 +286,8 @@ static enum umb_status cells_reserve(struct umbb_bins *bins, uint32_t cells_x,
 enum umb_status umbb_bins_fill(struct umbb_bins *bins, const struct umbb_bins_input *input,
                                struct umb_error *error)
 {
-    enum umb_status status = cells_reserve(bins, input->cells_x, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status;
+    UMB__TRY(cells_reserve(bins, input->cells_x, error));
     struct fill fill = {.input = input,
                         .count = input->all ? input->casters->count : input->count,
                         .cells = (size_t)input->cells_x * input->cells_x};

@@ -8,7 +8,7 @@
  * triangles in ascending order. Used twice: the whole map into tiles, a tile into blocks.
  */
 #include "bake/depth/tile.h"
-#include "format/content.h"
+#include "umbrage/workers.h"
 
 struct umbb_bins {
     uint32_t cells_x;  /* a side of the grid */
@@ -36,12 +36,11 @@ UMB_CHECKED enum umb_status umbb_bins_fill(struct umbb_bins *bins,
                                            const struct umbb_bins_input *input,
                                            struct umb_error *error);
 
-/* The list of the cell that starts at texel (x, y) of a grid from texel 0 on; NULL only if count is
- * 0. */
-static inline const uint32_t *umbb_bins_cell(const struct umbb_bins *bins, uint32_t cell_log2,
-                                             int32_t x, int32_t y, size_t *count)
+/* The list of cell (x, y) of the grid; NULL only if *count is 0. */
+static inline const uint32_t *umbb_bins_cell(const struct umbb_bins *bins, int32_t x, int32_t y,
+                                             size_t *count)
 {
-    const size_t cell = (size_t)(y >> cell_log2) * bins->cells_x + (size_t)(x >> cell_log2);
+    const size_t cell = (size_t)y * bins->cells_x + (size_t)x;
     *count = (size_t)(bins->first[cell + 1] - bins->first[cell]);
     return bins->entries == NULL ? NULL : bins->entries + bins->first[cell];
 }

@@ -10,15 +10,19 @@
 #include "bake/sandbox/sandbox_parts.h"
 #include "base/compat.h"
 
+#ifndef EXEMPT /* coverage builds set it: the filter would kill a process that writes its counts */
+#define EXEMPT UMB__SANITIZED
+#endif
+
 int umbb_sandbox_exempt(void)
 {
-    return UMB__SANITIZED;
+    return EXEMPT;
 }
 
 enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *error)
 {
     memset(out, 0, sizeof(*out));
-    if (UMB__SANITIZED) {
+    if (EXEMPT) {
         return UMB_OK;
     }
     /* Without it an ordinary user gets neither Landlock nor a filter. */
@@ -40,7 +44,7 @@ enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *e
 
 const char *umbb_sandbox_level(const struct umbb_sandbox *sandbox)
 {
-    if (UMB__SANITIZED) {
+    if (EXEMPT) {
         return "exempt";
     }
     if (!sandbox->seccomp) {

@@ -14,9 +14,9 @@
  * as one zstd frame. All little-endian.
  *
  * A file appears whole or not at all (tool/output.h). So a killed bake leaves only whole results
- * and at most one temporary, which the next opening of the folder removes after a minute. Damage is
- * found by the checksum: the file is removed and the tile baked again. The content of results is
- * trusted: give write access only to users who may decide what is baked.
+ * and at most one temporary file. Opening the folder removes temporaries that are older than a
+ * minute. The checksum shows damage: the file is removed and the tile baked again. The content of
+ * results is trusted: give write access only to users that may decide what is baked.
  *
  * Size: when the results exceed max_bytes, the least recently used ones are removed until a tenth
  * of max_bytes is free.
@@ -35,8 +35,8 @@ struct umbb_tile_cache {
     uint64_t damaged;   /* files found damaged and removed */
 };
 
-/* Opens a folder, creates it if missing, and tidies it up. Fails: E_CANNOT_CREATE, E_IO,
- * E_NO_MEMORY. */
+/* Opens a folder, which is created if missing, and removes old temporaries and surplus results.
+ * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_tile_cache_open(struct umbb_tile_cache *cache, const char *folder,
                                                  uint64_t max_bytes, struct umb_error *error);
 void umbb_tile_cache_close(struct umbb_tile_cache *cache);

@@ -15,13 +15,13 @@
  *       uint16 mask               for each node
  *       uint32 child              for each mixed child of each node
  *     uint64 slice[8]             for each brick
- *     first occluders             where they are kept (tile_occluder_depth_code.h)
+ *     first occluders             where they are kept (umbb_tile_occluder_depth_put)
  *
  * A ref is the number of a node of the tile's level, or UMB__REF_LIT or UMB__REF_SHADOWED. Nodes
  * are numbered in the order in which a reader meets them: the runs' nodes first, then their
  * children, and so on down. So equal results give equal bytes, whatever the pool's own numbers
- * were. A reader checks that each new number is the next one; then all numbers are in range, and
- * the runs lead to every node.
+ * were. A reader checks that each number is known or the next new one. Then all numbers are in
+ * range, and the runs lead to every node.
  */
 #include "bake/build/cached_tiles.h"
 #include "format/occluder_depth_build.h"
@@ -29,8 +29,7 @@
 /* Parameters of both directions: the frustum, and the tile's place in it. */
 struct umbb_tile_shape {
     uint32_t log2_size; /* size of the frustum */
-    uint32_t
-        tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; 6 .. if there is an occluder depth map */
+    uint32_t tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; at least 6 with occluder_depth */
     /* The frustum's first occluders: encoding reads the tile's, decoding adds them. NULL: not kept.
      * Borrowed. */
     struct umb__occluder_depth *occluder_depth;
@@ -40,22 +39,22 @@ struct umbb_tile_shape {
 /*
  * Writes a result.
  *
- * In:    pool: holds the column's nodes. runs: holds the column's runs. max_bytes: limit of all
- *        allocations.
+ * In:    nodes: the column's nodes and runs; max_bytes: limit of all allocations.
  * Out:   bytes: malloced; size.
  * Fails: E_LIMIT (max_bytes), E_NO_MEMORY.
  * Cost:  linear in the result; 4 bytes of address space a node of the pool, touched where used.
  */
-UMB_CHECKED enum umb_status
-umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *pool,
-                 const struct umbb_runs *runs, const struct umbb_tile_result *result,
-                 size_t max_bytes, uint8_t **bytes, size_t *size, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape,
+                                             const struct umbb_tile_nodes *nodes,
+                                             const struct umbb_tile_result *result, uint8_t **bytes,
+                                             size_t *size, struct umb_error *error);
 
 /*
  * Reads a result and adds its nodes to a pool.
  *
- * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched.
- * Out:   result: its column's runs are the last of `runs`.
+ * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched. nodes: max_bytes
+ *        is not read.
+ * Out:   result: its column's runs are the last of the runs.
  * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb__pool_brick and
  *        umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
@@ -63,8 +62,42 @@ umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *po
  */
 UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
                                              const uint8_t *bytes, size_t size,
-                                             struct umb__pool *pool, struct umbb_runs *runs,
+                                             const struct umbb_tile_nodes *nodes,
                                              struct umbb_tile_result *result,
                                              struct umb_error *error);
+
+/*
+ * The last part of a tile's result if first occluders are kept (tile_code.h):
+ *
+ *     uint32 squares              of 64 x 64 texels that have any
+ *     then for each, in ascending order:
+ *       uint32 number             in the tile, row by row
+ *       uint32 words[words[0]]    format/occluder_depth_build.h
+ *
+ * Words do not depend on the square's place or frustum, nor on squares added before.
+ */
+
+/* Bytes of the part; 0 if shape->occluder_depth is NULL. */
+uint64_t umbb_tile_occluder_depth_bytes(const struct umbb_tile_shape *shape);
+
+/* Writes the part. */
+void umbb_tile_occluder_depth_put(const struct umbb_tile_shape *shape, uint8_t *at);
+
+/*
+ * Reads the part and checks it.
+ *
+ * Out:   words: malloced, to be freed with free: the part as numbers of this machine.
+ * Fails: E_CORRUPT, E_NO_MEMORY. Trust: safe on hostile bytes.
+ */
+UMB_CHECKED enum umb_status umbb_tile_occluder_depth_read(const struct umbb_tile_shape *shape,
+                                                          const uint8_t *bytes, size_t size,
+                                                          uint32_t **words,
+                                                          struct umb_error *error);
+
+/* Adds the squares that were read to shape->occluder_depth. Fails: as
+ * umb__occluder_depth_add_square. */
+UMB_CHECKED enum umb_status umbb_tile_occluder_depth_add(const struct umbb_tile_shape *shape,
+                                                         const uint32_t *words,
+                                                         struct umb_error *error);
 
 #endif

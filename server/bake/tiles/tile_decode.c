@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Reading a tile's result. First every number is checked; then nodes go into the pool from the
- * bricks up, so a node's children are there before the node.
- *
- * Once the pool is touched, only lack of memory can make it fail.
+ * bricks up, so a node's children are there before the node. After the checks only lack of memory
+ * can make the reading fail.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_occluder_depth_code.h"
+#include "bake/tiles/tile_code.h"
 #include "base/bytes.h"
 #include "base/try.h"
 
-/* Pointers to the parts. Counts are the file's; sections are proven to fit it. */
+/* Pointers to the parts of a result. Counts are the file's; all parts are proven to fit the
+ * file. */
 struct decoder {
     const uint8_t *runs;
     uint32_t run_count;
@@ -24,11 +24,6 @@ struct decoder {
     const uint8_t *bricks;
     size_t bytes; /* size of all these parts */
 };
-
-static enum umb_status damaged(struct umb_error *error, const char *what)
-{
-    return umb_fail(error, UMB_E_CORRUPT, "tile result: %s", what);
-}
 
 /* Finds the parts; 0 if the counts need more bytes than there are. */
 static int find_parts(struct decoder *d, const uint8_t *bytes, size_t size)
@@ -122,12 +117,13 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
                                  struct umb_error *error)
 {
     if (!find_parts(d, bytes, size) || (shape->occluder_depth == NULL && d->bytes != size)) {
-        return damaged(error, "its size is not what its counts ask for");
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "tile result: its size is not what its counts ask for");
     }
     const uint32_t voxels = (uint32_t)1 << shape->log2_size;
     const uint32_t max_lit = umb__load32(bytes), min_end = umb__load32(bytes + 4);
     if (max_lit > voxels || min_end > voxels) {
-        return damaged(error, "depths beyond the frustum");
+        return umb_fail(error, UMB_E_CORRUPT, "tile result: depths beyond the frustum");
     }
     *result = (struct umbb_tile_result){
         .max_lit = (int32_t)max_lit,
@@ -135,11 +131,11 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
         .column = umbb_column_bounds(d->top, (int32_t)max_lit, (int32_t)min_end),
     };
     if (!runs_fit(d, &result->column)) {
-        return damaged(error, "runs that do not fit the column");
+        return umb_fail(error, UMB_E_CORRUPT, "tile result: runs that do not fit the column");
     }
     for (uint32_t level = d->top; level > UMB_LEVEL_BRICK; level--) {
         if (!level_fits(d, level)) {
-            return damaged(error, "nodes that do not fit each other");
+            return umb_fail(error, UMB_E_CORRUPT, "tile result: nodes that do not fit each other");
         }
     }
     return UMB_OK;
@@ -149,15 +145,14 @@ static enum umb_status check_all(struct decoder *d, const struct umbb_tile_shape
 static enum umb_status add_bricks(const struct decoder *d, struct umb__pool *pool, uint32_t *to,
                                   struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < d->count[UMB_LEVEL_BRICK] && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < d->count[UMB_LEVEL_BRICK]; i++) {
         uint64_t slices[8];
         for (size_t z = 0; z < 8; z++) {
             slices[z] = umb__load64(d->bricks + 64 * (size_t)i + 8 * z);
         }
-        status = umb__pool_brick(pool, slices, &to[i], error);
+        UMB__TRY(umb__pool_brick(pool, slices, &to[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Adds all nodes of a level to the pool. In: below: refs of the level below. */
@@ -165,8 +160,7 @@ static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct
                                  const uint32_t *below, uint32_t *to, struct umb_error *error)
 {
     const uint8_t *next = d->refs[level];
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < d->count[level] && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < d->count[level]; i++) {
         const uint16_t mask = umb__load16(d->masks[level] + 2 * (size_t)i);
         uint32_t children[8];
         for (unsigned c = 0; c < 8; c++) {
@@ -177,9 +171,9 @@ static enum umb_status add_nodes(const struct decoder *d, uint32_t level, struct
                 next += 4;
             }
         }
-        status = umb__pool_node(pool, level, children, &to[i], error);
+        UMB__TRY(umb__pool_node(pool, level, children, &to[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Adds all levels. Out: top: the refs of the tile's level, malloced. */
@@ -206,9 +200,10 @@ static enum umb_status add_all(const struct decoder *d, struct umb__pool *pool, 
 }
 
 enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint8_t *bytes,
-                                 size_t size, struct umb__pool *pool, struct umbb_runs *runs,
+                                 size_t size, const struct umbb_tile_nodes *nodes,
                                  struct umbb_tile_result *result, struct umb_error *error)
 {
+    struct umbb_runs *runs = nodes->runs;
     struct decoder d = {.top = shape->tile_log2};
     UMB__TRY(check_all(&d, shape, bytes, size, result, error));
     uint32_t *occluder_depth = NULL, *top;
@@ -216,7 +211,7 @@ enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint
         UMB__TRY(umbb_tile_occluder_depth_read(shape, bytes + d.bytes, size - d.bytes,
                                                &occluder_depth, error));
     }
-    enum umb_status status = add_all(&d, pool, &top, error);
+    enum umb_status status = add_all(&d, nodes->pool, &top, error);
     if (status == UMB_OK && occluder_depth != NULL) {
         status = umbb_tile_occluder_depth_add(shape, occluder_depth, error);
     }

@@ -6,8 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/tiles/tile_occluder_depth_code.h"
+#include "bake/tiles/tile_code.h"
 #include "base/bytes.h"
+#include "base/try.h"
 
 /* Nodes of one level that the walk has met. */
 struct met {
@@ -18,6 +19,8 @@ struct met {
 };
 
 struct encoder {
+    const struct umbb_tile_shape *shape;
+    const struct umbb_tile_result *result;
     const struct umb__pool *pool;
     const struct umbb_column_run *runs; /* the column's */
     size_t run_count;
@@ -122,10 +125,10 @@ static uint8_t *put_level(const struct encoder *e, uint32_t number, uint8_t *at)
     return at;
 }
 
-static void put_all(const struct encoder *e, const struct umbb_tile_result *result, uint8_t *at)
+static void put_all(const struct encoder *e, uint8_t *at)
 {
-    at = put32(at, (uint32_t)result->max_lit);
-    at = put32(at, (uint32_t)result->min_end);
+    at = put32(at, (uint32_t)e->result->max_lit);
+    at = put32(at, (uint32_t)e->result->min_end);
     at = put32(at, (uint32_t)e->run_count);
     at = put32(at, e->met[UMB_LEVEL_BRICK].count);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= e->top; level++) {
@@ -149,37 +152,45 @@ static void put_all(const struct encoder *e, const struct umbb_tile_result *resu
     }
 }
 
-enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape, const struct umb__pool *pool,
-                                 const struct umbb_runs *runs,
-                                 const struct umbb_tile_result *result, size_t max_bytes,
-                                 uint8_t **bytes, size_t *size, struct umb_error *error)
+/* Numbers the nodes and writes them to malloced bytes. In: max_bytes: limit of the bytes. */
+static enum umb_status encode(struct encoder *e, size_t max_bytes, uint8_t **bytes, size_t *size,
+                              struct umb_error *error)
 {
-    *bytes = NULL;
-    *size = 0;
+    UMB__TRY(encoder_init(e, max_bytes, error));
+    number_nodes(e);
+    const uint64_t nodes = encoded_bytes(e);
+    const uint64_t wanted = nodes + umbb_tile_occluder_depth_bytes(e->shape);
+    *bytes = wanted > max_bytes ? NULL : malloc((size_t)wanted);
+    if (*bytes == NULL) {
+        return umb_fail(error, wanted > max_bytes ? UMB_E_LIMIT : UMB_E_NO_MEMORY,
+                        "--memory: a tile's result of %llu MiB: %zu are left",
+                        (unsigned long long)(wanted >> 20), max_bytes >> 20);
+    }
+    put_all(e, *bytes);
+    if (e->shape->occluder_depth != NULL) {
+        umbb_tile_occluder_depth_put(e->shape, *bytes + nodes);
+    }
+    *size = (size_t)wanted;
+    return UMB_OK;
+}
+
+enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape,
+                                 const struct umbb_tile_nodes *nodes,
+                                 const struct umbb_tile_result *result, uint8_t **bytes,
+                                 size_t *size, struct umb_error *error)
+{
+    const struct umbb_column_run *runs = nodes->runs->items;
     struct encoder e = {
-        .pool = pool,
-        .runs = runs->items == NULL ? NULL : runs->items + result->column.run_first,
+        .shape = shape,
+        .result = result,
+        .pool = nodes->pool,
+        .runs = runs == NULL ? NULL : runs + result->column.run_first,
         .run_count = result->column.run_count,
         .top = shape->tile_log2,
     };
-    enum umb_status status = encoder_init(&e, max_bytes / 2, error);
-    if (status == UMB_OK) {
-        number_nodes(&e);
-        const uint64_t nodes = encoded_bytes(&e),
-                       wanted = nodes + umbb_tile_occluder_depth_bytes(shape);
-        *bytes = wanted > max_bytes / 2 ? NULL : malloc((size_t)wanted);
-        if (*bytes != NULL) {
-            put_all(&e, result, *bytes);
-            if (shape->occluder_depth != NULL) {
-                umbb_tile_occluder_depth_put(shape, *bytes + nodes);
-            }
-            *size = (size_t)wanted;
-        } else {
-            status = umb_fail(error, wanted > max_bytes / 2 ? UMB_E_LIMIT : UMB_E_NO_MEMORY,
-                              "--memory: a tile's result of %llu MiB: %zu are left",
-                              (unsigned long long)(wanted >> 20), max_bytes >> 21);
-        }
-    }
+    *bytes = NULL;
+    *size = 0;
+    const enum umb_status status = encode(&e, nodes->max_bytes / 2, bytes, size, error);
     encoder_finish(&e);
     return status;
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Combines key, code and cache. */
+/* The tile loop's cache: a key names a tile, tile_code.h makes bytes of it, tile_cache.h keeps
+ * them. */
 #include "bake/tiles/tile_folder.h"
 
 #include <errno.h>
@@ -8,7 +9,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "bake/tiles/tile_key.h"
 #include "base/try.h"
 
 enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_folder,
@@ -33,12 +33,11 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
 {
     tile_folder->depth = depth;
     tile_folder->shape = *shape;
-    tile_folder->frustum = frustum;
     tile_folder->first = (uint64_t)frustum << (2 * (shape->log2_size - shape->tile_log2));
     tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
 }
 
-/* Logs once that the cache does not help. */
+/* Prints the first failure of the cache. */
 static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error *error)
 {
     if (!tile_folder->quiet && !tile_folder->silent) {
@@ -54,16 +53,16 @@ static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile
     tile_folder->shape.occluder_depth_y = (uint32_t)place->y0 / UMB__OCCLUDER_DEPTH_SIDE;
 }
 
-/* Reads and decodes a result; found stays 0 if there is no whole one. */
+/* Reads and decodes a result; *found stays 0 if there is no whole one. */
 static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t *key,
-                            size_t max_bytes, struct umb__pool *pool, struct umbb_runs *runs,
-                            struct umbb_tile_result *result, int *found, struct umb_error *error)
+                            const struct umbb_tile_nodes *nodes, struct umbb_tile_result *result,
+                            int *found, struct umb_error *error)
 {
     struct umb_error cause = {0};
     uint8_t *bytes;
     size_t size;
     enum umb_status status =
-        umbb_tile_cache_read(&tile_folder->cache, key, max_bytes, &bytes, &size, &cause);
+        umbb_tile_cache_read(&tile_folder->cache, key, nodes->max_bytes, &bytes, &size, &cause);
     if (status != UMB_OK) {
         if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
             return umb_fail(error, status, "%s", cause.message);
@@ -72,7 +71,7 @@ static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t 
         return UMB_OK;
     }
     if (bytes != NULL) {
-        status = umbb_tile_decode(&tile_folder->shape, bytes, size, pool, runs, result, error);
+        status = umbb_tile_decode(&tile_folder->shape, bytes, size, nodes, result, error);
         *found = status == UMB_OK;
         if (status == UMB_E_CORRUPT) {
             umbb_tile_cache_drop(&tile_folder->cache, key);
@@ -83,35 +82,34 @@ static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t 
     return status;
 }
 
-static enum umb_status find(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            struct umb__pool *pool, struct umbb_runs *runs,
-                            struct umbb_tile_result *result, int *found, struct umb_error *error)
+static enum umb_status find(void *user, const struct umbb_tile_place *place,
+                            const struct umbb_tile_nodes *nodes, struct umbb_tile_result *result,
+                            int *found, struct umb_error *error)
 {
     struct umbb_tile_folder *tile_folder = user;
     uint8_t key[UMB_ID_BYTES];
     *found = 0;
     turn_to(tile_folder, place);
     umbb_tile_key(tile_folder->depth, &tile_folder->shape, place, key);
-    UMB__TRY(take(tile_folder, key, max_bytes, pool, runs, result, found, error));
-    tile_folder->found += *found != 0;
-    if (!*found && tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
+    UMB__TRY(take(tile_folder, key, nodes, result, found, error));
+    if (*found) {
+        return UMB_OK;
+    }
+    if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
+        const unsigned long long number = tile_folder->first + place->number;
         return umb_fail(error, UMB_E_BUSY,
                         "tile %llu is not in '%.200s', or was damaged: bake it with "
                         "umbrage-bake tile --only %llu",
-                        (unsigned long long)(tile_folder->first + place->number),
-                        tile_folder->cache.folder,
-                        (unsigned long long)(tile_folder->first + place->number));
+                        number, tile_folder->cache.folder, number);
     }
-    if (!*found) {
-        const unsigned slot = tile_folder->next_missed++ & 1;
-        tile_folder->missed[slot].number = place->number;
-        memcpy(tile_folder->missed[slot].key, key, sizeof key);
-    }
+    const unsigned slot = tile_folder->next_missed++ & 1;
+    tile_folder->missed[slot].number = place->number;
+    memcpy(tile_folder->missed[slot].key, key, sizeof key);
     return UMB_OK;
 }
 
-static enum umb_status keep(void *user, const struct umbb_tile_place *place, size_t max_bytes,
-                            const struct umb__pool *pool, const struct umbb_runs *runs,
+static enum umb_status keep(void *user, const struct umbb_tile_place *place,
+                            const struct umbb_tile_nodes *nodes,
                             const struct umbb_tile_result *result, struct umb_error *error)
 {
     struct umbb_tile_folder *tile_folder = user;
@@ -119,13 +117,12 @@ static enum umb_status keep(void *user, const struct umbb_tile_place *place, siz
     struct umb_error cause = {0};
     uint8_t *bytes;
     size_t size;
-    tile_folder->baked++;
     turn_to(tile_folder, place);
     if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
         return UMB_OK;
     }
     enum umb_status status =
-        umbb_tile_encode(&tile_folder->shape, pool, runs, result, max_bytes, &bytes, &size, &cause);
+        umbb_tile_encode(&tile_folder->shape, nodes, result, &bytes, &size, &cause);
     if (status == UMB_OK) {
         status = umbb_tile_cache_write(&tile_folder->cache, tile_folder->missed[slot].key, bytes,
                                        size, &cause);

@@ -9,14 +9,15 @@
  *                       umbb_tile_folder_cached_tiles(&tile_folder)
  *     umbb_tile_folder_close(&tile_folder);
  */
+#include "bake/depth/depth.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
-/* Behaviour if a result is missing, or cannot be kept. */
+/* What happens to a tile whose result is missing, and to a result that cannot be written. */
 enum umbb_tile_folder_mode {
-    UMBB_TILE_FOLDER_CACHE = 0, /* the tile is baked; not kept, with a notice */
-    UMBB_TILE_FOLDER_TILE = 1,  /* the tile is baked; the bake fails */
-    UMBB_TILE_FOLDER_MERGE = 2, /* the bake fails; nothing is kept */
+    UMBB_TILE_FOLDER_CACHE = 0, /* missing: the tile is baked; not written: a notice is printed */
+    UMBB_TILE_FOLDER_TILE = 1,  /* missing: the tile is baked; not written: the bake fails */
+    UMBB_TILE_FOLDER_MERGE = 2, /* missing: the bake fails; nothing is written */
 };
 
 struct umbb_tile_folder {
@@ -26,9 +27,7 @@ struct umbb_tile_folder {
     int silent; /* a notice has been given */
     const struct umbb_depth *depth;
     struct umbb_tile_shape shape; /* shape of the frustum and of the current tile */
-    uint32_t frustum;             /* its number */
-    uint64_t first;               /* number of its first tile among those of all frusta */
-    uint64_t found, baked;
+    uint64_t first;               /* number of the frustum's first tile among those of all frusta */
     struct {
         uint32_t number;
         uint8_t key[UMB_ID_BYTES];
@@ -43,7 +42,7 @@ UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_
                                                   struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
-/* Starts the next frustum. In: depth: one with reach; it and shape's occluder depth map are
+/* Starts the next frustum. In: depth: one with lists; depth and the shape's occluder depth map are
  * borrowed until the next call. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
@@ -54,5 +53,25 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
  * umbb_tile_cache_write do.
  */
 struct umbb_cached_tiles umbb_tile_folder_cached_tiles(struct umbb_tile_folder *tile_folder);
+
+/*
+ * The key of a tile's result: a hash of everything that it depends on, and of nothing else.
+ *
+ * That is: the program's version and the bake's (plan.h); size of frustum and tile, and the tile's
+ * place; the closed rule, whether squares are proven, and whether first occluders are kept; for
+ * spot and point lights the scale of depth. Each caster that may reach the tile enters in the
+ * scene's order, with its corners in voxel space, its kind and its marks, and if it is cut out,
+ * with its texture coordinates and the texture's content. Corners in voxel space include the
+ * frustum's matrix: if an edit of the scene moves the frustum, every key changes; else only those
+ * of tiles that an edited triangle reached or now reaches.
+ *
+ * Not part of it, because no bit depends on it: threads, memory, instruction sets, the depth path,
+ * triangles elsewhere, materials' names, the file.
+ *
+ * In:   depth: one with lists.
+ * Cost: SHA-256 of 74 bytes a caster that may reach the tile; no allocation.
+ */
+void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,
+                   const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES]);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers go into the hash little-endian, doubles as their bits. */
-#include "bake/tiles/tile_key.h"
+#include "bake/tiles/tile_folder.h"
 
 #include <string.h>
 
@@ -39,7 +39,7 @@ static void add_caster(struct umbs_chain *chain, const struct umbb_casters *cast
     for (size_t i = 0; i < 9; i++) {
         store_double(bytes + 8 * i, casters->corners[number][i / 3][i % 3]);
     }
-    bytes[72] = casters->closed_rule ? casters->kinds[number] : 0;
+    bytes[72] = umbb_caster_kind(casters, number);
     bytes[73] = casters->marks != NULL ? casters->marks[number] : 0;
     umbs_chain_add(chain, bytes, sizeof bytes);
 }
@@ -68,10 +68,9 @@ static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint
 void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,
                    const struct umbb_tile_place *place, uint8_t key[UMB_ID_BYTES])
 {
-    const uint32_t *list;
+    const struct umbb_casters *casters = depth->lists->casters;
     size_t count;
-    const struct umbb_casters *casters =
-        depth->reach(depth->state, place->x0, place->y0, &list, &count);
+    const uint32_t *list = umbb_tile_lists_of_tile(depth->lists, place->x0, place->y0, &count);
     struct umbs_chain chain;
     umbs_chain_init(&chain);
     umbs_chain_add(&chain, shape->occluder_depth != NULL ? occluder_depth_domain : key_domain,
@@ -87,9 +86,8 @@ void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape 
     add_double(&chain, casters->depth_scale);
     add_double(&chain, casters->depth_offset);
     for (size_t i = 0; i < count; i++) {
-        const size_t number = list == NULL ? i : list[i];
-        const uint32_t cut = umbb_cut_of(casters->cuts, number);
-        add_caster(&chain, casters, number);
+        const uint32_t cut = umbb_cut_of(casters->cuts, list[i]);
+        add_caster(&chain, casters, list[i]);
         if (cut != UMBS_CUT_NONE) {
             add_cut(&chain, casters->cuts, cut);
         }

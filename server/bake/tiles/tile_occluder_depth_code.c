@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Squares of first occluders, from a frustum's occluder depth map to bytes and back. */
-#include "bake/tiles/tile_occluder_depth_code.h"
+#include "bake/tiles/tile_code.h"
 
 #include <stdlib.h>
 
 #include "base/bytes.h"
+#include "base/try.h"
 
 static uint32_t squares_across(const struct umbb_tile_shape *shape)
 {
@@ -100,12 +101,10 @@ enum umb_status umbb_tile_occluder_depth_add(const struct umbb_tile_shape *shape
 {
     const uint32_t across = squares_across(shape);
     const uint32_t *next = words + 1;
-    enum umb_status status = UMB_OK;
-    for (uint32_t i = 0; i < words[0] && status == UMB_OK; i++) {
-        status = umb__occluder_depth_add_square(
+    for (uint32_t i = 0; i < words[0]; i++, next += 1 + next[1]) {
+        UMB__TRY(umb__occluder_depth_add_square(
             shape->occluder_depth, shape->occluder_depth_x + next[0] % across,
-            shape->occluder_depth_y + next[0] / across, next + 1, error);
-        next += 1 + next[1];
+            shape->occluder_depth_y + next[0] / across, next + 1, error));
     }
-    return status;
+    return UMB_OK;
 }

@@ -7,7 +7,8 @@
 #include <string.h>
 
 #include "bake/depth/tile.h"
-#include "bake/interrupt.h"
+#include "bake/base/interrupt.h"
+#include "base/try.h"
 
 /* Number of points. About half of them face away from a light and do not count. The other 2000 tell
  * the mean of an event with 1 % probability to a fifth of it. */
@@ -105,22 +106,21 @@ static void face_light(const struct umb_light_info *light, struct drawn *drawn)
 static enum umb_status measure(const struct umb__octree *octree, struct drawn *drawn,
                                struct umb__content *content, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (uint32_t light = 0; light < content->light_count && status == UMB_OK; light++) {
+    for (uint32_t light = 0; light < content->light_count; light++) {
         uint32_t rows;
         face_light(&content->lights[light], drawn);
         const struct umb_points points = {.positions = drawn->positions,
                                           .format = UMB_POINT_F64,
                                           .normals = drawn->normals,
                                           .count = drawn->count};
-        status = umb__curve_measure(content, octree, light, &points,
-                                    content->curve + content->curve_count, &rows, error);
-        content->curve_count += status == UMB_OK ? rows : 0;
-        if (status == UMB_OK && umbb_interrupted()) {
-            status = umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
+        UMB__TRY(umb__curve_measure(content, octree, light, &points,
+                                    content->curve + content->curve_count, &rows, error));
+        content->curve_count += rows;
+        if (umbb_interrupted()) {
+            return umb_fail(error, UMB_E_CANCELLED, "interrupted: nothing was written");
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 static uint32_t points_a_light(uint32_t lights)

@@ -7,8 +7,8 @@
 #include "base/page_alloc.h"
 #include "base/try.h"
 #include "tool/threads.h"
-#include "bake/interrupt.h"
-#include "bake/bake_progress.h"
+#include "bake/base/interrupt.h"
+#include "bake/base/bake_progress.h"
 #include "common/sha256.h"
 
 /* Seed of the compared points: fixed, so that a failure can be repeated. */
@@ -66,15 +66,6 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     return status == UMB_OK ? UMB_OK : umbu_output_explain(&publish->file, status, error);
 }
 
-static void add_result(struct umbr_verify_result *sum, const struct umbr_verify_result *one)
-{
-    sum->points += one->points;
-    sum->near_boundary += one->near_boundary;
-    sum->skipped_inside += one->skipped_inside;
-    sum->inside_band += one->inside_band;
-    sum->outside_band += one->outside_band;
-}
-
 static enum umb_status judge(const struct umbb_check *check, uint32_t light,
                              const struct umbr_verify_result *result, struct umb_error *error)
 {
@@ -124,10 +115,7 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     const struct umbr_rays_options quick = {
         .quick = 1, .threads = check->threads, .cuts = check->cuts};
     struct umbr_rays *rays;
-    enum umb_status status = umbr_rays_build(check->corners, check->count, &quick, &rays, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbr_rays_build(check->corners, check->count, &quick, &rays, error));
     const uint64_t points = points_a_light(check, publish->info.light_count);
     struct compared compared = {.before = 0};
     umbb_progress_start(&compared.progress, check->quiet, "Mpoint",
@@ -141,11 +129,12 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
         .progress = show_compared,
         .progress_user = &compared,
     };
+    enum umb_status status = UMB_OK;
     for (uint32_t light = 0; light < publish->info.light_count && status == UMB_OK; light++) {
         struct umbr_verify_result result;
         status = umbr_verify(asset, light, rays, &options, &result, error);
         if (status == UMB_OK) {
-            add_result(&publish->verified, &result);
+            umbr_verify_result_add(&publish->verified, &result);
             compared.before = publish->verified.points;
             status = judge(check, light, &result, error);
         }
@@ -184,10 +173,8 @@ enum umb_status umbb_publish_check(struct umbb_publish *publish, const struct um
                                    struct umb_error *error)
 {
     struct umb_asset *asset;
-    enum umb_status status = reopen(publish, check->max_memory_bytes, &asset, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(reopen(publish, check->max_memory_bytes, &asset, error));
     umb_asset_get_info(asset, &publish->info);
     if (memcmp(publish->info.id, publish->id, sizeof publish->id) != 0) {
         status = umb_fail(error, UMB_E_INTERNAL,

@@ -28,7 +28,7 @@ struct umbb_publish {
 /* Reference for the written asset. */
 struct umbb_check {
     const double (*corners)[3][3]; /* world */
-    const uint8_t *closed;         /* uint8[count] 1 = of a closed part; NULL = no closed rule */
+    const uint8_t *closed;         /* [count] not 0: of a closed part; NULL: no closed rule */
     const struct umbs_cuts *cuts;  /* `of`: [count] */
     size_t count;
     size_t open_on_word; /* parts that --closed on treats as closed and that are open */

@@ -10,9 +10,9 @@
 #include <string.h>
 
 #include "bake/build/tile_loop.h"
-#include "bake/depth/depth_embree.h"
-#include "bake/depth/depth_raster.h"
+#include "bake/depth/depth.h"
 #include "format/octree.h"
+#include "bake_frustum.h"
 
 struct soup {
     double (*corners)[3][3];
@@ -238,7 +238,7 @@ static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t 
         .closed_rule = closed_rule,
         .octree_max_bytes = (size_t)1 << 30,
     };
-    assert_int_equal(umbb_bake_frustum(&depth, &options, octree, NULL, &error), UMB_OK);
+    assert_int_equal(bake_frustum(&depth, &options, octree, NULL, &error), UMB_OK);
     depth.destroy(depth.state);
 }
 

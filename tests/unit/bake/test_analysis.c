@@ -11,10 +11,10 @@
 
 #include "bake/analysis/analysis.h"
 #include "bake/analysis/plan.h"
-#include "bake/depth/tile.h"
+#include "bake/analysis/voxel_casters.h"
 #include "bake/memory_plan.h"
-#include "bake/print_text.h"
-#include "bake/bake_progress.h"
+#include "bake/base/print_text.h"
+#include "bake/base/bake_progress.h"
 
 /* A cube of edge 2 around (100.4, 0, 0), an open triangle and one without an area. */
 struct small_scene {
@@ -137,9 +137,14 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     double before[13][3][3];
     memcpy(before, a.corners, sizeof before);
     for (uint32_t i = 1; i < 3; i++) {
-        umbb_analysis_to_voxels(&a, i);
-        assert_memory_not_equal(before, a.corners, sizeof before);
-        assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+        struct umbb_voxel_casters voxels;
+        assert_int_equal(umbb_voxel_casters_make(&a, &s.view, i, SIZE_MAX, &voxels, &error),
+                         UMB_OK);
+        assert_int_equal(voxels.casters.count, 13);
+        assert_memory_not_equal(before, voxels.casters.corners, sizeof before);
+        assert_null(a.corners); /* moved out */
+        umbb_voxel_casters_finish(&voxels);
+        assert_int_equal(umbb_analysis_need_corners(&a, &s.view, &error), UMB_OK);
         assert_memory_equal(before, a.corners, sizeof before);
     }
     umbb_analysis_finish(&a);
@@ -165,21 +170,23 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     for (int i = 0; i < 12; i++) {
         assert_int_equal(a.kinds[i], UMBB_CASTER_CLOSED_FLIPPED);
     }
-    umbb_analysis_to_voxels(&a, 1);
-    assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
-    umbb_analysis_orient(&a);
+    double(*turned)[3][3] = umbb_analysis_take_turned(&a);
+    assert_null(a.corners);
     double volume = 0; /* six times, relative to the first corner: positive if outward */
-    const double *o = a.corners[0][0];
+    const double *o = turned[0][0];
     for (int i = 0; i < 12; i++) {
         double p[3][3];
         for (int k = 0; k < 9; k++) {
-            p[k / 3][k % 3] = a.corners[i][k / 3][k % 3] - o[k % 3];
+            p[k / 3][k % 3] = turned[i][k / 3][k % 3] - o[k % 3];
         }
         volume += p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) -
                   p[0][1] * (p[1][0] * p[2][2] - p[1][2] * p[2][0]) +
                   p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0]);
     }
     assert_true(volume > 0);
+    free(turned);
+    assert_int_equal(umbb_analysis_need_corners(&a, &s.view, &error), UMB_OK); /* as in the file */
+    assert_int_equal(a.kinds[0], UMBB_CASTER_CLOSED_FLIPPED);
     umbb_analysis_finish(&a);
 }
 
@@ -426,8 +433,11 @@ static void translucent_triangles_leave_the_casters_unless_they_are_to_be_opaque
         assert_int_equal(strstr(settings, "transmittance=on\n") != NULL, on);
         if (a.translucent_count == 1) { /* they follow the casters, also when taken anew */
             assert_memory_equal(a.corners[a.count], a.translucent[0], sizeof a.translucent[0]);
-            umbb_analysis_to_voxels(&a, 1);
-            assert_int_equal(umbb_analysis_to_world(&a, &s.view, &error), UMB_OK);
+            struct umbb_voxel_casters voxels;
+            assert_int_equal(umbb_voxel_casters_make(&a, &s.view, 1, SIZE_MAX, &voxels, &error),
+                             UMB_OK);
+            umbb_voxel_casters_finish(&voxels);
+            assert_int_equal(umbb_analysis_need_corners(&a, &s.view, &error), UMB_OK);
             assert_memory_equal(a.corners[a.count], a.translucent[0], sizeof a.translucent[0]);
             assert_non_null(strstr(plan, "2 triangles take 50 to 50 % of the light"));
         }

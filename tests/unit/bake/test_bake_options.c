@@ -8,8 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "bake/bake_options.h"
-#include "bake/effect_options.h"
+#include "bake/options/bake_options.h"
 #include "tool/exit_code.h"
 
 #define MAX_WORDS 16

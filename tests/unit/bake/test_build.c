@@ -307,7 +307,7 @@ static void memory_limit_stops_the_build_with_a_reason(void **state)
     const struct umbb_bake_options options = {
         .log2_size = 9, .tile_log2 = 7, .threads = 2, .octree_max_bytes = 150000};
     struct umb__octree octree;
-    assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
+    assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "memory: the shadow octree"));
     assert_null(octree.bricks);
     depth.destroy(depth.state);
@@ -334,7 +334,7 @@ static void the_shared_limit_counts_columns_and_lists_too(void **state)
                                                   .octree_max_bytes = SIZE_MAX,
                                                   .shared_max_bytes = limits[i]};
         struct umb__octree octree;
-        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
+        assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_LIMIT);
         assert_non_null(strstr(error.message, "memory"));
         assert_null(octree.bricks);
         depth.destroy(depth.state);
@@ -365,7 +365,7 @@ static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
                                                   .threads = 2,
                                                   .octree_max_bytes = SIZE_MAX,
                                                   .shared_max_bytes = limits[i]};
-        assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
+        assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_OK);
         assert_same_octree(&octree, &reference);
         umb__octree_finish(&octree);
         depth.destroy(depth.state);
@@ -396,7 +396,7 @@ static void a_cancelled_bake_ends_cleanly(void **state)
                                               .octree_max_bytes = 1 << 30,
                                               .cancelled = always};
     struct umb__octree octree;
-    assert_int_equal(umbb_bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_CANCELLED);
+    assert_int_equal(bake_frustum(&depth, &options, &octree, NULL, &error), UMB_E_CANCELLED);
     depth.destroy(depth.state);
     soup_finish(&soup);
 }
@@ -425,9 +425,9 @@ static void check_slicer(const struct umbb_slicer *slicer, const int32_t values[
 
 static void slices_of_every_width_compare_every_depth(void **state)
 {
-    const struct umbb_slicer *const slicers[] = {umbb_slicer_plain(), umbb_slicer_sse2(),
-                                                 umbb_slicer_avx2(), umbb_slicer_avx512(),
-                                                 umbb_slicer_best()};
+    const struct umbb_slicer *const slicers[] = {&umbb_slicer_plain, umbb_slicer(UMBB_VECTORS_NONE),
+                                                 umbb_slicer(UMBB_VECTORS_AVX2),
+                                                 umbb_slicer(UMBB_VECTORS_AVX512)};
     (void)state;
     struct soup soup;
     soup_init(&soup, 64, 801);

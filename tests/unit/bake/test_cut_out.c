@@ -10,10 +10,9 @@
 #include <math.h>
 
 #include "bake/depth/cut_out.h"
-#include "bake/depth/depth_embree.h"
 #include "bake/depth/depth_perspective.h"
-#include "bake/depth/depth_raster.h"
-#include "bake/tiles/tile_key.h"
+#include "bake/depth/depth.h"
+#include "bake/tiles/tile_folder.h"
 #include "cut_scene.h"
 
 enum {

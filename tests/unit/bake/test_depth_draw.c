@@ -51,7 +51,7 @@ static void drawing_init(struct drawing *drawing, const int32_t *texels)
 {
     memcpy(drawing->texels, texels, sizeof drawing->texels);
     for (int layer = 0; layer < 2; layer++) {
-        umbb_canvas_far(drawing->texels[layer], CANVAS, drawing->far[layer]);
+        umbb_far_plain(drawing->texels[layer], CANVAS, drawing->far[layer]);
     }
 }
 
@@ -67,7 +67,6 @@ static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, 
         .back = drawing->texels[one_layer ? 0 : 1],
         .front_far = drawing->far[0],
         .back_far = drawing->far[one_layer ? 0 : 1],
-        .fresh = round % 7 == 0,
     };
     draw(c, count, &canvas);
 }
@@ -158,19 +157,21 @@ static void slopes_that_touch_a_centre_are_drawn_by(umbb_draw_fn quick)
 static void drawing_with_avx2_gives_the_bits_of_the_plain_one(void **state)
 {
     (void)state;
-    if (umbb_draw_avx2() == NULL) {
+    const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX2);
+    if (kernels == NULL) {
         print_message("skipped: no AVX2 on this processor\n");
         skip();
     }
-    kernel_gives_the_bits_of_the_plain_one(umbb_draw_avx2());
-    slopes_that_touch_a_centre_are_drawn_by(umbb_draw_avx2());
+    kernel_gives_the_bits_of_the_plain_one(kernels->draw);
+    slopes_that_touch_a_centre_are_drawn_by(kernels->draw);
 }
 
 static void greatest_texels_are_found_by_vectors_too(void **state)
 {
     (void)state;
     static int32_t texels[CANVAS_TEXELS], far[2][CANVAS_TEXELS / 64];
-    if (umbb_far_avx2() == NULL) {
+    const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX2);
+    if (kernels == NULL) {
         print_message("skipped: no AVX2 on this processor\n");
         skip();
     }
@@ -179,10 +180,17 @@ static void greatest_texels_are_found_by_vectors_too(void **state)
         for (size_t i = 0; i < CANVAS_TEXELS; i++) {
             texels[i] = (int32_t)(random_bits() % (SIZE + 1));
         }
-        umbb_canvas_far(texels, CANVAS, far[0]);
-        umbb_far_avx2()(texels, CANVAS, far[1]);
+        umbb_far_plain(texels, CANVAS, far[0]);
+        kernels->find_far(texels, CANVAS, far[1]);
         assert_memory_equal(far[0], far[1], sizeof far[0]);
     }
+}
+
+/* The steps of AVX-512, or NULL. */
+static const struct umbb_cells_steps *steps_of_avx512(void)
+{
+    const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX512);
+    return kernels == NULL ? NULL : kernels->cells;
 }
 
 /* Notes triangles as a rasteriser does; far sides may be hidden by what came before. Returns how
@@ -223,12 +231,12 @@ static void draw_by_cells(const struct umbb_coverage *c, size_t count,
     memcpy(back, canvas->back, CANVAS_TEXELS * sizeof *back);
     for (size_t i = 0; i < count; i++) {
         if (umbb_cells_can_note(&c[i])) {
-            (void)note_all(umbb_cells_avx512(), &cells, &c[i], 1, sides, layers);
+            (void)note_all(steps_of_avx512(), &cells, &c[i], 1, sides, layers);
         } else {
             umbb_draw_plain(&c[i], 1, canvas);
         }
     }
-    umbb_cells_avx512()->draw(&cells, layers);
+    steps_of_avx512()->draw(&cells, layers);
     for (size_t i = 0; i < CANVAS_TEXELS; i++) {
         canvas->front[i] = front[i] < canvas->front[i] ? front[i] : canvas->front[i];
         canvas->back[i] = one_layer || canvas->back[i] < back[i] ? canvas->back[i] : back[i];
@@ -238,7 +246,7 @@ static void draw_by_cells(const struct umbb_coverage *c, size_t count,
 static void drawing_by_noted_cells_gives_the_bits_of_the_plain_one(void **state)
 {
     (void)state;
-    if (umbb_cells_avx512() == NULL) {
+    if (steps_of_avx512() == NULL) {
         print_message("skipped: no AVX-512 on this processor\n");
         skip();
     }
@@ -271,7 +279,7 @@ static size_t crowd_make(struct umbb_coverage *c)
 static void full_notes_are_drawn_and_go_on(void **state)
 {
     (void)state;
-    const struct umbb_cells_steps *steps = umbb_cells_avx512();
+    const struct umbb_cells_steps *steps = steps_of_avx512();
     static struct umbb_cells cells;
     static struct umbb_coverage c[CROWD];
     static int32_t layers[2][BLOCK_TEXELS];

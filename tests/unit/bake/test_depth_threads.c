@@ -9,8 +9,8 @@
 #include <cmocka.h>
 
 #include "tool/threads.h"
-#include "bake/depth/depth_raster.h"
-#include "bake/depth/front_marks.h"
+#include "bake/depth/depth.h"
+#include "bake/depth/proven_squares.h"
 #include "bake/depth/triangle_bins.h"
 #include "bake_soups.h"
 

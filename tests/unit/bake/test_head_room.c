@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "bake/bake_transmittance.h"
-#include "bake/head_room.h"
+#include "bake/memory_plan.h"
 #include "format/layout.h"
 #include "umbrage/curve.h"
 

@@ -14,7 +14,6 @@
 #include <string.h>
 
 #include "bake/analysis/frusta.h"
-#include "bake/analysis/lamp_contact.h"
 #include "make_asset.h"
 
 enum {
@@ -42,11 +41,8 @@ static enum umb_status fit(const double (*corners)[3][3], size_t count, const do
     struct umb_light_info light = {.name = "lamp",
                                    .kind = half_deg > 0 ? UMB_LIGHT_SPOT : UMB_LIGHT_POINT};
     struct umbb_light_choice choice = {.lights = &light, .cones = &cone, .count = 1};
-    struct umbb_frusta_input input = {.corners = corners,
-                                      .count = count,
-                                      .bounds = {{0, 0, 0}, {10, 10, 5}},
-                                      .origin = origin,
-                                      .log2_size = LOG2};
+    struct umbb_frusta_input input = {.fit = {corners, count, origin, LOG2},
+                                      .bounds = {{0, 0, 0}, {10, 10, 5}}};
     memcpy(light.position, position, sizeof light.position);
     for (int k = 0; half_deg > 0 && k < 3; k++) {
         const double *d = direction;
@@ -117,12 +113,7 @@ static void what_a_face_leaves_out_is_refused(void **state)
         for (int i = 0; i < 9; i++) {
             v[0][i / 3][i % 3] = scale * (2 * random_unit(&seed) - 1);
         }
-        const struct umbb_contact_input input = {.corners = (const double(*)[3][3])v,
-                                                 .count = 1,
-                                                 .eye = &eye,
-                                                 .log2_size = LOG2,
-                                                 .cone_sine = 1,
-                                                 .origin = origin};
+        const struct umbb_fit triangle = {(const double(*)[3][3])v, 1, origin, LOG2};
         struct umbb_contact contact;
         for (int i = 0; i < 2000 && !seen; i++) {
             const double b = random_unit(&seed), c = (1 - b) * random_unit(&seed);
@@ -133,7 +124,7 @@ static void what_a_face_leaves_out_is_refused(void **state)
             seen = p[2] > 0 && p[2] < near && fabs(p[0]) < tangent * p[2] &&
                    fabs(p[1]) < tangent * p[2];
         }
-        const int found = umbb_lamp_contact(&input, &contact);
+        const int found = umbb_lamp_contact(&triangle, &eye, &contact);
         assert_true(found || !seen);
         if (found) { /* its nearest place is one that the face's tip may hold */
             assert_true(contact.distance < near * sqrt(1 + 2 * tangent * tangent));

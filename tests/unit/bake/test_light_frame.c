@@ -87,9 +87,8 @@ static void check_fit(const double direction[3], const double centre[3], const d
     memcpy(voxel, world, sizeof voxel);
     struct umb_frustum_info frustum;
     struct umb_error error;
-    assert_int_equal(umbb_light_frame_fit((const double(*)[3][3])world, COUNT, direction, origin,
-                                          log2_size, &frustum, &error),
-                     UMB_OK);
+    const struct umbb_fit fit = {(const double(*)[3][3])world, COUNT, origin, log2_size};
+    assert_int_equal(umbb_light_frame_fit(&fit, direction, &frustum, &error), UMB_OK);
     umbb_light_frame_apply(&frustum, origin, voxel, COUNT);
     const double size = (double)(1U << log2_size);
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {0, 0, 0};
@@ -222,8 +221,8 @@ static void coordinates_out_of_reach_are_refused(void **state)
     const double point[1][3][3] = {{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}};
     struct umb_frustum_info frustum;
     struct umb_error error;
-    assert_int_equal(umbb_light_frame_fit(point, 1, down, origin, 10, &frustum, &error),
-                     UMB_E_BAD_SCENE);
+    const struct umbb_fit fit = {point, 1, origin, 10};
+    assert_int_equal(umbb_light_frame_fit(&fit, down, &frustum, &error), UMB_E_BAD_SCENE);
 }
 
 static void directions_without_length_are_refused(void **state)

@@ -86,6 +86,15 @@ static struct umbb_eye eye_at(double x, double y, double z, double tangent)
                              .reach = 2 * WORLD};
 }
 
+/* Projects casters for an eye of eye_at. */
+static enum umb_status project(const struct umbb_casters *world,
+                               const struct umb_frustum_info *frustum, const double origin[3],
+                               size_t max_bytes, struct umbb_projected *seen)
+{
+    const struct umbb_eye_view view = {frustum, origin, 2 * WORLD, max_bytes};
+    return umbb_perspective_project(world, &view, seen, NULL);
+}
+
 static void boxes_make(struct soup *soup)
 {
     for (int i = 0; i < 30; i++) {
@@ -109,6 +118,7 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
     boxes_make(&soup);
     const struct umbb_casters world = {
         .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
+    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2};
     for (int n = 0; n < 20; n++) {
         double random[4]; /* one after the other: the order of arguments is the compiler's */
         for (int k = 0; k < 4; k++) {
@@ -119,11 +129,8 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
         struct umb_frustum_info frustum;
         struct umbb_projected seen;
         double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
-        assert_int_equal(
-            umbb_perspective_fit(world.corners, world.count, &eye, origin, LOG2, &frustum), 1);
-        assert_int_equal(
-            umbb_perspective_project(&world, &frustum, origin, eye.reach, 1 << 24, &seen, NULL),
-            UMB_OK);
+        assert_int_equal(umbb_perspective_fit(&fit, &eye, &frustum), 1);
+        assert_int_equal(project(&world, &frustum, origin, 1 << 24, &seen), UMB_OK);
         for (size_t i = 0; i < seen.count; i++) {
             for (int k = 0; k < 3; k++) {
                 const double *p = seen.corners[i][k];
@@ -142,15 +149,12 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
             assert_true(low[axis] < 1.001 && high[axis] > SIZE - 1.001);
         }
         umbb_projected_finish(&seen);
-        assert_int_equal(
-            umbb_perspective_project(&world, &frustum, origin, eye.reach, 100, &seen, NULL),
-            UMB_E_LIMIT);
+        assert_int_equal(project(&world, &frustum, origin, 100, &seen), UMB_E_LIMIT);
         umbb_projected_finish(&seen);
     }
     const struct umbb_eye past = eye_at(10, 10, 500, 1);
     struct umb_frustum_info frustum;
-    assert_int_equal(
-        umbb_perspective_fit(world.corners, world.count, &past, origin, LOG2, &frustum), 0);
+    assert_int_equal(umbb_perspective_fit(&fit, &past, &frustum), 0);
     soup_finish(&soup);
 }
 
@@ -177,16 +181,15 @@ static void both_depth_paths_agree_under_perspective(void **state)
     boxes_make(&soup);
     const struct umbb_casters world = {
         .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
+    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2};
     for (int n = 0; n < 6; n++) {
         const struct umbb_eye eye =
             eye_at(30 + n, 32 - 2 * n, 10 * soup_unit(&soup), 0.3 + 0.2 * n);
         struct umb_frustum_info frustum;
         struct umbb_projected seen;
         struct umbb_tile raster, embree;
-        (void)umbb_perspective_fit(world.corners, world.count, &eye, origin, LOG2, &frustum);
-        assert_int_equal(
-            umbb_perspective_project(&world, &frustum, origin, eye.reach, 1 << 24, &seen, NULL),
-            UMB_OK);
+        (void)umbb_perspective_fit(&fit, &eye, &frustum);
+        assert_int_equal(project(&world, &frustum, origin, 1 << 24, &seen), UMB_OK);
         const struct umbb_casters casters = {.corners = (const double(*)[3][3])seen.corners,
                                              .kinds = seen.kinds,
                                              .count = seen.count,

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "bake/depth/coverage.h"
-#include "bake/depth/depth_draw.h"
+#include "bake/depth/depth_kernels.h"
 
 #define SIZE 64
 
@@ -93,21 +93,23 @@ static void the_bits_of_the_plain_way_come_from(umbb_prepare_fn quick)
 static void preparing_with_avx2_gives_the_bits_of_the_plain_way(void **state)
 {
     (void)state;
-    if (umbb_prepare_avx2() == NULL) {
+    const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX2);
+    if (kernels == NULL) {
         print_message("skipped: no AVX2 on this processor\n");
         skip();
     }
-    the_bits_of_the_plain_way_come_from(umbb_prepare_avx2());
+    the_bits_of_the_plain_way_come_from(kernels->prepare);
 }
 
 static void preparing_with_avx512_gives_the_bits_of_the_plain_way(void **state)
 {
     (void)state;
-    if (umbb_prepare_avx512() == NULL) {
+    const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX512);
+    if (kernels == NULL) {
         print_message("skipped: no AVX-512 on this processor\n");
         skip();
     }
-    the_bits_of_the_plain_way_come_from(umbb_prepare_avx512());
+    the_bits_of_the_plain_way_come_from(kernels->prepare);
 }
 
 int main(void)

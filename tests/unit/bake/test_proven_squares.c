@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "bake/depth/coverage.h"
-#include "bake/depth/front_marks.h"
+#include "bake/depth/proven_squares.h"
 #include "bake_soups.h"
 
 typedef enum umb_status (*create_fn)(const struct umbb_casters *, const struct umbb_depth_options *,
@@ -150,7 +150,7 @@ static void bake(const struct soup *soup, create_fn create, struct umbb_depth_op
         .octree_max_bytes = (size_t)1 << 30,
     };
     assert_int_equal(create(&casters, &options, &depth, &error), UMB_OK);
-    assert_int_equal(umbb_bake_frustum(&depth, &bake_options, octree, NULL, &error), UMB_OK);
+    assert_int_equal(bake_frustum(&depth, &bake_options, octree, NULL, &error), UMB_OK);
     depth.destroy(depth.state);
 }
 

@@ -54,7 +54,7 @@ static void bake(struct ruled *r, uint32_t tile_log2, unsigned threads)
         .rule = &r->rule,
         .octree_max_bytes = (size_t)1 << 30,
     };
-    assert_int_equal(umbb_bake_frustum(&depth, &options, &r->octree, NULL, &error), UMB_OK);
+    assert_int_equal(bake_frustum(&depth, &options, &r->octree, NULL, &error), UMB_OK);
     depth.destroy(depth.state);
 }
 

@@ -11,7 +11,6 @@
 #include "bake/build/tile_occluder_depth.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
-#include "bake/tiles/tile_sweep.h"
 #include "bake_soups.h"
 #include "tile_folders.h"
 
@@ -51,8 +50,8 @@ static uint8_t *encode_occluder_depth(struct umb__pool *pool, uint64_t seed,
         assert_int_equal(umbb_tile_occluder_depth(&tile, occluder_depth, &error), UMB_OK);
     }
     uint8_t *bytes;
-    assert_int_equal(
-        umbb_tile_encode(&with_depths, pool, &runs, &result, LEFT, &bytes, size, &error), UMB_OK);
+    const struct umbb_tile_nodes nodes = {pool, &runs, LEFT};
+    assert_int_equal(umbb_tile_encode(&with_depths, &nodes, &result, &bytes, size, &error), UMB_OK);
     umbb_runs_finish(&runs);
     umbb_tile_finish(&tile);
     depth.destroy(depth.state);
@@ -84,12 +83,12 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     struct umbb_runs runs = {0};
     struct umbb_tile_result result;
     umb__pool_init(&third, NULL, LEFT);
-    assert_int_equal(umbb_tile_decode(&shape, one, size, &third, &runs, &result, &error), UMB_OK);
+    const struct umbb_tile_nodes nodes = {&third, &runs, LEFT};
+    assert_int_equal(umbb_tile_decode(&shape, one, size, &nodes, &result, &error), UMB_OK);
     assert_int_equal(third.brick_count, alone.brick_count);
     uint8_t *again;
-    assert_int_equal(
-        umbb_tile_encode(&shape, &third, &runs, &result, LEFT, &again, &other_size, &error),
-        UMB_OK);
+    assert_int_equal(umbb_tile_encode(&shape, &nodes, &result, &again, &other_size, &error),
+                     UMB_OK);
     assert_int_equal(size, other_size);
     assert_memory_equal(one, again, size);
     umbb_runs_finish(&runs);
@@ -112,8 +111,8 @@ static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
     assert_non_null(copy);
     memcpy(copy, bytes, size);
     umb__pool_init(&pool, NULL, LEFT);
-    const enum umb_status status =
-        umbb_tile_decode(&shape, copy, size, &pool, &runs, &result, &error);
+    const struct umbb_tile_nodes nodes = {&pool, &runs, LEFT};
+    const enum umb_status status = umbb_tile_decode(&shape, copy, size, &nodes, &result, &error);
     if (status != UMB_OK) {
         assert_int_equal(status, UMB_E_CORRUPT);
         assert_int_equal(pool.bytes, 0);
@@ -178,8 +177,9 @@ static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
     umb__pool_init(&pool, NULL, LEFT);
     assert_int_equal(umb__occluder_depth_init(occluder_depth, NULL, LOG2_SIZE + 2, LEFT, &error),
                      UMB_OK);
+    const struct umbb_tile_nodes nodes = {&pool, &runs, LEFT};
     const enum umb_status status =
-        umbb_tile_decode(&with_depths, copy, size, &pool, &runs, &result, &error);
+        umbb_tile_decode(&with_depths, copy, size, &nodes, &result, &error);
     if (status != UMB_OK) {
         assert_int_equal(status, UMB_E_CORRUPT);
         assert_int_equal(pool.bytes, 0);

@@ -95,7 +95,7 @@ static void plain(const struct soup *soup, int closed_rule, uint32_t tile_log2,
         .closed_rule = closed_rule,
         .octree_max_bytes = (size_t)1 << 30,
     };
-    assert_int_equal(umbb_bake_frustum(&depth, &options, octree, NULL, &error), UMB_OK);
+    assert_int_equal(bake_frustum(&depth, &options, octree, NULL, &error), UMB_OK);
     depth.destroy(depth.state);
 }
 
@@ -279,7 +279,7 @@ static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state
                                                    .occluder_depth = &occluder_depth};
             struct umbb_depth depth;
             assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_OK);
-            assert_int_equal(umbb_bake_frustum(&depth, &bake, &octree, NULL, &error), UMB_OK);
+            assert_int_equal(bake_frustum(&depth, &bake, &octree, NULL, &error), UMB_OK);
             depth.destroy(depth.state);
         } else {
             const struct kept_bake bake = kept_occluder_depth(&soup, 1, 6, UMBB_TILE_FOLDER_CACHE,

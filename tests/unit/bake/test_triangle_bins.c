@@ -104,7 +104,7 @@ static void lists_over_their_share_of_memory_are_refused(void **state)
         .tile_log2 = 6, .threads = 1, .max_bytes = lists + filling};
     struct umbb_depth depth;
     assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_OK);
-    assert_int_equal(depth.allow(depth.state, SIZE_MAX), lists);
+    assert_int_equal(umbb_tile_lists_allow(depth.lists, SIZE_MAX), lists);
     depth.destroy(depth.state);
     options.max_bytes--;
     assert_int_equal(umbb_depth_raster_create(&casters, &options, &depth, &error), UMB_E_LIMIT);

@@ -65,7 +65,7 @@ static int bundle_is_there(const struct sim *sim, const struct umbj_job *job)
 static void check_job(struct sim *sim, const struct umbj_job *job, unsigned owner)
 {
     char path[4300];
-    int known = 0, owned = 0;
+    int owned = 0;
     struct umb_error error;
     struct sim_job *seen = known_job(sim->world, job->id);
     CHECK(job->damage == NULL && strcmp(job->owner, owner_names[owner]) == 0);
@@ -83,19 +83,18 @@ static void check_job(struct sim *sim, const struct umbj_job *job, unsigned owne
     }
     if (job->state == UMBJ_DONE) {
         CHECK(job->has_asset);
-        CHECK(umbj_table_asset(sim->service->table, job->asset, job->owner, &known, &owned,
-                               &error) == UMB_OK);
+        CHECK(umbj_table_asset(sim->service->table, job->asset, job->owner, &owned, &error) ==
+              UMB_OK);
         umbj_asset_path(sim->service->assets_path, job->asset, path, sizeof path);
         CHECK(!owned || sim->world->tampered || access(path, F_OK) == 0);
     }
 }
 
-static enum umb_status add_owned(void *user, const uint8_t *asset, const char *owner)
+static void add_owned(void *user, const uint8_t *asset, const char *owner)
 {
     (void)asset;
     (void)owner;
     *(int64_t *)user += ASSET_BYTES;
-    return UMB_OK;
 }
 
 static void check_counts(struct sim *sim, const int64_t states[UMBJ_STATE_COUNT])

@@ -127,11 +127,11 @@ static int setup(void **state)
     assert_non_null(mkdtemp(f->folder));
     const struct umbj_service_options options = {
         .folder = f->folder,
-        .program = "/bin/false",
-        .workers = 1,
-        .threads = 1,
-        .timeout_ms = 10000,
-        .max_output_bytes = 1000,
+        .tries.program = "/bin/false",
+        .tries.workers = 1,
+        .tries.threads = 1,
+        .tries.timeout_ms = 10000,
+        .tries.max_output_bytes = 1000,
         .max_bundle_bytes = 1000,
         .keep_ms = 1000000,
         .limits = {.owner_jobs = 8, .owner_bytes = 1000, .total_bytes = 4000, .lease_ms = 100000},

@@ -16,10 +16,10 @@
 
 #include "base/compat.h"
 #include "common/sha256.h"
-#include "jobs/command_words.h"
+#include "jobs/worker_process.h"
 #include "jobs/folder.h"
 #include "jobs/service_internal.h"
-#include "jobs/slurm_farm.h"
+#include "jobs/farm.h"
 #include "jobs/staging.h"
 
 static _Thread_local long left = -1; /* allocations until one is refused; below 0: none is */
@@ -74,11 +74,11 @@ static struct umbj_service_options options_of(const struct fixture *f)
 {
     return (struct umbj_service_options){
         .folder = f->folder,
-        .program = "/bin/false",
-        .workers = 1,
-        .threads = 1,
-        .timeout_ms = 10000,
-        .max_output_bytes = 1000,
+        .tries.program = "/bin/false",
+        .tries.workers = 1,
+        .tries.threads = 1,
+        .tries.timeout_ms = 10000,
+        .tries.max_output_bytes = 1000,
         .max_bundle_bytes = 1000,
         .keep_ms = (uint64_t)1 << 50,
         .limits = {.owner_jobs = 100000,

@@ -38,11 +38,11 @@ static int setup(void **state)
     snprintf(f->jobs, sizeof f->jobs, "%s/jobs", f->folder);
     const struct umbj_service_options options = {
         .folder = f->jobs,
-        .program = "/bin/false",
-        .workers = 1,
-        .threads = 1,
-        .timeout_ms = 10000,
-        .max_output_bytes = 1000,
+        .tries.program = "/bin/false",
+        .tries.workers = 1,
+        .tries.threads = 1,
+        .tries.timeout_ms = 10000,
+        .tries.max_output_bytes = 1000,
         .max_bundle_bytes = 1000,
         .keep_ms = 1000000,
         .limits = {.owner_jobs = 8, .owner_bytes = 1000, .total_bytes = 4000, .lease_ms = 100000},
@@ -235,7 +235,7 @@ static struct umbj_service_options options_again(const struct fixture *f)
 {
     struct umbj_service_options options = *umbj_service_options_of(f->service);
     options.folder = f->jobs;
-    options.program = "/bin/false";
+    options.tries.program = "/bin/false";
     return options;
 }
 
@@ -294,12 +294,12 @@ static void a_service_that_cannot_start_says_why(void **state)
     struct umbj_service_options options = options_again(f);
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_BUSY);
     assert_non_null(strstr(f->error.message, "another daemon"));
-    options.program = "/nonexistent";
+    options.tries.program = "/nonexistent";
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
-    options.program = f->jobs; /* a folder, which may be entered but not run */
+    options.tries.program = f->jobs; /* a folder, which may be entered but not run */
     options.folder = "/dev/null/jobs";
     assert_int_not_equal(umbj_service_create(&options, &other, &f->error), UMB_OK);
-    options.program = NULL; /* beside this test there is none */
+    options.tries.program = NULL; /* beside this test there is none */
     assert_int_equal(umbj_service_create(&options, &other, &f->error), UMB_E_UNAVAILABLE);
     memset(long_path, 'x', sizeof long_path - 1);
     long_path[sizeof long_path - 1] = '\0';
@@ -490,12 +490,143 @@ static void a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing(vo
     assert_int_equal(job.state, UMBJ_RUNNING);
 }
 
+/* A service without a thread, on the fixture's folder, with an executor that only counts. */
+static void open_quiet(struct fixture *f, struct umbj_service_options *options)
+{
+    static struct counting counting; /* the service's until the teardown */
+    counting = (struct counting){{count_start, count_cancel, count_slots, count_destroy}, 0};
+    options->executor = &counting.base;
+    umbj_service_destroy(f->service);
+    assert_int_equal(umbj__service_open(options, &f->service, &f->error), UMB_OK);
+}
+
+static void a_beat_finds_that_another_daemon_took_over(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_service_options options = options_again(f);
+    struct umbj_job job;
+    uint8_t asset[UMBJ_HASH_BYTES] = {5};
+    struct umbj_upload *upload = NULL;
+    open_quiet(f, &options);
+    run_job(f, 1, &job);
+    struct umbs_owner_lock *lock = &f->service->place.folder;
+    lock->beats = 1; /* as on a file system where locks are not enough */
+    umbj__service_turn(f->service, 0);
+    assert_false(f->service->lost);
+    assert_int_equal(pwrite(lock->fd, "other boot 1 word 7\n", 20, 0), 20);
+    f->service->place.beat_at_ms = 0;
+    umbj__service_turn(f->service, 0);
+    assert_true(f->service->lost);
+    assert_int_equal(umbj_table_renew(f->service->table, job.id, job.epoch, 9, &f->error),
+                     UMB_E_IO); /* its table takes no write any more */
+    assert_int_equal(begin(f->service, "ann", 1, &upload), UMB_E_UNAVAILABLE);
+    assert_null(upload);
+    assert_int_equal(umbj_service_delete(f->service, asset, "ann", &f->error), UMB_E_UNAVAILABLE);
+    f->service->place.beat_at_ms = 0;
+    umbj__service_turn(f->service, 0); /* the loss is noted once */
+    /* A lock that cannot be written is tried again: nothing is lost. */
+    f->service->lost = 0;
+    close(lock->fd);
+    lock->fd = open(lock->path, O_RDONLY | O_CLOEXEC);
+    assert_true(lock->fd >= 0);
+    snprintf(lock->owner, sizeof lock->owner, "other boot 1 word");
+    f->service->place.beat_at_ms = 0;
+    umbj__service_turn(f->service, 0);
+    assert_false(f->service->lost);
+}
+
+/* Ends a running job with an asset that is in the folder already. */
+static enum umbj_state end_known(struct fixture *f, uint8_t key, const uint8_t *asset)
+{
+    struct umbj_report report = {.kind = UMBJ_REPORT_ENDED, .bake_ms = 7, .staged = {.fd = -1}};
+    struct umbj_job job;
+    run_job(f, key, &job);
+    memcpy(report.job, job.id, sizeof report.job);
+    memcpy(report.asset, asset, sizeof report.asset);
+    report.epoch = job.epoch;
+    umbj__take_report(f->service, &report);
+    assert_int_equal(umbj_table_get(f->service->table, job.id, NULL, &job, &f->error), UMB_OK);
+    return job.state;
+}
+
+static void a_known_asset_is_published_unless_its_file_is_gone(void **state)
+{
+    struct fixture *f = *state;
+    struct umbj_service_options options = options_again(f);
+    const uint8_t known[UMBJ_HASH_BYTES] = {5}, gone[UMBJ_HASH_BYTES] = {6};
+    int owned = 0;
+    open_quiet(f, &options);
+    publish(f, 1, 0);
+    assert_int_equal(end_known(f, 2, known), UMBJ_DONE);
+    assert_int_equal(end_known(f, 3, gone), UMBJ_QUEUED); /* io: it is tried again */
+    assert_int_equal(umbj_table_asset(f->service->table, gone, NULL, &owned, &f->error), UMB_OK);
+    assert_false(owned);
+    assert_int_equal(names_in(f, "assets"), 1);
+}
+
+/* What the daemon says of its assets. */
+static int is_served(void *user, const uint8_t *asset)
+{
+    (void)asset;
+    return *(int *)user;
+}
+
+static int64_t clock_ms(void *user)
+{
+    return *(int64_t *)user;
+}
+
+static void look_at_loading(void *user, const struct umbj_standing *standing)
+{
+    *(int *)user = standing->loading;
+}
+
+static void watchers_wait_for_an_asset_but_not_without_end(void **state)
+{
+    static int64_t now_ms;
+    static int served;
+    const struct umbj_clocks clocks = {clock_ms, clock_ms, &now_ms};
+    struct fixture *f = *state;
+    struct umbj_service_options options = options_again(f);
+    struct umbj_job *jobs = NULL;
+    size_t count = 0;
+    int loading = -1;
+    options.clocks = &clocks;
+    options.is_served = is_served;
+    options.user = &served;
+    for (int way = 0; way < 3; way++) { /* served, refused, and silent for too long */
+        now_ms = 1000;
+        served = 0;
+        open_quiet(f, &options);
+        publish(f, (uint8_t)(way + 1), 0);
+        assert_int_equal(umbj_table_list(f->service->table, "ann", 1, &jobs, &count, &f->error),
+                         UMB_OK);
+        assert_int_equal(count, 1);
+        for (int turn = 0; turn < 3; turn++) {
+            umbj__service_turn(f->service, 0);
+            assert_true(umbj_snapshot_look(f->service->snapshot, jobs->id, "ann", look_at_loading,
+                                           &loading));
+            assert_int_equal(loading, turn < 2);
+            now_ms += turn == 0 ? 600000 : way == 2 ? 1 : 0;
+            served = turn < 1 || way == 2 ? 0 : way == 0 ? 1 : -1;
+        }
+        assert_int_equal(f->service->loading_count, 0);
+        free(jobs);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(
             a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing, setup, teardown),
         cmocka_unit_test_setup_teardown(a_file_that_gets_no_name_replaces_nothing, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_beat_finds_that_another_daemon_took_over, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(a_known_asset_is_published_unless_its_file_is_gone, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(watchers_wait_for_an_asset_but_not_without_end, setup,
+                                        teardown),
         cmocka_unit_test_setup_teardown(requests_without_a_break_keep_no_job_from_running, setup,
                                         teardown),
         cmocka_unit_test_setup_teardown(uploads_on_their_way_count_for_the_quotas, setup, teardown),

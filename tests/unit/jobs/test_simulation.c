@@ -139,10 +139,10 @@ static void open_service(struct sim *sim)
     const struct umbj_clocks clocks = {world_unix_ms, world_steady_ms, sim->world};
     const struct umbj_service_options options = {
         .folder = sim->folder,
-        .program = "/bin/true",
-        .workers = WORKERS,
-        .threads = 1,
-        .max_output_bytes = 1000,
+        .tries.program = "/bin/true",
+        .tries.workers = WORKERS,
+        .tries.threads = 1,
+        .tries.max_output_bytes = 1000,
         .max_bundle_bytes = 1000,
         .keep_ms = (uint64_t)1 << 50,
         .limits = {.owner_jobs = OWNER_JOBS,
@@ -150,7 +150,7 @@ static void open_service(struct sim *sim)
                    .total_bytes = 4000,
                    .lease_ms = LEASE_MS,
                    .owner_assets = OWNER_ASSETS},
-        .cache_bytes = 1000,
+        .tries.cache_bytes = 1000,
         .log = no_log,
         .store_changed = world_kicked,
         .replacing = world_replaces,
@@ -309,15 +309,14 @@ static void fetch(struct sim *sim)
     const unsigned content = draw(sim->world, CONTENTS);
     const char *owner = owner_names[draw(sim->world, OWNERS)];
     uint8_t asset[UMBJ_HASH_BYTES], byte = 0;
-    int fd = -1, known = 0, owned = 0;
+    int fd = -1, owned = 0;
     uint64_t bytes = 0;
     struct umb_error error;
     asset_of(content, asset);
     if (umbj_service_open_asset(sim->service, asset, owner, &fd, &bytes, &error) == UMB_OK) {
         CHECK(bytes == ASSET_BYTES && read(fd, &byte, 1) == 1 && byte == content);
         close(fd);
-        CHECK(umbj_table_asset(sim->service->table, asset, owner, &known, &owned, &error) !=
-                  UMB_OK ||
+        CHECK(umbj_table_asset(sim->service->table, asset, owner, &owned, &error) != UMB_OK ||
               owned);
     }
 }

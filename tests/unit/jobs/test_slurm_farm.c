@@ -14,7 +14,7 @@
 #include <cmocka.h>
 
 #include "jobs/folder.h"
-#include "jobs/slurm_farm.h"
+#include "jobs/farm.h"
 
 #define NAME  "00ff.1"
 #define COUNT 2500
@@ -218,6 +218,95 @@ static void a_controller_that_is_gone_is_not_asked_for_each_task(void **state)
     assert_int_equal(count_calls(f, "scancel"), 1);
 }
 
+/* Begins a script with the tag that sbatch was given. */
+#define TAG "tag=$(sed -n 's/.*--job-name=\\(umbrage-[0-9a-f]*-\\).*/\\1/p' calls | head -n 1)\n"
+
+static void lines_of_a_queue_that_are_not_ours_or_not_whole_are_left_out(void **state)
+{
+    static const char *const lines[] = {
+        "7_1 1 R",                              /* no name */
+        "--all 1 R ${tag}" NAME ".tile.0 None", /* an option in place of an id */
+        ": 1 R ${tag}" NAME ".tile.0 None",
+        "7_1 1 R umbrage-00000000-" NAME ".tile.0 None", /* another daemon's */
+        "7_1 1 R other None",
+        "7_1 1 R ${tag}00ff.2.tile.0 None", /* another try's */
+        "7_1 1 R ${tag}" NAME ".tile None", /* no offset */
+        "7_1 1 R ${tag}" NAME ".tile.x None",
+        "7_1 2500 R ${tag}" NAME ".tile.0 None", /* numbers that no task has */
+        "7_1 1 R ${tag}" NAME ".tile.2500 None",
+        "7_1 4294967295 R ${tag}" NAME ".tile.4294967295 None",
+        "7_1 501 R ${tag}" NAME ".tile.2000 None",
+    };
+    struct fixture *f = *state;
+    char script[4096];
+    size_t used = (size_t)snprintf(script, sizeof script, TAG);
+    put_command(f, "sbatch", "");
+    put_command(f, "scontrol", "");
+    put_command(f, "scancel", "");
+    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        used += (size_t)snprintf(script + used, sizeof script - used, "echo \"%s\"\n", lines[i]);
+    }
+    /* And one of the stage, with neither an index nor a reason: the merge. */
+    snprintf(script + used, sizeof script - used, "echo \"9 N/A PD ${tag}" NAME ".tile.3\"\n");
+    put_command(f, "squeue", script);
+    assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_OK);
+    for (size_t i = 0; i < COUNT; i++) {
+        assert_int_equal(f->known[i], i == 3 ? UMBJ_TASK_WAITS : UMBJ_TASK_UNKNOWN);
+    }
+    assert_int_equal(count_calls(f, "scontrol"), 0);
+    f->farm->cancel(f->farm, "00"); /* the beginning of a try's name is not its name */
+    assert_int_equal(count_calls(f, "scancel"), 0);
+    f->farm->cancel(f->farm, NAME);
+    assert_int_equal(count_calls(f, "scancel --quiet 7 9\n"), 1);
+}
+
+static void tasks_of_tries_whose_folders_are_gone_are_ended(void **state)
+{
+    struct fixture *f = *state;
+    char path[128];
+    put_command(f, "sbatch", "");
+    put_command(f, "scancel", "");
+    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    put_command(f, "squeue",
+                TAG "echo 5_1 1 R ${tag}00aa.4.tile.0 None\n" /* its folder is there */
+                    "echo 6_1 1 R ${tag}00aa.5.tile.0 None\n"
+                    "echo 6_2 2 R ${tag}00aa.5.tile.0 None\n"
+                    "echo 8_1 1 R ${tag}../../etc.5.tile.0 None\n" /* not the name of a try */
+                    "echo 9_1 1 R ${tag}00aa.x.tile.0 None");
+    snprintf(path, sizeof path, "%s/00aa.4", f->folder);
+    assert_int_equal(mkdir(path, 0700), 0);
+    assert_int_equal(f->farm->reconcile(f->farm, f->folder, -1, &f->error), UMB_OK);
+    assert_int_equal(count_calls(f, "scancel"), 1);
+    assert_int_equal(count_calls(f, "scancel --quiet 6\n"), 1);
+}
+
+static void options_of_the_operator_reach_sbatch_word_by_word(void **state)
+{
+    struct fixture *f = *state;
+    const struct umbj_slurm_options options = {
+        .tag_of = "/jobs", .search = f->search, .words = "  -p bake  --comment=a;b "};
+    f->farm->destroy(f->farm);
+    assert_int_equal(umbj_slurm_farm_create(&options, &f->farm, &f->error), UMB_OK);
+    put_command(f, "sbatch", "for word; do echo \"word $word\" >>calls; done");
+    f->wanted[1] = 0; /* a single task, then a run of others */
+    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
+    assert_int_equal(count_calls(f, "word -p\n"), 3);
+    assert_int_equal(count_calls(f, "word bake\n"), 6); /* half of them are the command */
+    assert_int_equal(count_calls(f, "word --comment=a;b\n"), 3);
+    assert_int_equal(count_calls(f, "word --array=0,2-999\n"), 1);
+}
+
+static void a_stage_whose_folder_is_gone_submits_nothing(void **state)
+{
+    struct fixture *f = *state;
+    put_command(f, "sbatch", "");
+    f->stage.folder = "/nonexistent";
+    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_E_IO);
+    assert_non_null(strstr(f->error.message, "cannot write the script"));
+    assert_int_equal(count_calls(f, "sbatch"), 0);
+}
+
 int main(void)
 {
 #define SLURM_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -229,6 +318,10 @@ int main(void)
         SLURM_TEST(commands_are_left_when_the_try_shall_end),
         SLURM_TEST(a_task_writes_no_longer_files_than_it_may),
         SLURM_TEST(a_controller_that_is_gone_is_not_asked_for_each_task),
+        SLURM_TEST(lines_of_a_queue_that_are_not_ours_or_not_whole_are_left_out),
+        SLURM_TEST(tasks_of_tries_whose_folders_are_gone_are_ended),
+        SLURM_TEST(options_of_the_operator_reach_sbatch_word_by_word),
+        SLURM_TEST(a_stage_whose_folder_is_gone_submits_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -20,7 +20,7 @@
 #include "common/sha256.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
-#include "jobs/try_executor.h"
+#include "jobs/executor.h"
 #include "jobs/worker_process.h"
 #include "make_asset.h"
 

@@ -198,7 +198,7 @@ static void what_floats_cannot_tell_apart_is_told_apart(void **state)
             floor[t][k][2] = 0.37 + 0.001 * at[0]; /* no float */
         }
     }
-    assert_int_equal(umbr_rays_create((const triangle *)floor, 2, &rays, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const triangle *)floor, 2, NULL, &rays, NULL), UMB_OK);
     assert_true(umbr_rays_error_m(rays) > 1e-5);
     assert_int_equal(umbr_rays_exact(rays, &exact, NULL), UMB_OK);
     assert_int_equal(umbr_rays_exact(rays, &again, NULL), UMB_OK);

@@ -49,7 +49,7 @@ static struct umbr_rays *create(const triangle *soup, size_t count)
 {
     struct umbr_rays *rays;
     struct umb_error error = {0};
-    enum umb_status status = umbr_rays_create(soup, count, &rays, &error);
+    enum umb_status status = umbr_rays_build(soup, count, NULL, &rays, &error);
     if (status != UMB_OK) {
         fail_msg("create: %s", error.message);
     }
@@ -446,7 +446,7 @@ static void too_many_triangles_are_refused(void **state)
     (void)state;
     struct umbr_rays *rays;
     struct umb_error error = {0};
-    assert_int_equal(umbr_rays_create(NULL, (size_t)UINT32_MAX / 3 + 1, &rays, &error),
+    assert_int_equal(umbr_rays_build(NULL, (size_t)UINT32_MAX / 3 + 1, NULL, &rays, &error),
                      UMB_E_TOO_LARGE);
     assert_null(rays);
     assert_non_null(strstr(error.message, "1431655765"));

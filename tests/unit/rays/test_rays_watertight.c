@@ -135,7 +135,8 @@ static int count_passed(int wanted, int is_corner)
     uint64_t seed = round_seed(20031107);
     int judged = 0, passed = 0;
     make_ball(ball);
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])ball, TRIANGLES, &rays, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])ball, TRIANGLES, NULL, &rays, NULL),
+                     UMB_OK);
     while (judged < wanted) {
         for (int i = 0; i < PACKET; i++) {
             passed += passes_from_inside(&seed, rays, ball, is_corner);

@@ -196,7 +196,8 @@ static int make_world(void **state)
     assert_non_null(world.closed);
     memcpy(world.closed, parts.closed, world.count);
     assert_int_equal(
-        umbr_rays_create((const double(*)[3][3])corners, world.count, &world.rays, NULL), UMB_OK);
+        umbr_rays_build((const double(*)[3][3])corners, world.count, NULL, &world.rays, NULL),
+        UMB_OK);
     umbs_parts_finish(&parts);
     gen_mesh_finish(&mesh);
     world.corners = corners;
@@ -387,7 +388,8 @@ static void open_sheet_marked_closed_excuses_nothing(void **state)
         }
     }
     struct umbr_rays *sheet;
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 2, &sheet, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])corners, 2, NULL, &sheet, NULL),
+                     UMB_OK);
     struct umb__content content;
     struct bytes bytes = {0};
     struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};
@@ -422,7 +424,8 @@ static void solid_that_fills_the_box_is_given_up_soon(void **state)
         }
     }
     struct umbr_rays *solid;
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])corners, 12, &solid, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])corners, 12, NULL, &solid, NULL),
+                     UMB_OK);
     struct umb__content content;
     struct bytes bytes = {0};
     struct voxels voxels = {voxel_lit, NULL, LOG2_SIZE, 1};

@@ -103,7 +103,7 @@ static struct umbr_verify_result verify(const struct lamp *lamp)
         fail_msg("asset: %s", error.message);
         return result;
     }
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])floor, 4, &rays, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])floor, 4, NULL, &rays, NULL), UMB_OK);
     const struct umbr_verify_options options = {.points = POINTS, .seed = 9, .threads = 2};
     assert_int_equal(umbr_verify(asset, 0, rays, &options, &result, &error), UMB_OK);
     umbr_rays_destroy(rays);
@@ -195,7 +195,7 @@ static void what_only_doubles_see_is_looked_at_again(void **state)
     make_octree(&voxels, &octree);
     assert_int_equal(umb__pack_write(&content, &octree, &test_digest, &sink, id, &error), UMB_OK);
     assert_int_equal(umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error), UMB_OK);
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])wire, 3, &rays, NULL), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])wire, 3, NULL, &rays, NULL), UMB_OK);
     assert_true(umbr_rays_error_m(rays) < voxel_m); /* floats are taken to begin with */
     const struct umbr_verify_options options = {.points = POINTS, .seed = 10, .threads = 2};
     assert_int_equal(umbr_verify(asset, 0, rays, &options, &result, &error), UMB_OK);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Folder of mapped files: only files that the daemon wrote are used. */
+#define _GNU_SOURCE /* syncfs */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -8,6 +9,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <errno.h>
+#include <poll.h>
+#include <semaphore.h>
+#include <sys/syscall.h>
 #include <xxhash.h>
 
 #include "base/bytes.h"
@@ -414,6 +419,127 @@ static void cache_may_be_made_anew_while_a_scan_sweeps(void **state)
     assert_int_equal(renewal.renewed, 300);
 }
 
+/* The disk during a sync of the cache: syncfs waits until it is told to go on. */
+static struct {
+    atomic_int held, entered, failing, calls;
+    sem_t go;
+} disk;
+
+/* In place of the C library's. */
+int syncfs(int fd)
+{
+    atomic_fetch_add(&disk.calls, 1);
+    if (atomic_load(&disk.held)) {
+        atomic_store(&disk.entered, 1);
+        sem_wait(&disk.go);
+    }
+    if (atomic_load(&disk.failing)) {
+        errno = EIO;
+        return -1;
+    }
+    return (int)syscall(SYS_syncfs, fd);
+}
+
+static void *rescan(void *user)
+{
+    struct fixture *f = user;
+    assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
+    return NULL;
+}
+
+/* What the job thread does before it publishes an asset, and what the lane does to load one. */
+struct asking {
+    struct fixture *f;
+    atomic_int done;
+};
+
+static void *ask_the_cache(void *user)
+{
+    struct asking *asking = user;
+    struct umbs_cache *cache = &asking->f->store->caches[0];
+    struct umb_error error;
+    char path[UMBS_PATH_SIZE];
+    umbs_store_replacing(asking->f->store, asking->f->city, 0, 1);
+    assert_int_equal(umbs__cache_ready(cache, NULL, &error), UMB_OK);
+    assert_true(umbs__cache_own_folder(cache, path));
+    umbs__cache_made(cache, 0); /* the lane made a file meanwhile */
+    atomic_store(&asking->done, 1);
+    return NULL;
+}
+
+static void many_assets(struct fixture *f, int from)
+{
+    uint8_t id[UMB_ID_BYTES];
+    for (int i = 0; i < 10; i++) { /* more than are synced one by one */
+        char name[40];
+        snprintf(name, sizeof name, "store/asset%d.umb", from + i);
+        folder_asset(&f->folder, name, (uint32_t)(from + i), id);
+    }
+}
+
+static int comes_true(atomic_int *flag)
+{
+    for (int i = 0; i < 1000 && !atomic_load(flag); i++) {
+        (void)poll(NULL, 0, 10);
+    }
+    return atomic_load(flag);
+}
+
+static void cache_answers_while_the_disk_syncs(void **state)
+{
+    struct fixture *f = *state;
+    struct asking asking = {.f = f};
+    struct stat before, after;
+    pthread_t scan, asks;
+    assert_int_equal(sem_init(&disk.go, 0, 0), 0);
+    reopen(f);
+    assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &before), 0);
+    many_assets(f, 50);
+    atomic_store(&disk.held, 1);
+    assert_int_equal(pthread_create(&scan, NULL, rescan, f), 0);
+    const int entered = comes_true(&disk.entered);
+    assert_int_equal(pthread_create(&asks, NULL, ask_the_cache, &asking), 0);
+    const int done = comes_true(&asking.done);
+    /* No list names the files before they are durable. */
+    assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &after), 0);
+    atomic_store(&disk.held, 0);
+    sem_post(&disk.go);
+    pthread_join(asks, NULL);
+    pthread_join(scan, NULL);
+    sem_destroy(&disk.go);
+    assert_true(entered && done);
+    assert_int_equal(before.st_ino, after.st_ino);
+    /* The file that was made during the sync waits for the next one. */
+    assert_int_equal(f->store->caches[0].unsynced, 1);
+    assert_int_equal(atomic_load(&disk.calls), 1);
+    folder_asset(&f->folder, "store/city.umb", 23, f->city);
+    assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
+    assert_int_equal(f->store->caches[0].unsynced, 0);
+    assert_int_equal(atomic_load(&disk.calls), 2);
+    reopen(f);
+    assert_true(logged(f, "asset=asset59", "how=known"));
+}
+
+static void list_is_not_written_after_a_failed_sync(void **state)
+{
+    struct fixture *f = *state;
+    struct stat before, after;
+    reopen(f);
+    assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &before), 0);
+    many_assets(f, 50);
+    atomic_store(&disk.failing, 1);
+    assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
+    atomic_store(&disk.failing, 0);
+    assert_true(logged(f, "proven_not_kept", "cannot sync"));
+    /* A second sync would report nothing: the list stays as it is until the next start. */
+    many_assets(f, 70);
+    assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
+    assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &after), 0);
+    assert_int_equal(before.st_ino, after.st_ino);
+    reopen(f);
+    assert_true(logged(f, "asset=asset79", "how=proven"));
+}
+
 #define WITH_STORE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
 
 int main(void)
@@ -429,6 +555,8 @@ int main(void)
         WITH_STORE(key_that_others_may_know_is_renewed),
         WITH_STORE(second_store_reads_what_the_first_wrote_and_writes_nothing),
         WITH_STORE(cache_may_be_made_anew_while_a_scan_sweeps),
+        WITH_STORE(cache_answers_while_the_disk_syncs),
+        WITH_STORE(list_is_not_written_after_a_failed_sync),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -62,9 +62,9 @@ static void scene_make(struct umbt_scene *scene, size_t cube_count)
         umbs_parts_find((const double(*)[3][3])scene->corners, scene->count, &scene->parts, &error),
         UMB_OK);
     assert_int_equal(scene->parts.closed_triangles, scene->count);
-    assert_int_equal(
-        umbr_rays_create((const double(*)[3][3])scene->corners, scene->count, &scene->rays, &error),
-        UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])scene->corners, scene->count, NULL,
+                                     &scene->rays, &error),
+                     UMB_OK);
 }
 
 static void scene_drop(struct umbt_scene *scene)

@@ -93,7 +93,7 @@ static void window_counts_the_texels_beyond_the_edge(void **state)
     (void)state;
     struct umbr_rays *rays = NULL;
     struct umb_error error;
-    assert_int_equal(umbr_rays_create(house, 4, &rays, &error), UMB_OK);
+    assert_int_equal(umbr_rays_build(house, 4, NULL, &rays, &error), UMB_OK);
     struct umbt_truth truth = {.rays = rays,
                                .kind = UMBT_TRUTH_TEXELS,
                                .settings = {.taps = 3},
@@ -142,7 +142,7 @@ static void window_knows_when_it_reaches_into_a_closed_solid(void **state)
     uint8_t closed[12];
     cube_make(cube);
     memset(closed, 1, sizeof closed);
-    assert_int_equal(umbr_rays_create((const double(*)[3][3])cube, 12, &rays, &error), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])cube, 12, NULL, &rays, &error), UMB_OK);
     struct umbt_truth truth = {.rays = rays,
                                .settings = {.taps = 3, .bias_mode = UMB_BIAS_NONE},
                                .to_light = {0.0, 0.0, 1.0},
