@@ -133,11 +133,12 @@ static void explain_window(FILE *file, const struct umb_explanation *e)
 {
     char row[UMB_TAPS_MAX + 1];
     uint32_t taps = e->taps < UMB_TAPS_MAX ? e->taps : UMB_TAPS_MAX;
+    const struct umb_filter_info *filter = umb_filter_get_info(e->filter);
     (void)fprintf(file,
                   "  %s of %" PRIu32 " x %" PRIu32 " texels from %" PRId64 " %" PRId64
                   " at depth %" PRId64 ":\n",
-                  e->filter == UMB_FILTER_TENT ? "tent" : "window", taps, taps, e->window[0],
-                  e->window[1], e->cell[2]);
+                  filter->is_window && !filter->has_curve ? filter->name : "window", taps, taps,
+                  e->window[0], e->window[1], e->cell[2]);
     for (uint32_t j = 0; j < taps; j++) {
         for (uint32_t i = 0; i < taps; i++) {
             row[i] = e->rows[j] >> i & 1 ? '#' : '.';
@@ -180,7 +181,7 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     if (e->level > 0) {
         (void)fprintf(file, "  stops at cells of %u voxels a side\n", 1U << e->level);
     }
-    if (e->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(e->filter)->has_footprints) {
         (void)fprintf(file, "  footprint of %.6g m; below, its least window\n", e->footprint_m);
     }
     if (e->transmittance < 1.0) {
@@ -210,7 +211,7 @@ static void explain_json(struct umbu_json *json, uint64_t number, float value,
     umbu_json_bool(json, "before", e->before != 0);
     umbu_json_bool(json, "behind", e->behind != 0);
     umbu_json_text(json, "filter", umb_filter_name(e->filter));
-    if (e->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(e->filter)->has_footprints) {
         umbu_json_number(json, "footprint_m", e->footprint_m);
     }
     umbu_json_text(json, "bias", umb_bias_mode_name(e->bias_mode));

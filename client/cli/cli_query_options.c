@@ -89,10 +89,11 @@ static const struct umbu_option OPTIONS[] = {
     {"pixel", "RAD", "angle of a pixel seen from --eye in radians, above 0 to 1", UMBU_ABOVE(0, 1),
      AT(settings.pixel_rad), .needs = "eye"},
     {"filter", "NAME",
-     "filter of the shadows: box, tent, penumbra (half shadows of a light with an extent) or "
+     "filter of the shadows: box, tent, gaussian, penumbra (half shadows of a light with an "
+     "extent) or "
      "footprint (the surface that a pixel covers); for the last two --taps is the least width",
-     UMBU_CHOICE("box|tent|penumbra|footprint"), AT(settings.filter), .standard = "box",
-     .needs = "points", .fields = "filter"},
+     UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box", .needs = "points",
+     .fields = "filter"},
     {"light-size", "DEG", "angular diameter of the light in degrees, for --filter penumbra",
      UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,
      AT(settings.light_extent), .otherwise = "the asset's", .needs = "filter=penumbra",
@@ -170,7 +171,7 @@ static int check_window(const struct umbu_parsed *parsed, struct umbc_query_opti
     struct umb_query_settings *settings = &options->settings;
     const bool footprint = umbu_given(parsed, "footprint");
     options->has_dial = umbu_given(parsed, "max-error") || umbu_given(parsed, "budget");
-    if (settings->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(settings->filter)->has_footprints) {
         return footprint || options->footprints != NULL || settings->pixel_rad > 0
                    ? -1
                    : umbc_usage_error("query", "--filter: footprint needs --footprint M, "

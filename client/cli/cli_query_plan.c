@@ -152,7 +152,7 @@ void umbc_dial_state(const struct umb_asset *asset, const struct umb_query_setti
     total->bound_m = umb_query_bound_m(asset, settings);
     for (size_t i = 0; i < count; i++) {
         if (rows[i].level == settings->level && rows[i].taps == total->taps &&
-            settings->filter == UMB_FILTER_BOX) { /* the curve is of this filter */
+            umb_filter_get_info(settings->filter)->has_curve) {
             total->row = rows[i];
             total->expected_ns = i < calibration->count ? calibration->ns[i] : 0;
         }

@@ -60,7 +60,8 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         return umb_fail(error, UMB_E_ARGUMENT, "asset: has %zu bytes, must have 1 to %d", length,
                         UMBW_ASSET_NAME_MAX);
     }
-    if (request->settings.footprint_m != 0 && request->settings.filter != UMB_FILTER_FOOTPRINT) {
+    if (request->settings.footprint_m != 0 &&
+        !umb_filter_get_info(request->settings.filter)->has_footprints) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "footprint_m: %g; the protocol has windows of a number of taps only",
                         request->settings.footprint_m);

@@ -31,7 +31,7 @@ static enum umb_status check(const struct umbw_query_request *request, struct um
 /* Footprints that the request does not set are those of the picture's pixels. */
 static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
 {
-    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+    if (umb_filter_get_info(settings->filter)->has_footprints && settings->footprint_m == 0 &&
         settings->pixel_rad == 0) {
         memcpy(settings->eye, picture->camera.eye, sizeof settings->eye);
         settings->pixel_rad = fmin(2 * tan(picture->camera.fov_y / 2) / picture->height, 1);

@@ -60,10 +60,9 @@ enum umb_status umbw_query_check_origin(const double origin[3], struct umb_error
 enum umb_status umbw_query_check_filter(int64_t filter, double light_extent,
                                         struct umb_error *error)
 {
-    if (filter < UMB_FILTER_BOX || filter > UMB_FILTER_FOOTPRINT) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "filter: %lld is not one of 0 (BOX), 1 (TENT), 2 (PENUMBRA), 3 (FOOTPRINT)",
-                        (long long)filter);
+    if (filter < 0 || filter >= UMB_FILTERS) {
+        return umb_fail(error, UMB_E_ARGUMENT, "filter: %lld is not one of 0..%d (%s)",
+                        (long long)filter, UMB_FILTERS - 1, UMB_FILTER_NAMES);
     }
     if (!(light_extent >= 0 && light_extent <= UMB_EXTENT_MAX)) {
         return umb_fail(error, UMB_E_ARGUMENT, "light_extent: %.9g is not within 0..%.9g",
@@ -76,7 +75,7 @@ enum umb_status umbw_query_check_footprint(const struct umb_query_settings *sett
                                            struct umb_error *error)
 {
     const bool asked = own || settings->footprint_m != 0 || settings->pixel_rad != 0;
-    if (asked && settings->filter != UMB_FILTER_FOOTPRINT) {
+    if (asked && !umb_filter_get_info(settings->filter)->has_footprints) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "%s: belongs to the filter 3 (FOOTPRINT), this is %d",
                         own                          ? "footprints"
@@ -100,7 +99,7 @@ enum umb_status umbw_query_check_has_footprint(const struct umbw_query_request *
                                                struct umb_error *error)
 {
     const struct umb_query_settings *settings = &request->settings;
-    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+    if (umb_filter_get_info(settings->filter)->has_footprints && settings->footprint_m == 0 &&
         settings->pixel_rad == 0 && request->points.footprints == NULL &&
         request->points.count > 0 && !request->has_picture) {
         return umb_fail(error, UMB_E_ARGUMENT,

@@ -69,9 +69,10 @@ static const struct umbu_option OPTIONS[] = {
     {"taps", "N", "width of the filter in texels", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.taps),
      .otherwise = "9; 1 with --filter penumbra or footprint"},
     {"filter", "NAME",
-     "filter of the shadows: box, tent, penumbra (half shadows of a light with an extent), or "
+     "filter of the shadows: box, tent, gaussian, penumbra (half shadows of a light with an "
+     "extent), or "
      "footprint (the part of a surface that each pixel covers)",
-     UMBU_CHOICE("box|tent|penumbra|footprint"), AT(settings.filter), .standard = "box"},
+     UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box"},
     {"light-size", "DEG", "angular diameter of the light in degrees, for --filter penumbra",
      UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,
      AT(settings.light_extent), .otherwise = "the asset's"},
@@ -126,15 +127,16 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed, struct
                                         struct umb_error *error)
 {
     struct umb_query_settings *settings = &options->settings;
+    const struct umb_filter_info *filter = umb_filter_get_info(settings->filter);
     settings->format = UMB_ANSWER_F32;
     if (settings->taps == 0) {
-        settings->taps = settings->filter >= UMB_FILTER_PENUMBRA ? 1 : 9; /* these two grow */
+        settings->taps = filter->is_window ? 9 : 1; /* the least width of other filters */
     }
     if (!umbu_given(parsed, "truth")) {
-        options->truth = settings->filter == UMB_FILTER_PENUMBRA ? UMBT_TRUTH_DISC
-                         : options->samples > 0                  ? UMBT_TRUTH_AREA
-                         : settings->taps > 1                    ? UMBT_TRUTH_TEXELS
-                                                                 : UMBT_TRUTH_SURFACE;
+        options->truth = filter->has_extent     ? UMBT_TRUTH_DISC
+                         : options->samples > 0 ? UMBT_TRUTH_AREA
+                         : settings->taps > 1   ? UMBT_TRUTH_TEXELS
+                                                : UMBT_TRUTH_SURFACE;
     }
     if (options->samples > 0 && options->truth != UMBT_TRUTH_AREA &&
         options->truth != UMBT_TRUTH_DISC) {
@@ -260,7 +262,7 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     UMB__TRY(truth_check(render, error));
     UMB__TRY(umbt_setup_camera(setup, &options->camera, options->size, error));
     const double rows = (double)options->size[1] * options->aa;
-    return options->settings.filter == UMB_FILTER_FOOTPRINT
+    return umb_filter_get_info(options->settings.filter)->has_footprints
                ? umbt_shadow_source_look(&render->source, setup->camera.eye,
                                          2.0 * setup->camera.tan_y / rows, error)
                : UMB_OK;
