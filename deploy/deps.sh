@@ -15,7 +15,7 @@ needed="
     libuv1-dev libnghttp2-dev libcurl4-openssl-dev
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libinih-dev libsqlite3-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
-    libembree-dev libassimp-dev libpng-dev
+    libembree-dev libjansson-dev libpng-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf
 "
 # There for x86-64 alone; without it pages are hashed one by one.

@@ -3,10 +3,10 @@
 #include "cli_answers.h"
 
 #include <inttypes.h>
-#include <math.h>
 #include <string.h>
+#include "tool/tool_try.h"
 
-/* Raw answers go to their file; a JSON object then stands alone on stdout, after they are there. */
+/* True for raw answers: they go to a file, and the JSON object alone to stdout afterwards. */
 static bool is_raw(const struct umbc_answers *answers)
 {
     return answers->options->encoding != UMBC_ENCODING_TEXT;
@@ -24,14 +24,13 @@ enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
 {
     memset(answers, 0, sizeof *answers);
     answers->options = options;
-    enum umb_status status =
-        umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &answers->output, error);
-    if (status == UMB_OK && options->json && !is_raw(answers)) {
+    UMB__TRY(umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &answers->output, error));
+    if (options->json && !is_raw(answers)) {
         answers->json.file = answers->output.file;
         umbu_json_begin(&answers->json, NULL, '{');
         umbu_json_begin(&answers->json, options->explain ? "explanations" : "answers", '[');
     }
-    return status;
+    return UMB_OK;
 }
 
 static float float_at(const void *values, size_t i)
@@ -39,7 +38,7 @@ static float float_at(const void *values, size_t i)
     return ((const float *)values)[i];
 }
 
-/* All lights are a list in JSON, even of an asset that has one. */
+/* True if JSON has a list of lights: with --light all also for an asset of one light. */
 static bool is_list(const struct umbc_query_options *options, size_t light_count)
 {
     return light_count != 1 || options->all_lights;
@@ -55,20 +54,7 @@ static void put_text(FILE *file, const void *const *values, size_t light_count, 
     }
 }
 
-static void put_json_value(struct umbu_json *json, float value)
-{
-    if (json->needs_comma) {
-        (void)fputc(',', json->file);
-    }
-    if (isfinite(value)) {
-        (void)fprintf(json->file, "%.9g", (double)value);
-    } else {
-        (void)fputs("null", json->file); /* only a broken daemon says so; JSON has no NaN */
-    }
-    json->needs_comma = true;
-}
-
-/* as_list: an array of answers for each point, also of one light. */
+/* as_list: each point gets an array of answers, also for one light. */
 static void put_json(struct umbu_json *json, const void *const *values, size_t light_count,
                      size_t count, bool as_list)
 {
@@ -77,7 +63,7 @@ static void put_json(struct umbu_json *json, const void *const *values, size_t l
             umbu_json_begin(json, NULL, '[');
         }
         for (size_t k = 0; k < light_count; k++) {
-            put_json_value(json, float_at(values[k], i));
+            umbu_json_rounded(json, NULL, (double)float_at(values[k], i), 9);
         }
         if (as_list) {
             umbu_json_end(json, ']');
@@ -92,7 +78,7 @@ static void end_byte(struct umbc_answers *answers)
     answers->begun_bits = 0;
 }
 
-/* Batches may end within a byte, the next one goes on in it. */
+/* Writes bits. A batch may end within a byte; the next batch fills that byte. */
 static void put_bits(struct umbc_answers *answers, const uint8_t *bits, size_t count)
 {
     const size_t whole = answers->begun_bits == 0 ? count / 8 : 0;
@@ -125,7 +111,7 @@ bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, s
 {
     FILE *file = answers->output.file;
     if (answers->options->encoding == UMBC_ENCODING_BIT) {
-        put_bits(answers, values[0], count); /* of one light */
+        put_bits(answers, values[0], count); /* bits go with one light only */
     } else if (is_raw(answers)) {
         put_raw(file, answers->options->settings.format, values, light_count, count);
     } else if (answers->options->json) {
@@ -142,16 +128,17 @@ static const char *state_name(uint32_t state)
     return state == 0 ? "shadowed" : state == 1 ? "lit" : "mixed";
 }
 
-/* The window as rows of texels, first row first: '#' lit, '.' shadowed. */
+/* Prints the window as rows of texels: '#' lit, '.' shadowed. */
 static void explain_window(FILE *file, const struct umb_explanation *e)
 {
     char row[UMB_TAPS_MAX + 1];
     uint32_t taps = e->taps < UMB_TAPS_MAX ? e->taps : UMB_TAPS_MAX;
+    const struct umb_filter_info *filter = umb_filter_get_info(e->filter);
     (void)fprintf(file,
                   "  %s of %" PRIu32 " x %" PRIu32 " texels from %" PRId64 " %" PRId64
                   " at depth %" PRId64 ":\n",
-                  e->filter == UMB_FILTER_TENT ? "tent" : "window", taps, taps, e->window[0],
-                  e->window[1], e->cell[2]);
+                  filter->is_window && !filter->has_curve ? filter->name : "window", taps, taps,
+                  e->window[0], e->window[1], e->cell[2]);
     for (uint32_t j = 0; j < taps; j++) {
         for (uint32_t i = 0; i < taps; i++) {
             row[i] = e->rows[j] >> i & 1 ? '#' : '.';
@@ -183,7 +170,7 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     if (e->has_normal) {
         (void)fprintf(file, "along the normal, which faces the light at cosine %.4f\n", e->cosine);
     } else {
-        (void)fputs("towards the light, there is no normal\n", file);
+        (void)fputs("towards the light: the point has no normal\n", file);
     }
     (void)fprintf(file,
                   "  to %.9g %.9g %.9g, voxel %.6f %.6f %.6f (cell %" PRId64 " %" PRId64 " %" PRId64
@@ -194,7 +181,7 @@ static void explain_text(FILE *file, uint64_t number, float value, const struct 
     if (e->level > 0) {
         (void)fprintf(file, "  stops at cells of %u voxels a side\n", 1U << e->level);
     }
-    if (e->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(e->filter)->has_footprints) {
         (void)fprintf(file, "  footprint of %.6g m; below, its least window\n", e->footprint_m);
     }
     if (e->transmittance < 1.0) {
@@ -212,25 +199,23 @@ static void explain_json(struct umbu_json *json, uint64_t number, float value,
                          const struct umb_explanation *e)
 {
     umbu_json_begin(json, NULL, '{');
-    umbu_json_integer(json, "point", number);
-    umbu_json_number(json, "answer", (double)value);
-    umbu_json_integer(json, "lit_taps", e->lit_taps);
-    umbu_json_integer(json, "taps", e->taps);
-    umbu_json_integer(json, "level", e->level);
-    umbu_json_number(json, "transmittance", e->transmittance);
+    UMBU_JSON_COUNTS(json, {"point", number}, {"lit_taps", e->lit_taps}, {"taps", e->taps},
+                     {"level", e->level}, {"frustum", e->frustum}, {"nodes", e->nodes},
+                     {"bricks", e->bricks});
+    UMBU_JSON_VALUES(json, 17, {"answer", (double)value}, {"transmittance", e->transmittance},
+                     {"bias_m", e->bias_m}, {"cosine", e->cosine},
+                     {"voxel_size_m", e->voxel_size_m});
     umbu_json_bool(json, "facing_away", e->facing_away != 0);
     umbu_json_bool(json, "undefined", e->undefined != 0);
     umbu_json_bool(json, "outside", e->outside != 0);
     umbu_json_bool(json, "before", e->before != 0);
     umbu_json_bool(json, "behind", e->behind != 0);
     umbu_json_text(json, "filter", umb_filter_name(e->filter));
-    if (e->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(e->filter)->has_footprints) {
         umbu_json_number(json, "footprint_m", e->footprint_m);
     }
     umbu_json_text(json, "bias", umb_bias_mode_name(e->bias_mode));
-    umbu_json_number(json, "bias_m", e->bias_m);
     umbu_json_bool(json, "has_normal", e->has_normal != 0);
-    umbu_json_number(json, "cosine", e->cosine);
     umbu_json_vector(json, "moved", e->moved);
     umbu_json_vector(json, "voxel", e->voxel);
     umbu_json_begin(json, "cell", '[');
@@ -238,10 +223,6 @@ static void explain_json(struct umbu_json *json, uint64_t number, float value,
         umbu_json_signed(json, NULL, e->cell[axis]);
     }
     umbu_json_end(json, ']');
-    umbu_json_number(json, "voxel_size_m", e->voxel_size_m);
-    umbu_json_integer(json, "frustum", e->frustum);
-    umbu_json_integer(json, "nodes", e->nodes);
-    umbu_json_integer(json, "bricks", e->bricks);
     umbu_json_begin(json, "window", '[');
     umbu_json_signed(json, NULL, e->window[0]);
     umbu_json_signed(json, NULL, e->window[1]);
@@ -277,9 +258,8 @@ void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float v
 static void end_json(struct umbc_answers *answers, const struct umbc_query_total *total)
 {
     struct umbu_json *json = &answers->json;
-    char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(total->asset_id, id);
-    umbu_json_text(json, "asset", id);
+    const struct umb_query_stats *stats = &total->stats;
+    umbc_json_id(json, "asset", total->asset_id);
     if (!is_list(answers->options, total->light_count)) {
         umbu_json_integer(json, "light", total->lights[0]);
     } else {
@@ -304,16 +284,13 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     umbu_json_number(json, "ns_per_point", umbc_query_ns(total));
     umbu_json_integer(json, "points", total->points);
     umbu_json_begin(json, "stats", '{');
-    umbu_json_integer(json, "outside", total->stats.outside);
-    umbu_json_integer(json, "before", total->stats.before);
-    umbu_json_integer(json, "behind", total->stats.behind);
-    umbu_json_integer(json, "facing_away", total->stats.facing_away);
-    umbu_json_integer(json, "undefined", total->stats.undefined);
-    umbu_json_integer(json, "nodes", total->stats.nodes);
-    umbu_json_integer(json, "bricks", total->stats.bricks);
+    UMBU_JSON_COUNTS(json, {"outside", stats->outside}, {"before", stats->before},
+                     {"behind", stats->behind}, {"facing_away", stats->facing_away},
+                     {"undefined", stats->undefined}, {"nodes", stats->nodes},
+                     {"bricks", stats->bricks});
     umbu_json_end(json, '}');
-    umbu_json_number(json, "seconds", total->seconds);
-    umbu_json_number(json, "server_seconds", (double)total->server_ns * 1e-9);
+    UMBU_JSON_VALUES(json, 17, {"seconds", total->seconds},
+                     {"server_seconds", (double)total->server_ns * 1e-9});
     umbu_json_close(json);
 }
 
@@ -328,13 +305,13 @@ enum umb_status umbc_answers_end(struct umbc_answers *answers, const struct umbc
         umbu_json_end(&answers->json, ']');
         end_json(answers, total);
     }
-    enum umb_status status = umbu_output_commit(&answers->output, error);
-    if (status == UMB_OK && json && is_raw(answers)) {
+    UMB__TRY(umbu_output_commit(&answers->output, error));
+    if (json && is_raw(answers)) {
         answers->json.file = stdout;
         umbu_json_begin(&answers->json, NULL, '{');
         end_json(answers, total);
     }
-    return status;
+    return UMB_OK;
 }
 
 void umbc_answers_abandon(struct umbc_answers *answers)

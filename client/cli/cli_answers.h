@@ -3,37 +3,37 @@
 #define UMBRAGE_CLI_CLI_ANSWERS_H
 /*
  * Writes answers in order: text, raw bytes, JSON or explanations. Write errors stay in the stream
- * until umbc_answers_end looks.
+ * until umbc_answers_end reports them.
  */
 #include "tool/json.h"
 #include "tool/output.h"
 #include "cli_query_options.h"
 
-/* What a whole query added up to. */
+/* Sums and settings of a whole query. */
 struct umbc_query_total {
     struct umb_query_stats stats;
     uint8_t asset_id[UMB_ID_BYTES];
-    uint64_t server_ns; /* CPU time of the daemon, 0 for a file */
-    double here_s;      /* CPU time of the look-ups in a file, 0 with a daemon */
-    double seconds;     /* from the first batch to the last */
+    uint64_t server_ns; /* CPU time of the daemon in nanoseconds; 0 for a file */
+    double here_s;      /* CPU time of the look-ups in a file in seconds; 0 with a daemon */
+    double seconds;     /* time from the first batch to the last */
     uint64_t points;
     const uint32_t *lights; /* [light_count] */
     size_t light_count;
-    uint32_t taps, level;     /* of the first light */
-    double bound_m;           /* of the first light; 0: not known here */
-    struct umb_curve_row row; /* of the curve, if the asset has one for these settings */
-    double expected_ns;       /* a point, calibrated for a budget; else 0 */
+    uint32_t taps, level;     /* settings of the first light */
+    double bound_m;           /* bound of the first light's answers; 0: not known */
+    struct umb_curve_row row; /* row of the accuracy curve for these settings, or zero */
+    double expected_ns;       /* nanoseconds a point by calibration for a budget; else 0 */
 };
 
-/* Nanoseconds that a point and light took of one core; 0 without points. */
+/* CPU time in nanoseconds of one point and light; 0 without points. */
 double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {
     const struct umbc_query_options *options;
     struct umbu_output output;
     struct umbu_json json;
-    uint8_t begun;       /* bits of a byte that batches share, the first one lowest ... */
-    unsigned begun_bits; /* ... and how many there are */
+    uint8_t begun;       /* bits of the last byte of a batch, the first one lowest */
+    unsigned begun_bits; /* number of bits in begun; the next batch adds to them */
 };
 
 UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *options,
@@ -43,14 +43,16 @@ UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *
 /*
  * Writes the answers of `count` points.
  *
- * In: values: [light_count], for each light `count` values in the encoding's format, float for
- * text. Several lights stand side by side: on a line, in an array of JSON, one after the other in
- * raw bytes (not as bits). Returns false if it cannot write.
+ * The answers of several lights for one point stand side by side: on a line, in a JSON array, or
+ * one after the other in raw bytes (not as bits).
+ *
+ * In:  values: [light_count] arrays of `count` values in the encoding's format, float for text.
+ * Returns false if a write failed.
  */
 bool umbc_answers_put(struct umbc_answers *answers, const void *const *values, size_t light_count,
                       size_t count);
 
-/* Writes how point `number` was answered. */
+/* Writes the explanation of point `number`. */
 void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float value,
                           const struct umb_explanation *explanation);
 
@@ -58,7 +60,7 @@ void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float v
 UMB_CHECKED enum umb_status umbc_answers_end(struct umbc_answers *answers,
                                              const struct umbc_query_total *total,
                                              struct umb_error *error);
-/* Gives up: no file appears; what stdout has of JSON is closed. Harmless after the end. */
+/* Ends without a file; closes the brackets of JSON on stdout. Harmless after the end. */
 void umbc_answers_abandon(struct umbc_answers *answers);
 
 #endif

@@ -17,14 +17,14 @@
 #include "tool/tool_try.h"
 
 #define PATH_SIZE     4096
-#define SCENE_BYTES   ((size_t)1 << 30)  /* of a scene that is looked through */
-#define LIBRARY_BYTES ((size_t)64 << 20) /* of a library of materials that is */
-#define NAMES_MAX     262144             /* names looked up for one scene, whatever they lead to */
+#define SCENE_BYTES   ((size_t)1 << 30)  /* largest scene that is searched for names */
+#define LIBRARY_BYTES ((size_t)64 << 20) /* largest library of materials that is searched */
+#define NAMES_MAX     262144             /* most names that are looked up for one scene */
 
 struct gathering {
     struct umbc_bundle *bundle;
-    char folder[PATH_SIZE]; /* the scene's, absolute, without the last slash */
-    size_t names;           /* Number of names looked up */
+    char folder[PATH_SIZE]; /* folder of the scene, absolute, without the last slash */
+    size_t names;           /* number of names looked up */
     int quiet;
     struct umb_error *error;
 };
@@ -38,12 +38,12 @@ void umbc_bundle_finish(struct umbc_bundle *bundle)
     *bundle = (struct umbc_bundle){NULL, 0};
 }
 
-/* Opens a regular file. Out: size: its bytes, `most` at most. */
+/* Opens a regular file. Out: size: bytes of the file, at most `most`. */
 static enum umb_status open_text(const char *path, size_t most, int *fd, size_t *size,
                                  struct umb_error *error)
 {
     struct stat info;
-    /* Not blocking, so that a pipe without a writer is refused and not waited for. */
+    /* Non-blocking: a pipe without a writer is refused at once. */
     *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);
@@ -64,7 +64,7 @@ static enum umb_status open_text(const char *path, size_t most, int *fd, size_t 
     return UMB_OK;
 }
 
-/* Reads a file of at most `most` bytes and ends it with a NUL; free() it. */
+/* Reads a file of at most `most` bytes and appends a NUL. Out: text: for free(). */
 static enum umb_status read_text(const char *path, size_t most, char **text, size_t *size,
                                  struct umb_error *error)
 {
@@ -89,7 +89,7 @@ static enum umb_status read_text(const char *path, size_t most, char **text, siz
     return got >= 0 ? UMB_OK : umb_fail_errno(error, UMB_E_IO, code, "cannot read '%.200s'", path);
 }
 
-/* Takes "." and ".." out of an absolute path, in place; false if it leaves the root. */
+/* Removes "." and ".." from an absolute path, in place. Returns false if it leaves the root. */
 static bool normalise(char *path)
 {
     char *to = path;
@@ -116,7 +116,7 @@ static bool normalise(char *path)
     return true;
 }
 
-/* Adds a file by its absolute path, once. Out: added: false if it was there already. */
+/* Adds a file by its absolute path, once. Out: added: false for a file of the bundle. */
 static enum umb_status add_path(struct gathering *g, const char *path, bool *added)
 {
     struct umbc_bundle *bundle = g->bundle;
@@ -146,7 +146,7 @@ static enum umb_status add_path(struct gathering *g, const char *path, bool *add
     return UMB_OK;
 }
 
-/* Counts a name that is looked up: a scene of a gigabyte has room for many. */
+/* Counts a look-up, and refuses too many: a scene of a gigabyte may hold millions of names. */
 static enum umb_status count_name(struct gathering *g)
 {
     g->names++;
@@ -155,8 +155,8 @@ static enum umb_status count_name(struct gathering *g)
                                             "the scene names files more than %d times", NAMES_MAX);
 }
 
-/* 1 if a file lies in the scene's folder, wherever links lead. Others are not sent: a scene from a
- * stranger could name any file of ours, and no importer would open them. */
+/* True if a file lies in the scene's folder after all links are followed. Other files are not sent:
+ * a scene from a stranger could name any file of the user. */
 static bool is_beneath(const struct gathering *g, const char *path)
 {
     char *folder = realpath(g->folder[0] != '\0' ? g->folder : "/", NULL);
@@ -178,13 +178,10 @@ static enum umb_status add_named(struct gathering *g, const char *name, char pat
     if (name[0] == '\0' || strlen(name) >= PATH_SIZE) {
         return UMB_OK;
     }
-    const enum umb_status counted = count_name(g);
-    if (counted != UMB_OK) {
-        return counted;
-    }
+    UMB__TRY(count_name(g));
     (void)snprintf(path, 2 * (size_t)PATH_SIZE, "%s/%s", g->folder, name);
     for (char *at = path; *at != '\0'; at++) {
-        *at = *at == '\\' ? '/' : *at; /* as exporters on Windows write */
+        *at = *at == '\\' ? '/' : *at; /* exporters on Windows write backslashes */
     }
     if (!normalise(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
         if (!g->quiet) {
@@ -220,7 +217,7 @@ static int hex_digit(char c)
                                   : -1;
 }
 
-/* Undoes the %XX of a URI, in place. */
+/* Decodes the %XX of a URI, in place. */
 static void decode_uri(char *text)
 {
     char *to = text;
@@ -237,8 +234,8 @@ static void decode_uri(char *text)
     *to = '\0';
 }
 
-/* Copies a JSON string that begins behind its quote; returns the end, NULL if it has none or does
- * not fit. \u escapes beyond ASCII are not file names that anybody writes. */
+/* Copies a JSON string that begins after its quote. Returns its end, or NULL if it has none or does
+ * not fit. \u escapes beyond ASCII are not decoded: no exporter writes such file names. */
 static const char *take_json_string(const char *from, const char *end, char out[PATH_SIZE])
 {
     size_t used = 0;
@@ -260,7 +257,7 @@ static const char *take_json_string(const char *from, const char *end, char out[
     return from < end ? from : NULL;
 }
 
-/* Every "uri": "..." that is not data in itself. */
+/* Adds the file of every "uri": "..." that does not hold its data itself. */
 static enum umb_status look_for_uris(struct gathering *g, const char *text, size_t size)
 {
     static const char key[] = "\"uri\"";
@@ -289,7 +286,8 @@ static enum umb_status look_for_uris(struct gathering *g, const char *text, size
     return status;
 }
 
-/* The rest of a line behind a word, without blanks around it; false if it begins otherwise. */
+/* Copies the rest of a line after a word, without blanks around it. Returns false if the line
+ * begins with another word. */
 static bool take_line(const char *line, size_t length, const char *word, char out[PATH_SIZE])
 {
     const size_t skip = strlen(word);
@@ -335,8 +333,8 @@ static enum umb_status each_line(struct gathering *g, const char *path, size_t m
     return status;
 }
 
-/* The name behind a map's options: the longest rest of the line that is a file here, as a name may
- * hold blanks, else the last word. */
+/* Finds the name after a map's options: the longest rest of the line that is a file, because a name
+ * may hold blanks; else the last word. */
 static const char *behind_options(struct gathering *g, const char *line)
 {
     const char *last = line;
@@ -346,13 +344,13 @@ static const char *behind_options(struct gathering *g, const char *line)
         (void)snprintf(path, sizeof path, "%s/%s", g->folder, at);
         last = at;
         if (count_name(g) != UMB_OK || access(path, R_OK) == 0) {
-            break; /* beyond the limit the name itself is refused */
+            break; /* beyond the limit add_named refuses the name */
         }
     }
     return last;
 }
 
-/* Textures: options like `-o 0 0 0` come before the name. */
+/* Adds the texture of a line; options like `-o 0 0 0` stand before the name. */
 static enum umb_status take_mtl_line(struct gathering *g, const char *line, size_t length)
 {
     static const char *const words[] = {"map_Kd", "map_Ka", "map_Ks", "map_d", "map_bump", "bump"};
@@ -372,7 +370,7 @@ static enum umb_status take_obj_line(struct gathering *g, const char *line, size
         return UMB_OK;
     }
     enum umb_status status = add_named(g, name, path);
-    /* Libraries are read only if they are sent, and once: every line of a scene may name one. */
+    /* A library is read only if it is sent, and once: every line of a scene may name one. */
     return status == UMB_OK && path[0] != '\0' ? each_line(g, path, LIBRARY_BYTES, take_mtl_line)
                                                : status;
 }
@@ -395,8 +393,7 @@ static enum umb_status look_through(struct gathering *g, const char *scene)
     size_t size;
     enum umb_status status = read_text(scene, SCENE_BYTES, &text, &size, g->error);
     if (status == UMB_OK) {
-        size_t json =
-            size; /* of a GLB only its first chunk: 12 bytes of header, 8 of the chunk's */
+        size_t json = size; /* a GLB has it in its first chunk, after headers of 12 and 8 bytes */
         if (size > 20 && memcmp(text, "glTF", 4) == 0) {
             const unsigned char *length = (const unsigned char *)text + 12;
             json = 20 + ((size_t)length[0] | (size_t)length[1] << 8 | (size_t)length[2] << 16 |
@@ -409,7 +406,7 @@ static enum umb_status look_through(struct gathering *g, const char *scene)
     return status;
 }
 
-/* Length of the deepest folder that holds all files, with its slash. */
+/* Length in bytes of the deepest folder that holds all files, with its slash. */
 static size_t common_folder(const struct umbc_bundle *bundle)
 {
     const char *first = bundle->files[0].source;
@@ -456,7 +453,7 @@ enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bun
     if (!S_ISREG(info.st_mode) || !normalise(path) || strlen(path) >= PATH_SIZE) {
         return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", scene);
     }
-    if (!is_scene(scene)) { /* as the server would say, which a client must not need for it */
+    if (!is_scene(scene)) { /* refused here, before anything is sent */
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "'%.200s': not a scene that can be baked (.gltf .glb .obj .ply .stl)",
                         scene);
@@ -464,9 +461,7 @@ enum umb_status umbc_bundle_gather(const char *scene, int quiet, struct umbc_bun
     (void)snprintf(g.folder, sizeof g.folder, "%.*s", (int)(strrchr(path, '/') - path), path);
     bool added;
     enum umb_status status = add_path(&g, path, &added);
-    if (status == UMB_OK) {
-        status = look_through(&g, path);
-    }
+    status = status == UMB_OK ? look_through(&g, path) : status;
     if (status != UMB_OK) {
         umbc_bundle_finish(bundle);
         return status;

@@ -2,25 +2,25 @@
 #ifndef UMBRAGE_CLI_CLI_BUNDLE_H
 #define UMBRAGE_CLI_CLI_BUNDLE_H
 /*
- * The files that a scene needs: itself, and what it names beside itself (buffers and images of
- * glTF, material libraries of OBJ and their textures). Names are looked for in the text, not
- * parsed: one too many costs bytes, the daemon's importer decides what they mean.
+ * The files that a scene needs: the scene file and the files that it names (buffers and images of
+ * glTF, material libraries of OBJ and their textures). The text is searched for names, not parsed:
+ * a name too many costs bytes only, because the daemon's importer decides what to read.
  *
- * Paths of the bundle are relative to the deepest folder that holds all of them. Names that are no
- * files here are left out with a notice, and so are files outside of the scene's folder, by ".." or
- * by links: a scene must not decide which of a user's files leave the machine.
+ * Paths of the bundle are relative to the deepest folder that holds all files. Two kinds of names
+ * are left out with a notice: those without a file, and those that lead out of the scene's folder
+ * by ".." or by links. A scene must not decide which of a user's files leave the machine.
  */
 #include "umbrage/jobs.h"
 
 #define UMBC_BUNDLE_FILES_MAX 4096
 
 struct umbc_bundle {
-    struct umb_job_file *files; /* the first one is the scene */
+    struct umb_job_file *files; /* [count] the scene first */
     size_t count;
 };
 
-/* Gathers them. quiet: no notices. Fails: E_NO_INPUT, E_IO, E_LIMIT, E_NO_MEMORY, E_BAD_SCENE (a
- * name that leaves the file system's root). */
+/* Gathers the files of a scene. quiet: no notices. Fails: E_NO_INPUT, E_IO, E_LIMIT, E_NO_MEMORY,
+ * E_BAD_SCENE (a name that leaves the file system's root). */
 UMB_CHECKED enum umb_status umbc_bundle_gather(const char *scene, int quiet,
                                                struct umbc_bundle *bundle, struct umb_error *error);
 void umbc_bundle_finish(struct umbc_bundle *bundle);

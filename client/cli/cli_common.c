@@ -11,17 +11,26 @@
 #include "tool/base.h"
 #include "tool/exit_code.h"
 
-#define NAME_BYTES ((size_t)200) /* of a path, in messages of the libraries */
+#define NAME_BYTES ((size_t)200) /* most bytes of a path in a message of the libraries */
+
+/* Prints a prefix and a formatted message as a line on stderr. */
+static void complain(const char *prefix, const char *format, va_list arguments)
+{
+    (void)fprintf(stderr, "umbrage%s: ", prefix);
+    (void)vfprintf(stderr, format, arguments);
+    (void)fputc('\n', stderr);
+}
 
 int umbc_usage_error(const char *command, const char *format, ...)
 {
+    char prefix[64] = "";
     va_list arguments;
-    (void)fprintf(stderr, "umbrage%s%s: ", command != NULL ? " " : "",
-                  command != NULL ? command : "");
+    if (command != NULL) {
+        (void)snprintf(prefix, sizeof prefix, " %s", command);
+    }
     va_start(arguments, format);
-    (void)vfprintf(stderr, format, arguments);
+    complain(prefix, format, arguments);
     va_end(arguments);
-    (void)fputc('\n', stderr);
     return UMBC_EXIT_USAGE;
 }
 
@@ -36,7 +45,7 @@ int umbc_complain(const struct umb_error *error)
     return umbu_exit_code(error->status);
 }
 
-/* What stands after the name in messages of the form `NAME: reason`; NULL in others. */
+/* Rest of a message `NAME: reason` after the name; NULL for other messages. */
 static const char *after_name(const char *message, const char *name)
 {
     const size_t length = strlen(name);
@@ -47,7 +56,7 @@ int umbc_complain_file(const char *path, const struct umb_error *error)
 {
     const char *message = said(error);
     const size_t length = strlen(path);
-    char name[NAME_BYTES + 1], quoted[sizeof name + 2]; /* as messages have it */
+    char name[NAME_BYTES + 1], quoted[sizeof name + 2]; /* the path as messages write it */
     (void)umb__utf8_printable((const uint8_t *)path, length < NAME_BYTES ? length : NAME_BYTES,
                               name, sizeof name);
     (void)snprintf(quoted, sizeof quoted, "'%s'", name);
@@ -67,15 +76,13 @@ int umbc_complain_file(const char *path, const struct umb_error *error)
 int umbc_complain_as(enum umb_status status, const char *format, ...)
 {
     va_list arguments;
-    (void)fputs("umbrage: ", stderr);
     va_start(arguments, format);
-    (void)vfprintf(stderr, format, arguments);
+    complain("", format, arguments);
     va_end(arguments);
-    (void)fputc('\n', stderr);
     return umbu_exit_code(status);
 }
 
-/* 1 for what the store would take as a name, and for ids. */
+/* True for a name that the store accepts, and for an id. */
 static bool may_be_asset(const char *word)
 {
     static const char allowed[] =
@@ -135,8 +142,15 @@ void umbc_print_text(FILE *file, const char *text, size_t length)
         size_t count =
             umb__utf8_printable((const uint8_t *)text + at, length - at, piece, sizeof piece);
         (void)fwrite(piece, 1, count, file);
-        at += count; /* at least one: the longest character fits */
+        at += count; /* at least one byte: the longest character fits */
     }
+}
+
+void umbc_json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_ID_BYTES])
+{
+    char text[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(id, text);
+    umbu_json_text(json, key, text);
 }
 
 void umbc_format_bytes(unsigned long long bytes, char text[32])

@@ -2,24 +2,25 @@
 #ifndef UMBRAGE_CLI_CLI_COMMON_H
 #define UMBRAGE_CLI_CLI_COMMON_H
 /*
- * What the sub-commands share: their settings, talk on stderr.
+ * What the sub-commands share: settings, messages, names of files and assets.
  *
  * Every sub-command is one function `int umbc_NAME(argc, argv)` that returns the exit code; argv[0]
- * is the sub-command's name. stdout is data, stderr is talk.
+ * is the sub-command's name. Data goes to stdout, messages to stderr.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
+#include "tool/json.h"
 #include "tool/session.h"
 
-#define UMBC_EXIT_NEGATIVE 1 /* the command worked and the answer is no */
+#define UMBC_EXIT_NEGATIVE 1 /* the command worked, and its answer is no */
 #define UMBC_EXIT_USAGE    2
 #define UMBC_EXIT_DATA     65
 #define UMBC_EXIT_MISSING  69
 
 /* Settings that most commands have. */
 struct umbc_settings {
-    const char *target; /* The argument: a file, an asset, a job */
+    const char *target; /* Argument of the command: a file, an asset or a job */
     struct umbu_session session;
     bool json, quiet;
 };
@@ -31,17 +32,17 @@ struct umbc_settings {
 /* Prints "umbrage: message" on stderr and returns the exit code of the error's status. */
 int umbc_complain(const struct umb_error *error);
 
-/* The same for an error about a file, which is named, and whose content is never a usage error: 2
- * becomes 65. */
+/* Prints "umbrage: FILE: message" and returns the exit code. The content of a file is never a usage
+ * error: 2 becomes 65. */
 int umbc_complain_file(const char *path, const struct umb_error *error);
 
-/* The same with a message made here; exit code of status. */
+/* Prints "umbrage: " and the formatted message on stderr; returns the exit code of a status. */
 int umbc_complain_as(enum umb_status status, const char *format, ...) UMB_PRINTF(2, 3);
 
 /* Prints "umbrage COMMAND: message" and returns 2. command: NULL for none. */
 int umbc_usage_error(const char *command, const char *format, ...) UMB_PRINTF(2, 3);
 
-/* A reader of options: 64 hexadecimal digits into uint8[UMB_ID_BYTES]. */
+/* Option reader: 64 hexadecimal digits into uint8[UMB_ID_BYTES]. */
 enum umb_status umbc_read_id(const struct umbu_option *option, const char *text, void *field,
                              struct umb_error *error);
 #define UMBC_ID UMBU_READ(umbc_read_id, "an id of 64 hexadecimal digits")
@@ -52,19 +53,22 @@ enum umb_status umbc_read_id(const struct umbu_option *option, const char *text,
  */
 bool umbc_is_file(const char *word);
 
-/* Opens a file to be read, which messages name. Fails: E_NO_INPUT if there is none or it is a
- * folder, else as open does. */
+/* Opens a file for reading; messages name it. Fails: E_NO_INPUT (no such file, or a folder), or as
+ * open does. */
 UMB_CHECKED enum umb_status umbc_open_input(const char *path, FILE **file, struct umb_error *error);
 
-/* Flushes stdout; returns code, or 74 with a message if anything could not be written. */
+/* Flushes stdout. Returns code, or 74 with a message if a write failed. */
 int umbc_finish_stdout(int code);
 
-/* Writes text from a file or a daemon for people: control characters, with which it could command
- * the terminal, become blanks, malformed UTF-8 '?'. */
+/* Writes text from a file or a daemon to a terminal: control characters become blanks, because they
+ * could command the terminal, and malformed UTF-8 becomes '?'. */
 void umbc_print_text(FILE *file, const char *text, size_t length);
 
-/* "1.5 GiB", "12 B". */
+/* Writes a number of bytes as "1.5 GiB" or "12 B". */
 void umbc_format_bytes(unsigned long long bytes, char text[32]);
+
+/* Writes an id as a member of an object. */
+void umbc_json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_ID_BYTES]);
 
 int umbc_info(int argc, char **argv);
 int umbc_query(int argc, char **argv);
@@ -86,9 +90,9 @@ int umbc_unpack(int argc, char **argv);
 /*
  * Replaces this process by a program that lies beside it.
  *
- * In: program: "umbrage-bake". word: put before the arguments, or NULL. arguments: NULL-terminated.
- *     command: what was typed, for the message.
- * Returns only if that failed: 69 with a sentence if the program is missing.
+ * In:  command: word that the user typed, for messages. program: "umbrage-bake". word: argument
+ *      before the others, or NULL. arguments: NULL-terminated.
+ * Returns the exit code after a failure only: 69 with a message if the program is missing.
  */
 int umbc_start_program(const char *command, const char *program, const char *word,
                        char **arguments);

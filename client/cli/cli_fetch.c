@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage fetch: downloads an asset that a job of yours made. What came stays beside the output as
- * OUT.part when the fetch is ended early, and the next one goes on behind it; the file gets its
- * name only when its pages are proven to be those of the id.
+ * umbrage fetch: downloads an asset that a job of the caller made. A fetch that ends early leaves
+ * its bytes beside the output as OUT.part, and the next fetch continues after them. The file gets
+ * its name only after its pages are proven to belong to the id.
  */
 #include "cli_common.h"
 
@@ -22,56 +22,45 @@
 #include "umbrage/region.h"
 
 #define OUTPUT_SIZE 4096
-#define TRIES       5 /* without one byte more between two */
+#define TRIES       5 /* tries in a row that bring no byte */
 
 struct fetch_settings {
     uint8_t asset[UMB_ID_BYTES];
-    const char *output; /* NULL: ASSET.umb */
+    const char *output; /* Name of the file; NULL: ASSET.umb */
     uint64_t max_bytes; /* Largest file in bytes that is fetched */
     struct umbu_session session;
     bool json, quiet;
 };
 #define AT(field) UMBU_AT(struct fetch_settings, field)
 
-static enum umb_status read_output(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || strcmp(text, "-") == 0 || strlen(text) >= OUTPUT_SIZE) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
-
 static const struct umbu_option OPTIONS[] = {
-    {"ASSET", NULL, "the asset's id", UMBC_ID, AT(asset), .needed = true},
-    {"output", "FILE", "where to",
-     UMBU_READ(read_output,
-               "a file name of 1 to 4095 bytes (a file is proven before it gets its name: it "
+    {"ASSET", NULL, "id of the asset", UMBC_ID, AT(asset), .needed = true},
+    {"output", "FILE", "name of the file",
+     UMBU_NAME("a file name of 1 to 4095 bytes (a file is proven before it gets its name: it "
                "cannot go to stdout; name a file, ./- for one of that name)"),
      AT(output), .otherwise = "ASSET.umb", .letter = 'o'},
-    {"max-bytes", "BYTES", "refuse a larger file", UMBU_BYTES(1, (uint64_t)1 << 62), AT(max_bytes),
-     .standard = "64G"},
+    {"max-bytes", "BYTES", "largest file in bytes that is accepted",
+     UMBU_BYTES(1, (uint64_t)1 << 62), AT(max_bytes), .standard = "64G"},
     UMBU_STALL_ROW(struct fetch_settings),
     {UMBU_JSON_ROW(struct fetch_settings)},
-    {UMBU_QUIET_ROW(struct fetch_settings, "no progress")},
+    {UMBU_QUIET_ROW(struct fetch_settings, "no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {
     .name = "umbrage fetch",
     .usage = "umbrage fetch ASSET [-o FILE] [options]",
     .summary = "Downloads the packed file of an asset that a job of yours made. ASSET is its id.\n"
-               "What an earlier fetch left in FILE.part is not fetched again.",
+               "Bytes that an earlier fetch left in FILE.part are not fetched again.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct fetch_settings, session)},
 };
 
 struct fetch {
     int fd;
-    uint64_t at;
+    uint64_t at; /* number of bytes in the file */
     const char *part;
     const uint8_t *asset;
     uint64_t max_bytes; /* --max-bytes */
-    uint64_t size;      /* Size of the whole file, as the server first announced it; 0: unknown */
+    uint64_t size; /* Size of the whole file in bytes, as the server announced it; 0: unknown */
     bool head_checked;
     struct umbu_progress progress;
     struct umb_error error;
@@ -150,7 +139,7 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
     return check_head(fetch);
 }
 
-/* Fetches what is missing; a lost connection is made anew as long as that helps. */
+/* Fetches the missing bytes. A lost connection is made again as long as that brings bytes. */
 static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch,
                                   struct umb_error *error)
 {
@@ -173,7 +162,7 @@ static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch
     return status;
 }
 
-/* Opens what an earlier fetch left, and goes to its end. */
+/* Opens the part of an earlier fetch, or a new one, and goes to its end. */
 static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
 {
     struct stat info;
@@ -193,15 +182,14 @@ static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
     return UMB_OK;
 }
 
-/* What a stranger sent is the asset of that id, byte by byte. */
+/* Proves that every byte of the file belongs to the asset of the id. */
 static enum umb_status prove_file(const char *path, const uint8_t *asset, struct umb_error *error)
 {
     struct umb_file file;
-    enum umb_status status = umb_file_open(path, &file, error);
-    if (status == UMB_OK) {
-        status = umb_packed_prove(file.bytes, file.size, asset, umb_sha256_openssl(), error);
-        umb_file_close(&file);
-    }
+    UMB__TRY(umb_file_open(path, &file, error));
+    const enum umb_status status =
+        umb_packed_prove(file.bytes, file.size, asset, umb_sha256_openssl(), error);
+    umb_file_close(&file);
     return status;
 }
 
@@ -213,7 +201,7 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     return umbu_output_rename(fetch->part, output, error);
 }
 
-/* All of it: fetched, proven, named. A part that is of something else is thrown away once. */
+/* Fetches, proves and names the file. A part of another asset is thrown away once. */
 static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch,
                                   const char *output, struct umb_error *error)
 {
@@ -239,12 +227,10 @@ static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch
 
 static int report(const struct fetch_settings *settings, const char *output, uint64_t bytes)
 {
-    char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(settings->asset, id);
     if (settings->json) {
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
-        umbu_json_text(&json, "asset", id);
+        umbc_json_id(&json, "asset", settings->asset);
         umbu_json_text(&json, "output", output);
         umbu_json_integer(&json, "bytes", bytes);
         umbu_json_close(&json);

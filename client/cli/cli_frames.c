@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage frames: a frame loop against a daemon. Each frame is a camera and its depth picture; the
- * answers come over one stream, packed, and as changes to the frame before where the daemon has it.
+ * umbrage frames: a frame loop against a daemon. Each frame is a camera and its depth picture. The
+ * answers come packed over one stream, as changes to the frame before if the daemon still has it.
  */
 #include "cli_common.h"
 
@@ -27,21 +27,22 @@ struct frames_settings {
 
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct frames_settings, "ASSET", "asset of the daemon")},
-    {"path", "FILE", "a camera a line: eye=X,Y,Z,target=X,Y,Z[,fov=DEG]", UMBU_TEXT, AT(path),
-     .needed = true},
-    {"depth", "FILE", "a float a pixel and frame, metres along the view", UMBU_TEXT, AT(depth),
-     .needed = true},
-    {"size", "WxH", "pixels of a frame", UMBU_SIDES(16384), AT(size), .standard = "1280x720"},
+    {"path", "FILE", "file with a camera a line: eye=X,Y,Z,target=X,Y,Z[,fov=DEG]", UMBU_TEXT,
+     AT(path), .needed = true},
+    {"depth", "FILE", "file of depths: for each frame and pixel a float, metres along the view",
+     UMBU_TEXT, AT(depth), .needed = true},
+    {"size", "WxH", "width and height of a frame in pixels", UMBU_SIDES(16384), AT(size),
+     .standard = "1280x720"},
     {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
-    {"light", "N", "the asset's light", UMBU_COUNT(0, UINT32_MAX), AT(query.light),
+    {"light", "N", "number of the asset's light", UMBU_COUNT(0, UINT32_MAX), AT(query.light),
      .standard = "0"},
-    {"taps", "N", "width of the filter", UMBU_ODD(1, UMB_TAPS_MAX), AT(query.taps),
+    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, UMB_TAPS_MAX), AT(query.taps),
      .standard = "1"},
-    {"format", "FORMAT", "of answers: f32, u8 or bit", UMBU_CHOICE("f32|u8|bit"), AT(query.format),
-     .standard = "bit"},
-    {"plain", NULL, "answers unpacked and whole, for comparison", UMBU_FLAG, AT(plain)},
-    {"output", "FILE", "the answers of all frames, one behind the other; - is stdout", UMBU_TEXT,
-     AT(output), .letter = 'o'},
+    {"format", "FORMAT", "format of the answers: f32, u8 or bit", UMBU_CHOICE("f32|u8|bit"),
+     AT(query.format), .standard = "bit"},
+    {"plain", NULL, "asks for whole answers without packing, for comparison", UMBU_FLAG, AT(plain)},
+    {"output", "FILE", "file of the answers, frame after frame; - is stdout", UMBU_TEXT, AT(output),
+     .letter = 'o'},
     {"json", NULL, "print one JSON object, with every frame", UMBU_FLAG, AT(json),
      .excludes = "output=-"},
     {UMBU_QUIET_ROW(struct frames_settings, "print nothing but errors")},
@@ -50,13 +51,13 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage frames",
     .usage = "umbrage frames ASSET --path FILE --depth FILE [options]",
-    .summary = "Asks a daemon for the shadows of one frame after the other, as a game would: a\n"
-               "camera and its depth picture go there, answers come back packed, and where\n"
-               "little changed, only that. A pixel of depth 0, or not finite, has nothing in it.",
+    .summary = "Asks a daemon for the shadows of one frame after the other, as a game would. It\n"
+               "sends a camera and its depth picture; the answers come back packed, and only the\n"
+               "changes where few pixels changed. A pixel of depth 0, or not finite, is empty.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct frames_settings, session)},
 };
 
-/* A loop under way. */
+/* State of the loop. */
 struct frames {
     struct frames_settings o;
     struct umbc_views views;
@@ -64,12 +65,12 @@ struct frames {
     struct umb_client_query_request request;
     struct umb_picture picture;
     FILE *depth_file;
-    float *depth;       /* a frame's */
-    uint8_t *values[2]; /* of this frame and the one before */
+    float *depth;       /* [pixels] depths of a frame in metres */
+    uint8_t *values[2]; /* answers of this frame and the one before */
     size_t value_bytes;
     struct umbu_output output;
     struct umbu_json json;
-    uint64_t received, plain; /* bytes of answers, as they came and unpacked */
+    uint64_t received, plain; /* bytes of all answers, as received and unpacked */
 };
 
 static enum umb_status prepare(struct frames *f, struct umb_error *error)
@@ -89,16 +90,13 @@ static enum umb_status prepare(struct frames *f, struct umb_error *error)
     }
     f->picture = (struct umb_picture){.width = size[0], .height = size[1], .depth = f->depth};
     f->request.picture = &f->picture;
-    enum umb_status status = umbu_connect(&f->o.session, &f->client, error);
-    if (status == UMB_OK) {
-        status = umb_client_stream_open(f->client, &f->request.stream, error);
-    }
-    return status == UMB_OK && f->o.output
-               ? umbu_output_begin(f->o.output, UMBU_OUTPUT_COMMAND, &f->output, error)
-               : status;
+    UMB__TRY(umbu_connect(&f->o.session, &f->client, error));
+    UMB__TRY(umb_client_stream_open(f->client, &f->request.stream, error));
+    return f->o.output ? umbu_output_begin(f->o.output, UMBU_OUTPUT_COMMAND, &f->output, error)
+                       : UMB_OK;
 }
 
-/* One frame's figures. */
+/* Prints the figures of one frame. */
 static void report(struct frames *f, size_t frame, const struct umb_client_query_reply *reply,
                    double took)
 {
@@ -114,8 +112,8 @@ static void report(struct frames *f, size_t frame, const struct umb_client_query
         umbu_json_end(&f->json, '}');
     } else if (!f->o.quiet) {
         (void)fprintf(f->output.file == stdout ? stderr : stdout,
-                      "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of the server's %7.2f\n", frame,
-                      bytes, reply->changes_only ? " of changes" : "           ", took * 1e3,
+                      "frame %4zu  %8" PRIu64 " bytes%s  %7.2f ms, of these %7.2f in the server\n",
+                      frame, bytes, reply->changes_only ? " of changes" : "           ", took * 1e3,
                       (double)reply->nanoseconds * 1e-6);
     }
 }
@@ -158,10 +156,9 @@ static enum umb_status run_frames(struct frames *f, struct umb_error *error)
     }
     if (json) {
         umbu_json_end(&f->json, ']');
-        umbu_json_integer(&f->json, "request_bytes_a_frame",
-                          (uint64_t)f->o.size[0] * f->o.size[1] * 4);
-        umbu_json_integer(&f->json, "bytes", f->received);
-        umbu_json_integer(&f->json, "unpacked_bytes", f->plain);
+        UMBU_JSON_COUNTS(&f->json,
+                         {"request_bytes_a_frame", (uint64_t)f->o.size[0] * f->o.size[1] * 4},
+                         {"bytes", f->received}, {"unpacked_bytes", f->plain});
         umbu_json_close(&f->json);
     }
     return status == UMB_OK && f->output.file ? umbu_output_commit(&f->output, error) : status;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See cli_http.h. Ranges are asked for one a request, several requests at a time over connections
- * that stay open: a server that speaks HTTP/2 gets them all on one. A server that ignores ranges
- * (200 instead of 206) is refused before it sends the whole file.
+ * Ranges by HTTP, see cli_http.h. Each range is a request; several requests are under way at a time
+ * over connections that stay open, or over one connection if the server speaks HTTP/2. A server
+ * that ignores ranges (200 instead of 206) is refused before it sends the whole file.
  */
 #include "cli_http.h"
 
@@ -17,10 +17,10 @@
 #include <string.h>
 
 enum {
-    AT_ONCE = 16, /* requests under way: hides the round trip of ranges that are apart */
+    AT_ONCE = 16, /* requests under way, so that their round trips overlap */
     CONNECT_TIMEOUT_S = 15,
-    STALL_S = 30,           /* slower than a byte a second for as long: given up */
-    SLOWEST_BYTES_S = 1024, /* of a range, once those are over */
+    STALL_S = 30,           /* seconds below a byte a second after which a request fails */
+    SLOWEST_BYTES_S = 1024, /* bytes a second that a range must have after STALL_S */
 };
 
 /* One request under way. */
@@ -30,7 +30,7 @@ struct fetch {
     uint64_t wanted;
     uint8_t *bytes;
     size_t size, capacity;
-    bool whole_file; /* the server sends more than was asked */
+    bool whole_file; /* true: the server sends more than the range */
     char reason[CURL_ERROR_SIZE];
 };
 
@@ -49,7 +49,7 @@ static size_t take_bytes(char *bytes, size_t size, size_t count, void *user)
     (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
     if (code != 206) {
         fetch->whole_file = code == 200;
-        return 0; /* the body of an error may have no end */
+        return 0; /* the body of an error may be endless */
     }
     if (all > fetch->wanted - fetch->size) {
         fetch->whole_file = true;
@@ -105,7 +105,7 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
         return umb_fail(error, UMB_E_UNSUPPORTED, "'%.200s': the server does not serve ranges",
                         http->url);
     }
-    /* An error's body was cut off; a redirect is an error only if curl did not follow it. */
+    /* The body of an error was cut off; a redirect is an error only if curl did not follow it. */
     const bool refused = code >= 400 && (result == CURLE_OK || result == CURLE_WRITE_ERROR);
     if (result != CURLE_OK && !refused) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "'%.200s': %.200s", http->url,
@@ -118,7 +118,7 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
     return UMB_OK;
 }
 
-/* Waits until something has ended and hands it over. Out: the fetch is free again. */
+/* Waits until requests have ended and hands their bytes over. Out: free_fetch: true for each. */
 static enum umb_status finish_some(struct http *http, size_t *under_way, bool *free_fetch,
                                    umb_range_fn got, void *got_user, struct umb_error *error)
 {
@@ -180,7 +180,7 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
 
 static bool prepare(const struct http *http, struct fetch *fetch)
 {
-    /* What was asked for over TLS does not come without it. */
+    /* A redirect must not lead from TLS to plain HTTP. */
     const char *onward = strncmp(http->url, "https://", 8) == 0 ? "https" : "http,https";
     fetch->easy = curl_easy_init();
     return fetch->easy && curl_easy_setopt(fetch->easy, CURLOPT_URL, http->url) == CURLE_OK &&

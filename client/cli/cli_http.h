@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CLI_CLI_HTTP_H
 #define UMBRAGE_CLI_CLI_HTTP_H
 /*
- * A region's source over HTTP: ranges of one URL from any static file server or object store, by
- * libcurl. http and https, proxies and certificates as libcurl finds them in the environment.
+ * A region's source over HTTP: byte ranges of one URL from a static file server or object store, by
+ * libcurl. It speaks http and https; libcurl takes proxies and certificates from the environment.
  */
 #include "umbrage/region.h"
 
@@ -11,7 +11,8 @@
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_http_open(const char *url, struct umb_region_source *source,
                                            struct umb_error *error);
-/* Sets the time (umbu_clock_s) at which open requests end and new ones fail, with E_DEADLINE. */
+
+/* Sets the time (umbu_clock_s) at which open requests end and new ones fail with E_DEADLINE. */
 void umbc_http_stop_at(struct umb_region_source *source, double clock_s);
 
 void umbc_http_close(struct umb_region_source *source);

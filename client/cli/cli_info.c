@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage info: what an asset is, from a file or from a daemon, for people or as JSON. */
+/* umbrage info: describes an asset of a file or a daemon, as text or as JSON. */
 #include "cli_common.h"
 
 #include <inttypes.h>
@@ -11,7 +11,7 @@
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
     {UMBU_JSON_ROW(struct umbc_settings)},
-    {UMBU_QUIET_ROW(struct umbc_settings, "print the id alone")},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print only the id")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -35,11 +35,11 @@ static const char *light_kind(enum umb_light_kind kind)
     return "unknown";
 }
 
-/* Kinds of costs: nanoseconds a point for points all over the scene, and next to each other. */
+/* Kinds of times: nanoseconds a point for points all over the scene, and for neighbours. */
 #define CURVE_COSTS 2
 
-/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or of each kind
- * [count] or NULL. */
+/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or for each kind an
+ * array of `count` times or NULL. */
 static void print_curve(const struct umb_curve_row *rows, const double *const ns[CURVE_COSTS],
                         size_t count)
 {
@@ -64,19 +64,17 @@ static void print_curve(const struct umb_curve_row *rows, const double *const ns
     }
 }
 
-/* The same under "curve", an array of objects; empty without rows. */
+/* Writes a light's curve as the array "curve"; empty without rows. */
 static void put_curve(struct umbu_json *json, const struct umb_curve_row *rows,
                       const double *const ns[CURVE_COSTS], size_t count)
 {
     umbu_json_begin(json, "curve", '[');
     for (size_t i = 0; i < count; i++) {
         umbu_json_begin(json, NULL, '{');
-        umbu_json_integer(json, "level", rows[i].level);
-        umbu_json_integer(json, "taps", rows[i].taps);
-        umbu_json_number(json, "bound_m", rows[i].bound_m);
-        umbu_json_number(json, "visibility_error", rows[i].visibility_error);
-        umbu_json_number(json, "nodes", rows[i].nodes);
-        umbu_json_number(json, "lines", rows[i].lines);
+        UMBU_JSON_COUNTS(json, {"level", rows[i].level}, {"taps", rows[i].taps});
+        UMBU_JSON_VALUES(json, 17, {"bound_m", rows[i].bound_m},
+                         {"visibility_error", rows[i].visibility_error}, {"nodes", rows[i].nodes},
+                         {"lines", rows[i].lines});
         for (int k = 0; k < CURVE_COSTS && ns != NULL; k++) {
             if (ns[k] != NULL) {
                 umbu_json_number(json, k == 0 ? "scattered_ns" : "coherent_ns", ns[k][i]);
@@ -87,7 +85,7 @@ static void put_curve(struct umbu_json *json, const struct umb_curve_row *rows,
     umbu_json_end(json, ']');
 }
 
-/* key=value lines, indented under a title. */
+/* Prints the lines of a text, indented under a title. */
 static void print_lines(const char *title, const char *text)
 {
     (void)printf("%s\n", title);
@@ -144,13 +142,6 @@ static void json_box(struct umbu_json *json, const struct umb_box *bounds)
     umbu_json_end(json, '}');
 }
 
-static void json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_ID_BYTES])
-{
-    char text[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(id, text);
-    umbu_json_text(json, key, text);
-}
-
 /* --- a file --- */
 
 static void print_frusta(const struct umb_asset *asset, const struct umb_light_info *light)
@@ -169,42 +160,37 @@ static void print_frusta(const struct umb_asset *asset, const struct umb_light_i
     }
 }
 
+/* Prints a line about a number of bytes; nothing for 0. exactly: adds the number. */
+static void print_bytes(const char *title, uint64_t bytes, const char *what, bool exactly)
+{
+    char text[32];
+    if (bytes == 0) {
+        return;
+    }
+    umbc_format_bytes(bytes, text);
+    (void)printf("%-14s %s", title, text);
+    if (exactly) {
+        (void)printf(" (%" PRIu64 " bytes)", bytes);
+    }
+    (void)printf("%s\n", what);
+}
+
 static void print_file_sizes(const struct umb_asset_info *info)
 {
-    char file[32];
-    char memory[32];
-    char grid[32];
-    char node[32];
-    char brick[32];
-    umbc_format_bytes(info->file_bytes, file);
+    char memory[32], grid[32], node[32], brick[32];
     umbc_format_bytes(info->memory_bytes, memory);
     umbc_format_bytes(info->grid_bytes, grid);
     umbc_format_bytes(info->node_bytes, node);
     umbc_format_bytes(info->brick_bytes, brick);
-    (void)printf("file           %s (%" PRIu64 " bytes), %s\n", file, info->file_bytes,
-                 info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
+    print_bytes("file", info->file_bytes,
+                info->encoding == UMB_ENCODING_PACKED ? ", packed" : ", mapped", true);
     (void)printf("memory         %s: grids %s, nodes %s, bricks %s\n", memory, grid, node, brick);
-    if (info->occluder_depth_bytes != 0) {
-        umbc_format_bytes(info->occluder_depth_bytes, file);
-        (void)printf("front          %s of first occluders in closed solids\n", file);
-    }
-    if (info->transmittance_bytes != 0) {
-        umbc_format_bytes(info->transmittance_bytes, file);
-        (void)printf("transmittance  %s of translucent casters\n", file);
-    }
-    if (info->receiver_mask_bytes != 0) {
-        umbc_format_bytes(info->receiver_mask_bytes, file);
-        (void)printf("near           %s of where surfaces are: baked under the static rule\n",
-                     file);
-    }
-    if (info->packed_bytes != 0) {
-        umbc_format_bytes(info->packed_bytes, file);
-        (void)printf("packed form    %s (%" PRIu64 " bytes)\n", file, info->packed_bytes);
-    }
-    if (info->bytes_2014 != 0) {
-        umbc_format_bytes(info->bytes_2014, file);
-        (void)printf("2014 encoding  %s (%" PRIu64 " bytes)\n", file, info->bytes_2014);
-    }
+    print_bytes("front", info->occluder_depth_bytes, " of first occluders in closed solids", false);
+    print_bytes("transmittance", info->transmittance_bytes, " of translucent casters", false);
+    print_bytes("near", info->receiver_mask_bytes, " of receiver mask: baked under the static rule",
+                false);
+    print_bytes("packed form", info->packed_bytes, "", true);
+    print_bytes("2014 encoding", info->bytes_2014, "", true);
 }
 
 static void print_file(const struct umb_asset *asset, const struct umb_asset_info *info)
@@ -262,16 +248,13 @@ static void json_frusta(struct umbu_json *json, const struct umb_asset *asset,
 static void json_sizes(struct umbu_json *json, const struct umb_asset_info *info)
 {
     umbu_json_text(json, "encoding", info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
-    umbu_json_integer(json, "file_bytes", info->file_bytes);
-    umbu_json_integer(json, "packed_bytes", info->packed_bytes);
-    umbu_json_integer(json, "bytes_2014", info->bytes_2014);
-    umbu_json_integer(json, "memory_bytes", info->memory_bytes);
-    umbu_json_integer(json, "grid_bytes", info->grid_bytes);
-    umbu_json_integer(json, "node_bytes", info->node_bytes);
-    umbu_json_integer(json, "brick_bytes", info->brick_bytes);
-    umbu_json_integer(json, "front_bytes", info->occluder_depth_bytes);
-    umbu_json_integer(json, "transmittance_bytes", info->transmittance_bytes);
-    umbu_json_integer(json, "near_bytes", info->receiver_mask_bytes);
+    UMBU_JSON_COUNTS(json, {"file_bytes", info->file_bytes}, {"packed_bytes", info->packed_bytes},
+                     {"bytes_2014", info->bytes_2014}, {"memory_bytes", info->memory_bytes},
+                     {"grid_bytes", info->grid_bytes}, {"node_bytes", info->node_bytes},
+                     {"brick_bytes", info->brick_bytes},
+                     {"front_bytes", info->occluder_depth_bytes},
+                     {"transmittance_bytes", info->transmittance_bytes},
+                     {"near_bytes", info->receiver_mask_bytes});
     umbu_json_begin(json, "level_nodes", '[');
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umbu_json_integer(json, NULL, info->level_nodes[level]);
@@ -283,8 +266,8 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
 {
     struct umbu_json json = {.file = stdout};
     umbu_json_begin(&json, NULL, '{');
-    json_id(&json, "asset", info->id);
-    json_id(&json, "scene", info->scene_hash);
+    umbc_json_id(&json, "asset", info->id);
+    umbc_json_id(&json, "scene", info->scene_hash);
     json_sizes(&json, info);
     umbu_json_vector(&json, "origin", info->origin);
     json_box(&json, &info->bounds);
@@ -333,7 +316,7 @@ static int info_file(const char *path, const struct umbc_settings *settings)
 
 /* --- an asset of a daemon --- */
 
-/* What rows cost on the daemon's machine; NULL where no budget has asked for it yet. */
+/* Times of the rows on the daemon's machine; NULL until a query with a budget calibrates them. */
 static void costs_of(const struct umb_client_light *light, const double *ns[CURVE_COSTS])
 {
     ns[0] = light->scattered_ns[0] > 0 ? light->scattered_ns : NULL;
@@ -372,9 +355,9 @@ static void print_description_json(const struct umb_client_description *about)
 {
     struct umbu_json json = {.file = stdout};
     umbu_json_begin(&json, NULL, '{');
-    json_id(&json, "asset", about->asset.id);
+    umbc_json_id(&json, "asset", about->asset.id);
     umbu_json_text(&json, "name", about->asset.name);
-    json_id(&json, "scene", about->scene_hash);
+    umbc_json_id(&json, "scene", about->scene_hash);
     umbu_json_integer(&json, "packed_bytes", about->asset.packed_bytes);
     umbu_json_integer(&json, "memory_bytes", about->asset.memory_bytes);
     umbu_json_vector(&json, "origin", about->origin);

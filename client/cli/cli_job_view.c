@@ -28,7 +28,8 @@ const char *umbc_job_failure(int failure)
     return failure >= 0 && failure <= UMB_JOB_CANCELLED ? names[failure] : "unknown";
 }
 
-int umbc_job_exit(const struct umb_job_status *status)
+/* Exit code of a job that is over. */
+static int exit_of(const struct umb_job_status *status)
 {
     if (status->state == UMB_JOB_DONE) {
         return 0;
@@ -56,10 +57,10 @@ void umbc_format_time(int64_t unix_ms, char text[24])
     }
 }
 
-/* What the call-back of a watch keeps. */
+/* State of a watch. */
 struct view {
-    bool drawn, wanted;
-    double heard_s; /* when the daemon last said something */
+    bool drawn, wanted; /* true: the line is visible; the line may be drawn */
+    double heard_s;     /* time of the daemon's last message, umbu_clock_s */
     struct umb_job_status status;
     char *plan;
 };
@@ -122,15 +123,16 @@ static bool is_over(int state)
     return state != UMB_JOB_QUEUED && state != UMB_JOB_RUNNING;
 }
 
-/* What passes when the daemon is back. */
+/* True for failures that end when the daemon is back. */
 static bool may_pass(enum umb_status status)
 {
     return status == UMB_OK || status == UMB_E_UNAVAILABLE || status == UMB_E_DEADLINE ||
            status == UMB_E_BUSY || status == UMB_E_CANCELLED || status == UMB_E_PROTOCOL;
 }
 
-enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool quiet,
-                               struct umb_job_status *status, char **plan, struct umb_error *error)
+/* Watches a job until it is over. Out: view: status without its texts; plan: free() it. */
+static enum umb_status watch(struct umb_client *client, const char *job, bool quiet,
+                             struct view *out, struct umb_error *error)
 {
     struct view view = {.wanted = !quiet && isatty(STDERR_FILENO) == 1, .heard_s = umbu_clock_s()};
     long pause_ms = PAUSE_MS;
@@ -150,42 +152,39 @@ enum umb_status umbc_job_watch(struct umb_client *client, const char *job, bool 
         (void)fputs("\r\033[K", stderr);
     }
     if (result == UMB_OK && !is_over(view.status.state)) {
-        result = umb_fail(error, UMB_E_UNAVAILABLE, "job %.40s: the daemon stopped telling", job);
+        result =
+            umb_fail(error, UMB_E_UNAVAILABLE, "job %.40s: the daemon sends nothing any more", job);
     }
-    *status = view.status;
-    *plan = view.plan;
+    *out = view;
     return result;
 }
 
 void umbc_job_json(struct umbu_json *json, const struct umb_job_status *status)
 {
-    char id[UMB_ID_TEXT_SIZE];
     umbu_json_text(json, "job", status->job);
     umbu_json_text(json, "state", umbc_job_state(status->state));
     umbu_json_text(json, "failure", umbc_job_failure(status->failure));
     umbu_json_text(json, "cause", status->cause);
     if (status->has_asset) {
-        umb_id_to_text(status->asset, id);
-        umbu_json_text(json, "asset", id);
+        umbc_json_id(json, "asset", status->asset);
     }
     umbu_json_text(json, "owner", status->owner);
     umbu_json_signed(json, "priority", status->priority);
-    umbu_json_integer(json, "epoch", status->epoch);
-    umbu_json_integer(json, "bundle_bytes", status->bundle_bytes);
+    UMBU_JSON_COUNTS(json, {"epoch", status->epoch}, {"bundle_bytes", status->bundle_bytes});
     umbu_json_signed(json, "submitted_ms", status->submitted_ms);
     umbu_json_signed(json, "started_ms", status->started_ms);
     umbu_json_signed(json, "ended_ms", status->ended_ms);
     if (status->tiles_total > 0) {
-        umbu_json_integer(json, "tiles", status->tiles_total);
-        umbu_json_integer(json, "tiles_done", status->tiles_done);
-        umbu_json_integer(json, "tiles_found", status->tiles_found);
+        UMBU_JSON_COUNTS(json, {"tiles", status->tiles_total}, {"tiles_done", status->tiles_done},
+                         {"tiles_found", status->tiles_found});
     }
 }
 
-int umbc_job_report(const struct umb_job_status *status, const char *plan, bool as_json, bool quiet)
+/* Prints how a job ended, on stdout. Returns the exit code. */
+static int report(const struct umb_job_status *status, const char *plan, bool as_json, bool quiet)
 {
     char id[UMB_ID_TEXT_SIZE];
-    const int code = umbc_job_exit(status);
+    const int code = exit_of(status);
     if (as_json) {
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
@@ -211,4 +210,15 @@ int umbc_job_report(const struct umb_job_status *status, const char *plan, bool 
         (void)fputc('\n', stderr);
     }
     return umbc_finish_stdout(code);
+}
+
+int umbc_job_wait(struct umb_client *client, const char *job, bool as_json, bool quiet)
+{
+    struct view view;
+    struct umb_error error = {.status = UMB_OK};
+    const int code = watch(client, job, quiet, &view, &error) == UMB_OK
+                         ? report(&view.status, view.plan, as_json, quiet)
+                         : umbc_complain(&error);
+    free(view.plan);
+    return code;
 }

@@ -1,38 +1,49 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage watch, jobs, cancel and rm: what became of submitted scenes. */
+/* umbrage watch, jobs, cancel and rm: the jobs of submitted scenes. */
 #include "cli_common.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include "cli_job_view.h"
+#include "tool/tool_try.h"
 
 struct job_settings {
-    const char *target; /* A job, or an asset's id */
+    const char *target; /* Id of a job */
     struct umbu_session session;
     bool json, quiet;
-    uint32_t limit; /* Jobs to list, 0 = 100 */
-    uint8_t asset[UMB_ID_BYTES];
+    uint32_t limit;              /* Most jobs to list */
+    uint8_t asset[UMB_ID_BYTES]; /* Id of an asset */
 };
 
 static const struct umbu_option JOB_OPTIONS[] = {
-    {UMBC_TARGET_ROW(struct job_settings, "JOB", "a job's id, as `umbrage submit` prints it")},
+    {UMBC_TARGET_ROW(struct job_settings, "JOB", "id of a job, as `umbrage submit` prints it")},
     {UMBU_JSON_ROW(struct job_settings)},
-    {UMBU_QUIET_ROW(struct job_settings, "no talk, ids only")},
+    {UMBU_QUIET_ROW(struct job_settings, "print only ids")},
 };
 
-/* Parses and connects. Returns -1 to go on, else the exit code. */
-static int begin(const struct umbu_command *command, int argc, char **argv,
-                 struct job_settings *settings, struct umb_client **client)
+/* Body of a command: prints its result and returns the exit code, or fails. */
+typedef enum umb_status (*job_fn)(const struct job_settings *settings, struct umb_client *client,
+                                  int *code, struct umb_error *error);
+
+/* Parses, connects and runs a command. Returns the exit code. */
+static int run(const struct umbu_command *command, int argc, char **argv, job_fn body)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umbu_parsed parsed;
-    *settings = (struct job_settings){0};
-    int code = umbu_start(&parsed, command, argc, argv, settings);
-    if (code < 0 && umbu_connect(&settings->session, client, &error) != UMB_OK) {
-        code = umbc_complain(&error);
+    struct job_settings settings = {0};
+    struct umb_client *client;
+    int code = umbu_start(&parsed, command, argc, argv, &settings);
+    if (code >= 0) {
+        return code;
     }
-    return code;
+    if (umbu_connect(&settings.session, &client, &error) != UMB_OK) {
+        return umbc_complain(&error);
+    }
+    code = 0;
+    const enum umb_status status = body(&settings, client, &code, &error);
+    umb_client_close(client);
+    return status == UMB_OK ? umbc_finish_stdout(code) : umbc_complain(&error);
 }
 
 /* --- watch --- */
@@ -40,41 +51,32 @@ static int begin(const struct umbu_command *command, int argc, char **argv,
 static const struct umbu_command WATCH = {
     .name = "umbrage watch",
     .usage = "umbrage watch JOB [options]",
-    .summary = "Shows a job's progress until it is over; then its asset, or why there is none.\n"
-               "A lost connection is made anew. Exit codes: 0 done, 65 the scene cannot be used,\n"
-               "70 the bake went wrong, 75 cancelled or not to be had now.",
+    .summary = "Shows the progress of a job until it is over, then its asset or the reason why\n"
+               "it has none. A lost connection is made again. Exit codes: 0 done, 65 bad scene,\n"
+               "70 the bake failed, 75 cancelled or temporary.",
     .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
+static enum umb_status watch(const struct job_settings *settings, struct umb_client *client,
+                             int *code, struct umb_error *error)
+{
+    (void)error;
+    *code = umbc_job_wait(client, settings->target, settings->json, settings->quiet);
+    return UMB_OK;
+}
+
 int umbc_watch(int argc, char **argv)
 {
-    struct job_settings settings;
-    struct umb_client *client;
-    struct umb_job_status status;
-    struct umb_error error = {.status = UMB_OK};
-    char *plan;
-    int code = begin(&WATCH, argc, argv, &settings, &client);
-    if (code >= 0) {
-        return code;
-    }
-    const bool quiet = settings.quiet;
-    if (umbc_job_watch(client, settings.target, quiet, &status, &plan, &error) == UMB_OK) {
-        code = umbc_job_report(&status, plan, settings.json, quiet);
-    } else {
-        code = umbc_complain(&error);
-    }
-    free(plan);
-    umb_client_close(client);
-    return code;
+    return run(&WATCH, argc, argv, watch);
 }
 
 /* --- jobs --- */
 
 static const struct umbu_option JOBS_OPTIONS[] = {
     {UMBU_JSON_ROW(struct job_settings)},
-    {UMBU_QUIET_ROW(struct job_settings, "ids only")},
-    {"limit", "N", "so many, 1 to 1000", UMBU_COUNT(1, 1000), UMBU_AT(struct job_settings, limit),
-     .standard = "100"},
+    {UMBU_QUIET_ROW(struct job_settings, "print only ids")},
+    {"limit", "N", "most jobs to list, 1 to 1000", UMBU_COUNT(1, 1000),
+     UMBU_AT(struct job_settings, limit), .standard = "100"},
 };
 
 static const struct umbu_command JOBS = {
@@ -122,26 +124,21 @@ static void print_jobs(const struct umb_job_status *jobs, size_t count, bool as_
     }
 }
 
+static enum umb_status list(const struct job_settings *settings, struct umb_client *client,
+                            int *code, struct umb_error *error)
+{
+    struct umb_job_status *jobs;
+    size_t count;
+    (void)code;
+    UMB__TRY(umb_client_list_jobs(client, settings->limit, &jobs, &count, NULL, error));
+    print_jobs(jobs, count, settings->json, settings->quiet);
+    umb_free(jobs);
+    return UMB_OK;
+}
+
 int umbc_jobs(int argc, char **argv)
 {
-    struct job_settings settings;
-    struct umb_client *client;
-    struct umb_job_status *jobs;
-    struct umb_error error = {.status = UMB_OK};
-    size_t count;
-    int code = begin(&JOBS, argc, argv, &settings, &client);
-    if (code >= 0) {
-        return code;
-    }
-    if (umb_client_list_jobs(client, settings.limit, &jobs, &count, NULL, &error) == UMB_OK) {
-        print_jobs(jobs, count, settings.json, settings.quiet);
-        umb_free(jobs);
-        code = umbc_finish_stdout(0);
-    } else {
-        code = umbc_complain(&error);
-    }
-    umb_client_close(client);
-    return code;
+    return run(&JOBS, argc, argv, list);
 }
 
 /* --- cancel --- */
@@ -149,74 +146,65 @@ int umbc_jobs(int argc, char **argv)
 static const struct umbu_command CANCEL = {
     .name = "umbrage cancel",
     .usage = "umbrage cancel JOB [options]",
-    .summary = "Ends a job that is not over; harmless if it is.",
+    .summary = "Cancels a job. A job that is over stays as it is.",
     .sections = {{"options", UMBU_ROWS(JOB_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
 };
 
+static enum umb_status cancel(const struct job_settings *settings, struct umb_client *client,
+                              int *code, struct umb_error *error)
+{
+    struct umb_job_status status;
+    (void)code;
+    UMB__TRY(umb_client_cancel_job(client, settings->target, &status, NULL, error));
+    if (settings->json) {
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        umbc_job_json(&json, &status);
+        umbu_json_close(&json);
+    } else if (!settings->quiet) {
+        (void)printf("job         %s: %s\n", status.job, umbc_job_state(status.state));
+    }
+    return UMB_OK;
+}
+
 int umbc_cancel(int argc, char **argv)
 {
-    struct job_settings settings;
-    struct umb_client *client;
-    struct umb_job_status status;
-    struct umb_error error = {.status = UMB_OK};
-    int code = begin(&CANCEL, argc, argv, &settings, &client);
-    if (code >= 0) {
-        return code;
-    }
-    if (umb_client_cancel_job(client, settings.target, &status, NULL, &error) != UMB_OK) {
-        code = umbc_complain(&error);
-    } else {
-        if (settings.json) {
-            struct umbu_json json = {.file = stdout};
-            umbu_json_begin(&json, NULL, '{');
-            umbc_job_json(&json, &status);
-            umbu_json_close(&json);
-        } else if (!settings.quiet) {
-            (void)printf("job         %s: %s\n", status.job, umbc_job_state(status.state));
-        }
-        code = umbc_finish_stdout(0);
-    }
-    umb_client_close(client);
-    return code;
+    return run(&CANCEL, argc, argv, cancel);
 }
 
 /* --- rm --- */
 
 static const struct umbu_option REMOVE_OPTIONS[] = {
-    {"ASSET", NULL, "the asset's id", UMBC_ID, UMBU_AT(struct job_settings, asset), .needed = true},
+    {"ASSET", NULL, "id of the asset", UMBC_ID, UMBU_AT(struct job_settings, asset),
+     .needed = true},
     {UMBU_JSON_ROW(struct job_settings)},
-    {UMBU_QUIET_ROW(struct job_settings, "no talk")},
+    {UMBU_QUIET_ROW(struct job_settings, "print nothing but errors")},
 };
 
 static const struct umbu_command REMOVE = {
     .name = "umbrage rm",
     .usage = "umbrage rm ASSET [options]",
-    .summary = "Gives an asset up that a job of yours made. ASSET is its id. The daemon removes\n"
+    .summary = "Gives up an asset that a job of yours made. ASSET is its id. The daemon removes\n"
                "the file when no owner holds it any more.",
     .sections = {{"options", UMBU_ROWS(REMOVE_OPTIONS)},
                  UMBU_SESSION(struct job_settings, session)},
 };
 
-int umbc_rm(int argc, char **argv)
+static enum umb_status delete_asset(const struct job_settings *settings, struct umb_client *client,
+                                    int *code, struct umb_error *error)
 {
-    struct job_settings settings;
-    struct umb_client *client;
-    struct umb_error error = {.status = UMB_OK};
-    int code = begin(&REMOVE, argc, argv, &settings, &client);
-    if (code >= 0) {
-        return code;
-    }
-    code = umb_client_delete_asset(client, settings.asset, NULL, &error) == UMB_OK
-               ? 0
-               : umbc_complain(&error);
-    umb_client_close(client);
-    if (code == 0 && settings.json) {
+    (void)code;
+    UMB__TRY(umb_client_delete_asset(client, settings->asset, NULL, error));
+    if (settings->json) {
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
-        char id[UMB_ID_TEXT_SIZE];
-        umb_id_to_text(settings.asset, id);
-        umbu_json_text(&json, "asset", id);
+        umbc_json_id(&json, "asset", settings->asset);
         umbu_json_close(&json);
     }
-    return code == 0 ? umbc_finish_stdout(0) : code;
+    return UMB_OK;
+}
+
+int umbc_rm(int argc, char **argv)
+{
+    return run(&REMOVE, argc, argv, delete_asset);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage list: the assets that a daemon answers for. */
+/* umbrage list: the assets of a daemon. */
 #include "cli_common.h"
 
 #include <inttypes.h>
@@ -11,7 +11,7 @@
 
 static const struct umbu_option OPTIONS[] = {
     {UMBU_JSON_ROW(struct umbc_settings)},
-    {UMBU_QUIET_ROW(struct umbc_settings, "names only")},
+    {UMBU_QUIET_ROW(struct umbc_settings, "print only names")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -24,17 +24,15 @@ static const struct umbu_command COMMAND = {
 static void print_json(const struct umb_client_asset *assets, size_t count)
 {
     struct umbu_json json = {.file = stdout};
-    char id[UMB_ID_TEXT_SIZE];
     umbu_json_begin(&json, NULL, '{');
     umbu_json_begin(&json, "assets", '[');
     for (size_t i = 0; i < count; i++) {
-        umb_id_to_text(assets[i].id, id);
         umbu_json_begin(&json, NULL, '{');
         umbu_json_text(&json, "name", assets[i].name);
-        umbu_json_text(&json, "asset", id);
-        umbu_json_integer(&json, "packed_bytes", assets[i].packed_bytes);
-        umbu_json_integer(&json, "memory_bytes", assets[i].memory_bytes);
-        umbu_json_integer(&json, "lights", assets[i].light_count);
+        umbc_json_id(&json, "asset", assets[i].id);
+        UMBU_JSON_COUNTS(&json, {"packed_bytes", assets[i].packed_bytes},
+                         {"memory_bytes", assets[i].memory_bytes},
+                         {"lights", assets[i].light_count});
         umbu_json_end(&json, '}');
     }
     umbu_json_close(&json);

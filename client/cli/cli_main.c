@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage: the command people type. Finds the sub-command and runs it. */
+/* umbrage: finds the sub-command and runs it. */
 #include "cli_common.h"
 #include "umbrage/version.h"
 
@@ -21,37 +21,38 @@ static int run_version(int argc, char **argv)
 
 struct command {
     const char *name;
-    int (*run)(int argc, char **argv); /* NULL: `program` does it */
+    int (*run)(int argc, char **argv); /* NULL: `program` runs it */
     const char *summary;
     const char *program, *word; /* Program beside this one, and the word before the arguments */
 };
 
 static const struct command COMMANDS[] = {
-    {"info", umbc_info, "what an asset is: lights, sizes, plan, settings", NULL, NULL},
-    {"query", umbc_query, "how much of a light reaches points", NULL, NULL},
-    {"list", umbc_list, "the assets of a daemon", NULL, NULL},
+    {"info", umbc_info, "describe an asset: lights, sizes, plan, settings", NULL, NULL},
+    {"query", umbc_query, "print the share of a light that reaches points", NULL, NULL},
+    {"list", umbc_list, "list the assets of a daemon", NULL, NULL},
     {"load", umbc_load, "load a daemon with queries and measure it", NULL, NULL},
-    {"submit", umbc_submit, "have a daemon bake a scene", NULL, NULL},
-    {"watch", umbc_watch, "a job's progress, to its end", NULL, NULL},
-    {"jobs", umbc_jobs, "your jobs", NULL, NULL},
-    {"cancel", umbc_cancel, "end a job", NULL, NULL},
+    {"submit", umbc_submit, "send a scene to a daemon to bake", NULL, NULL},
+    {"watch", umbc_watch, "show the progress of a job until its end", NULL, NULL},
+    {"jobs", umbc_jobs, "list your jobs", NULL, NULL},
+    {"cancel", umbc_cancel, "cancel a job", NULL, NULL},
     {"fetch", umbc_fetch, "download an asset of yours", NULL, NULL},
-    {"rm", umbc_rm, "give an asset of yours up", NULL, NULL},
+    {"rm", umbc_rm, "give up an asset of yours", NULL, NULL},
     {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene",
      NULL, NULL},
-    {"stream", umbc_paging, "fetch the part of an asset that is needed, coarse first", NULL, NULL},
-    {"derive", umbc_derive, "shadow maps for a GPU, from an asset alone", NULL, NULL},
-    {"frames", umbc_frames, "ask a daemon for one frame's shadows after the other", NULL, NULL},
-    {"pack", umbc_pack, "turn a file into the packed form (.umb)", NULL, NULL},
-    {"unpack", umbc_unpack, "turn a file into the mapped form (.umbm)", NULL, NULL},
+    {"stream", umbc_paging, "fetch the needed part of an asset, coarse first", NULL, NULL},
+    {"derive", umbc_derive, "make shadow maps for a GPU from an asset alone", NULL, NULL},
+    {"frames", umbc_frames, "ask a daemon for the shadows of one frame after the other", NULL,
+     NULL},
+    {"pack", umbc_pack, "convert a file to the packed form (.umb)", NULL, NULL},
+    {"unpack", umbc_unpack, "convert a file to the mapped form (.umbm)", NULL, NULL},
     {"bake", NULL, "bake a scene (starts umbrage-bake)", "umbrage-bake", NULL},
     {"study", NULL, "measure techniques against rays (starts umbrage-study)", "umbrage-study",
      NULL},
-    {"render", NULL, "a picture of a scene with its shadows (starts umbrage-study)",
-     "umbrage-study", "render"},
-    {"points", NULL, "sample points of a scene, for load tests (starts umbrage-study)",
-     "umbrage-study", "points"},
-    {"aliasing", NULL, "texels of shadow maps against pixels (starts umbrage-study)",
+    {"render", NULL, "draw a scene with its shadows (starts umbrage-study)", "umbrage-study",
+     "render"},
+    {"points", NULL, "write sample points of a scene (starts umbrage-study)", "umbrage-study",
+     "points"},
+    {"aliasing", NULL, "compare texels of shadow maps with pixels (starts umbrage-study)",
      "umbrage-study", "aliasing"},
     {"help", run_help, "this text, or the help of a command", NULL, NULL},
     {"version", run_version, "print the version (--json: as an object)", NULL, NULL},
@@ -104,8 +105,8 @@ static int run_help(int argc, char **argv)
     return run_command(command, 2, arguments);
 }
 
-/* A line for each command, behind it its options: see umbu_print_rows. The kind of a command is
- * `command`, or `program` with the words that it starts. */
+/* Prints a line for each command, followed by its options: see umbu_print_rows. The kind of a
+ * command is `command`, or `program` with the words that it starts. */
 static int print_options(void)
 {
     char option[] = "--print-options";

@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage pack and unpack: one content, the other encoding. The identity is made again while
- * packing and must come out the same, so that a bad file or a bug never replaces a good one.
+ * umbrage pack and unpack: the same content in the other encoding. The id is computed again while
+ * packing and must stay the same, so that a damaged file or a bug never replaces a good file.
  */
 #include "cli_common.h"
 
 #include <stdio.h>
 #include "tool/json.h"
 #include "tool/output.h"
-#include "tool/tool_try.h"
 #include "umbrage/region.h"
 
 struct pack_settings {
@@ -18,7 +17,7 @@ struct pack_settings {
 
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct pack_settings, "FILE", "the asset file")},
-    {"output", "FILE", "where to write; replaced atomically; - is stdout", UMBU_TEXT,
+    {"output", "FILE", "file to write, replaced as a whole; - is stdout", UMBU_TEXT,
      UMBU_AT(struct pack_settings, output), .needed = true, .letter = 'o'},
     {UMBU_JSON_ROW(struct pack_settings), .excludes = "output=-"},
     {UMBU_QUIET_ROW(struct pack_settings, "print nothing but errors")},
@@ -38,35 +37,32 @@ static const struct umbu_command UNPACK = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-static enum umb_status write_file(const struct umb_asset *asset, enum umb_encoding encoding,
-                                  const char *path, struct umb_error *error)
+/* An asset and the encoding to write. */
+struct content {
+    struct umb_asset *asset;
+    enum umb_encoding encoding;
+};
+
+static enum umb_status write_content(void *user, const struct umb_sink *sink,
+                                     struct umb_error *error)
 {
-    struct umbu_output output;
-    UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error));
-    error->message[0] = '\0';
-    const struct umb_sink sink = umbu_output_sink(&output);
-    enum umb_status status = umb_asset_write(asset, encoding, umb_sha256_openssl(), &sink, error);
-    if (status == UMB_OK) {
-        return umbu_output_commit(&output, error);
-    }
-    status = umbu_output_explain(&output, status, error);
-    umbu_output_abandon(&output);
-    return status;
+    const struct content *content = user;
+    return umb_asset_write(content->asset, content->encoding, umb_sha256_openssl(), sink, error);
 }
 
 static void report(const struct pack_settings *settings, const struct umb_asset *asset)
 {
     struct umb_asset_info info;
-    char id[UMB_ID_TEXT_SIZE];
     umb_asset_get_info(asset, &info);
-    umb_id_to_text(info.id, id);
     if (settings->json) {
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
-        umbu_json_text(&json, "asset", id);
+        umbc_json_id(&json, "asset", info.id);
         umbu_json_text(&json, "output", settings->output);
         umbu_json_close(&json);
     } else if (!settings->quiet) {
+        char id[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(info.id, id);
         (void)fprintf(stderr, "%s: asset %s\n", settings->output, id);
     }
 }
@@ -77,19 +73,20 @@ static int convert(const struct umbu_command *command, enum umb_encoding encodin
     struct umbu_parsed parsed;
     struct pack_settings settings = {0};
     struct umb_error error = {.status = UMB_OK};
-    struct umb_asset *asset;
+    struct content content = {.encoding = encoding};
     int code = umbu_start(&parsed, command, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    if (umb_asset_open_file(settings.target, NULL, &asset, &error) != UMB_OK) {
+    if (umb_asset_open_file(settings.target, NULL, &content.asset, &error) != UMB_OK) {
         return umbc_complain_file(settings.target, &error);
     }
-    enum umb_status status = write_file(asset, encoding, settings.output, &error);
+    const enum umb_status status =
+        umbu_output_write_by(settings.output, UMBU_OUTPUT_COMMAND, write_content, &content, &error);
     if (status == UMB_OK) {
-        report(&settings, asset);
+        report(&settings, content.asset);
     }
-    umb_asset_close(asset);
+    umb_asset_close(content.asset);
     return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain(&error);
 }
 

@@ -16,54 +16,203 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/clock.h"
-#include "cli_paging_options.h"
+#include "cli_paging_points.h"
+#include "cli_paging_view.h"
 #include "tool/tool_try.h"
 
-#define CALL_TIMEOUT_S 60 /* of the client library, for a part of a round */
+#define CALL_TIMEOUT_S 60 /* time limit of the client library for a call; a round has many */
 
-/* One line of the figures. */
+struct options {
+    const char *target;             /* Argument, or NULL */
+    const char *file, *url, *asset; /* Source: one is set; an asset is a daemon's */
+    struct umbu_session session;
+    const char *camera, *path, *points_file; /* Values of the options, or NULL */
+    const char *resume, *output, *frames;
+    enum umbc_points_format format; /* Format of points_file */
+    bool with_normals;
+    bool only_points, json, quiet;
+    struct umb_region_options region;
+    uint8_t id[UMB_ID_BYTES];
+    struct umb_partial_view base; /* Settings that all views share */
+    struct umbc_views views;      /* One or more */
+    struct umb_query_settings settings;
+    uint32_t size[2];      /* Width and height of pictures in pixels */
+    unsigned up;           /* 0 y, 1 z */
+    uint64_t limit, round; /* Bytes to receive in all, and at once; 0 = no limit */
+    uint32_t timeout_s;    /* Time limit of the whole command in seconds; 0 = none */
+    struct umbc_paging_points points;
+};
+
+#define AT(field) UMBU_AT(struct options, field)
+#define BYTES     UMBU_BYTES(1, (uint64_t)1 << 62)
+
+static enum umb_status read_box(const struct umbu_option *option, const char *text, void *field,
+                                struct umb_error *error)
+{
+    return umbc_parse_box(text, field) ? UMB_OK : umbu_refuse(option, text, error);
+}
+
+static const struct umbu_option OPTIONS[] = {
+    {"FILE|ASSET", NULL, "packed asset file (.umb), or asset of the daemon", UMBU_TEXT, AT(target)},
+    {"from-file", "FILE", "packed asset file (.umb)", UMBU_TEXT, AT(file), .excludes = "from-url"},
+    {"from-url", "URL", "packed asset file on a web server that serves byte ranges", UMBU_TEXT,
+     AT(url)},
+    {"box", "X0,Y0,Z0,X1,Y1,Z1", "two corners, in metres, of the box that the points to ask lie in",
+     UMBU_READ(read_box, "X0,Y0,Z0,X1,Y1,Z1"), AT(base)},
+    {"camera", "WHERE",
+     "camera that sees the points to ask: eye=X,Y,Z,target=X,Y,Z[,fov=DEG][,far=M]", UMBU_TEXT,
+     AT(camera)},
+    {"path", "FILE", "file with a camera a line, fetched one after the other", UMBU_TEXT, AT(path)},
+    {"points", "FILE", "points to ask after each step, for the figures", UMBU_TEXT,
+     AT(points_file)},
+    {"format", NULL, "format of --points: text, or raw little-endian numbers",
+     UMBU_CHOICE("text|f32|f64"), AT(format), .standard = "f32"},
+    {"normals", NULL, "raw points have normals: six numbers a point", UMBU_FLAG, AT(with_normals)},
+    {"only-points", NULL, "fetches only what the points need", UMBU_FLAG, AT(only_points),
+     .needs = "points"},
+    {"size", "WxH", "width and height of the camera's picture in pixels", UMBU_SIDES(16384),
+     AT(size), .standard = "1280x720"},
+    {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
+    {"light", "N", "number of the asset's light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(base.light),
+     .standard = "0"},
+    {"taps", "N", "width in texels of the widest filter to ask for", UMBU_ODD(1, UMB_TAPS_MAX),
+     AT(base.taps), .standard = "9"},
+    {"max-error", "M", "size in metres of cells that are fine enough; 0 = voxels",
+     UMBU_NUMBER(0, HUGE_VAL), AT(base.max_error_m)},
+    {"max-pixels", "N", "size in pixels of cells that are fine enough", UMBU_NUMBER(0, HUGE_VAL),
+     AT(base.max_error_rad), .needs = "camera|path"},
+    {"limit", "BYTES", "bytes to receive before the command stops, as 64K or 2M", BYTES, AT(limit)},
+    {"timeout", "SECONDS", "seconds after which the command stops and keeps what came",
+     UMBU_COUNT(1, UINT32_MAX / 1000), AT(timeout_s), .otherwise = "no limit"},
+    {"round", "BYTES", "bytes to ask for at once", BYTES, AT(round), .otherwise = "chosen"},
+    {"memory", "BYTES", "memory that the client may use in bytes", BYTES,
+     AT(region.max_memory_bytes), .otherwise = "1G"},
+    {"id", "ID", "id that the asset must have, 64 hexadecimal digits", UMBC_ID, AT(id)},
+    {"resume", "PART", "file of an earlier -o to continue from", UMBU_TEXT, AT(resume)},
+    {"output", "PART", "partial file with all that was fetched; - is stdout", UMBU_TEXT, AT(output),
+     .letter = 'o'},
+    {"frames", "DIR", "folder for a PPM picture of the points after each step", UMBU_TEXT,
+     AT(frames), .needs = "points camera|path"},
+    {"json", NULL, "print one JSON object, with every step", UMBU_FLAG, AT(json),
+     .excludes = "output=-"},
+    {UMBU_QUIET_ROW(struct options, "print nothing but errors")},
+};
+
+static const struct umbu_command COMMAND = {
+    .name = "umbrage stream",
+    .usage = "umbrage stream (FILE | ASSET | --from-file FILE | --from-url URL) [options]",
+    .summary = "Fetches the part of an asset that is needed, coarse first, and shows how it\n"
+               "sharpens. Without --box, --camera, --path or --points it fetches everything.",
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct options, session)},
+};
+
+static void set_pixels(struct umb_partial_view *view, size_t height)
+{
+    view->max_error_rad *= view->camera.fov_y / (double)height;
+}
+
+/* Reads boxes and cameras. Returns -1 to go on, else the exit code. */
+static int read_views(struct options *o)
+{
+    const double aspect = (double)o->size[0] / (double)o->size[1];
+    struct umb_error error;
+    if (o->path) {
+        if (umbc_read_path(o->path, aspect, "yz"[o->up], &o -> base, &o -> views, &error) !=
+            UMB_OK) {
+            return umbc_complain(&error);
+        }
+        for (size_t i = 0; i < o->views.count; i++) {
+            set_pixels(&o->views.list[i], o->size[1]);
+        }
+        return -1;
+    }
+    if (o->camera) {
+        if (!umbc_parse_camera(o->camera, aspect, "yz"[o->up], &o -> base)) {
+            return umbc_usage_error("stream",
+                                    "--camera: '%.80s' is not valid; give "
+                                    "eye=X,Y,Z,target=X,Y,Z[,fov=DEG][,far=M]",
+                                    o->camera);
+        }
+        set_pixels(&o->base, o->size[1]);
+    }
+    o->views.list = malloc(sizeof *o->views.list);
+    if (!o->views.list) {
+        return umbc_complain_as(UMB_E_NO_MEMORY, "out of memory");
+    }
+    o->views.list[0] = o->base;
+    o->views.count = 1;
+    return -1;
+}
+
+static int read_points(struct options *o)
+{
+    struct umb_error error;
+    return o->points_file == NULL ||
+                   umbc_paging_points_load(o->points_file, o->format, o->with_normals, &o->points,
+                                           &error) == UMB_OK
+               ? -1
+               : umbc_complain_file(o->points_file, &error);
+}
+
+/* Returns -1 to go on, else the exit code after a message. */
+static int options_parse(struct options *o, int argc, char **argv)
+{
+    struct umbu_parsed parsed;
+    memset(o, 0, sizeof *o);
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, o);
+    if (code >= 0) {
+        return code;
+    }
+    if ((o->target != NULL) + (o->file != NULL) + (o->url != NULL) != 1) {
+        return umbc_usage_error("stream", "give one of FILE, ASSET, --from-file and --from-url");
+    }
+    if (o->target != NULL) {
+        *(umbc_is_file(o->target) ? &o->file : &o->asset) = o->target;
+    }
+    o->region.id = umbu_given(&parsed, "id") ? o->id : NULL;
+    o->settings = (struct umb_query_settings){.light = o->base.light, .taps = o->base.taps};
+    code = read_views(o);
+    return code >= 0 ? code : read_points(o);
+}
+
+/* Figures of one step. */
 struct step {
-    double seconds; /* without the time for figures and pictures */
-    size_t view;    /* number on the path */
+    double seconds; /* time since the start, without figures and pictures */
+    size_t view;    /* number of the camera on the path */
     struct umb_region_stats stats;
     struct umbc_paging_figures figures;
 };
 
 struct stream {
-    struct umbc_paging_options o;
-    struct umb_client *client; /* of a daemon's asset */
+    struct options o;
+    struct umb_client *client; /* NULL for a file and a URL */
     struct umb_region_source source;
     struct umb_region *region;
     struct step *steps; /* [step_count] */
     size_t step_count, step_capacity;
-    size_t view;               /* being fetched */
-    double started_s, aside_s; /* clock; spent on figures and pictures */
-    struct umb_error error;    /* of a progress callback */
+    size_t view;               /* number of the camera that is being fetched */
+    double started_s, aside_s; /* time of the start; time spent on figures and pictures */
+    struct umb_error error;    /* error of the progress callback */
 };
 
-/* Returns -1 to go on, else the exit code. */
-static int open_source(struct stream *s)
+static enum umb_status open_source(struct stream *s, struct umb_error *error)
 {
-    struct umb_error error;
-    enum umb_status status;
     if (s->o.url) {
-        status = umbc_http_open(s->o.url, &s->source, &error);
-        if (status == UMB_OK && s->o.timeout_s > 0) {
+        UMB__TRY(umbc_http_open(s->o.url, &s->source, error));
+        if (s->o.timeout_s > 0) {
             umbc_http_stop_at(&s->source, umbu_clock_s() + s->o.timeout_s);
         }
-    } else if (s->o.file) {
-        status = umb_region_file_open(s->o.file, &s->source, &error);
-    } else {
-        struct umbu_session session = s->o.session;
-        if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
-            session.options.call_timeout_ms = s->o.timeout_s * 1000;
-        }
-        status = umbu_connect(&session, &s->client, &error);
-        if (status == UMB_OK) {
-            status = umb_region_daemon_open(s->client, s->o.asset, &s->source, &error);
-        }
+        return UMB_OK;
     }
-    return status == UMB_OK ? -1 : umbc_complain(&error);
+    if (s->o.file) {
+        return umb_region_file_open(s->o.file, &s->source, error);
+    }
+    struct umbu_session session = s->o.session;
+    if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
+        session.options.call_timeout_ms = s->o.timeout_s * 1000;
+    }
+    UMB__TRY(umbu_connect(&session, &s->client, error));
+    return umb_region_daemon_open(s->client, s->o.asset, &s->source, error);
 }
 
 static void print_step(const struct stream *s, const struct step *step)
@@ -73,9 +222,9 @@ static void print_step(const struct stream *s, const struct step *step)
     (void)fprintf(stderr, "%7.2f s  %10s  %6" PRIu32 " of %" PRIu32 " pages  %3" PRIu64 " rounds",
                   step->seconds, bytes, step->stats.partial.pages_held,
                   step->stats.partial.page_count, step->stats.rounds);
-    if (s->o.points.count > 0) {
+    if (s->o.points.list.count > 0) {
         (void)fprintf(stderr, "  exact %6.2f %%  bound %.3g m",
-                      100.0 * (double)step->figures.exact / (double)s->o.points.count,
+                      100.0 * (double)step->figures.exact / (double)s->o.points.list.count,
                       step->figures.worst_m);
     }
     (void)fputc('\n', stderr);
@@ -94,19 +243,16 @@ static enum umb_status draw_step(struct stream *s, struct umb_error *error)
                                    s->o.size, path, error);
 }
 
-/* After new pages have been laid out: figures, a line, a picture. */
-static enum umb_status on_progress(void *user, struct umb_region *region)
+/* Adds a step: figures, a line and a picture. */
+static enum umb_status add_step(struct stream *s, struct umb_region *region, double now)
 {
-    struct stream *s = user;
-    const double now = umbu_clock_s();
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
-    enum umb_status status = UMB_OK;
     umb_region_get_stats(region, &step.stats);
-    if (s->o.points.count > 0) {
-        status = umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
-                                        &s->error);
+    if (s->o.points.list.count > 0) {
+        UMB__TRY(umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
+                                        &s->error));
     }
-    if (status == UMB_OK && s->step_count == s->step_capacity) {
+    if (s->step_count == s->step_capacity) {
         s->step_capacity = s->step_capacity ? 2 * s->step_capacity : 64;
         struct step *steps = realloc(s->steps, s->step_capacity * sizeof *steps);
         if (!steps) {
@@ -114,19 +260,25 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
         }
         s->steps = steps;
     }
-    if (status == UMB_OK) {
-        s->steps[s->step_count++] = step;
-        if (!s->o.quiet && !s->o.json) {
-            print_step(s, &step);
-        }
+    s->steps[s->step_count++] = step;
+    if (!s->o.quiet && !s->o.json) {
+        print_step(s, &step);
     }
-    if (status == UMB_OK && s->o.frames) {
-        status = draw_step(s, &s->error);
+    if (s->o.frames) {
+        UMB__TRY(draw_step(s, &s->error));
     }
-    if (status == UMB_OK && s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s) {
-        status =
-            umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", s->o.timeout_s);
-    }
+    return s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s
+               ? umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over",
+                          s->o.timeout_s)
+               : UMB_OK;
+}
+
+/* Called after new pages were laid out. The time of the step does not count as fetching. */
+static enum umb_status on_progress(void *user, struct umb_region *region)
+{
+    struct stream *s = user;
+    const double now = umbu_clock_s();
+    const enum umb_status status = add_step(s, region, now);
     s->aside_s += umbu_clock_s() - now;
     return status;
 }
@@ -138,16 +290,14 @@ static enum umb_status open_region(struct stream *s, struct umb_error *error)
         return umb_region_open(&s->source, &s->o.region, &s->region, error);
     }
     struct umb_file file;
-    enum umb_status status = umb_file_open(resume, &file, error);
-    if (status == UMB_OK) {
-        status =
-            umb_region_resume(file.bytes, file.size, &s->source, &s->o.region, &s->region, error);
-        umb_file_close(&file);
-    }
+    UMB__TRY(umb_file_open(resume, &file, error));
+    const enum umb_status status =
+        umb_region_resume(file.bytes, file.size, &s->source, &s->o.region, &s->region, error);
+    umb_file_close(&file);
     return status;
 }
 
-/* One update within what --limit leaves; nothing once that is used up. */
+/* Makes one update with the bytes that --limit leaves; none if it leaves nothing. */
 static enum umb_status update(struct stream *s, struct umb_region_request *request,
                               struct umb_error *error)
 {
@@ -160,23 +310,21 @@ static enum umb_status update(struct stream *s, struct umb_region_request *reque
     return umb_region_update(s->region, request, error);
 }
 
-/* What the points miss, until they miss nothing. */
+/* Fetches what the points miss, until they miss nothing. */
 static enum umb_status fetch_points(struct stream *s, struct umb_region_request *request,
                                     struct umb_error *error)
 {
     struct umbc_paging_figures figures;
     uint64_t before = 0;
-    for (;;) { /* ends: each time round pages came, or it stops */
+    for (;;) { /* ends: pages came in each round, or it was the last */
         struct umb_region_stats stats;
-        enum umb_status status = umb_partial_want(umb_region_partial(s->region), NULL, 0, error);
-        if (status == UMB_OK) {
-            status = umbc_paging_points_ask(&s->o.points, s->region, &s->o.settings, true, &figures,
-                                            error);
-        }
+        UMB__TRY(umb_partial_want(umb_region_partial(s->region), NULL, 0, error));
+        UMB__TRY(
+            umbc_paging_points_ask(&s->o.points, s->region, &s->o.settings, true, &figures, error));
         umb_region_get_stats(s->region, &stats);
-        if (status != UMB_OK || figures.exact == s->o.points.count ||
+        if (figures.exact == s->o.points.list.count ||
             (before > 0 && stats.received_bytes == before)) {
-            return status;
+            return UMB_OK;
         }
         before = stats.received_bytes;
         request->view_count = 0;
@@ -188,7 +336,7 @@ static enum umb_status fetch(struct stream *s, struct umb_error *error)
 {
     struct umb_region_request request = {
         .view_count = 1, .round_bytes = s->o.round, .progress = on_progress, .progress_user = s};
-    enum umb_status status = on_progress(s, s->region); /* what the first read brought */
+    enum umb_status status = on_progress(s, s->region); /* figures of the first read */
     if (status == UMB_OK && s->o.only_points) {
         status = fetch_points(s, &request, error);
     } else {
@@ -207,16 +355,14 @@ static void print_step_json(struct umbu_json *json, const struct step *step, siz
 {
     umbu_json_begin(json, NULL, '{');
     umbu_json_number(json, "seconds", step->seconds);
-    umbu_json_integer(json, "view", step->view);
-    umbu_json_integer(json, "bytes", step->stats.received_bytes);
-    umbu_json_integer(json, "pages", step->stats.pages_received);
-    umbu_json_integer(json, "requests", step->stats.requests);
-    umbu_json_integer(json, "rounds", step->stats.rounds);
-    umbu_json_integer(json, "memory_bytes", step->stats.partial.memory_bytes);
+    UMBU_JSON_COUNTS(json, {"view", step->view}, {"bytes", step->stats.received_bytes},
+                     {"pages", step->stats.pages_received}, {"requests", step->stats.requests},
+                     {"rounds", step->stats.rounds},
+                     {"memory_bytes", step->stats.partial.memory_bytes});
     if (points > 0) {
-        umbu_json_integer(json, "exact", step->figures.exact);
-        umbu_json_integer(json, "within_1m", step->figures.within_1m);
-        umbu_json_integer(json, "within_10cm", step->figures.within_10cm);
+        UMBU_JSON_COUNTS(json, {"exact", step->figures.exact},
+                         {"within_1m", step->figures.within_1m},
+                         {"within_10cm", step->figures.within_10cm});
         umbu_json_number(json, "worst_m", step->figures.worst_m);
     }
     umbu_json_end(json, '}');
@@ -227,57 +373,49 @@ static void print_json(const struct stream *s)
     struct umbu_json json = {.file = stdout};
     struct umb_asset_info info;
     struct umb_region_stats stats;
-    char id[UMB_ID_TEXT_SIZE];
     umb_region_get_stats(s->region, &stats);
     umb_asset_get_info(umb_partial_lower(umb_region_partial(s->region)), &info);
-    umb_id_to_text(info.id, id);
     umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "asset", id);
-    umbu_json_integer(&json, "asset_bytes", stats.partial.asset_bytes);
-    umbu_json_integer(&json, "head_bytes", stats.partial.head_bytes);
-    umbu_json_integer(&json, "page_count", stats.partial.page_count);
-    umbu_json_integer(&json, "pages_held", stats.partial.pages_held);
-    umbu_json_integer(&json, "pages_dropped", stats.partial.pages_dropped);
-    umbu_json_integer(&json, "memory_peak_bytes", stats.partial.memory_peak_bytes);
-    umbu_json_integer(&json, "points", s->o.points.count);
+    umbc_json_id(&json, "asset", info.id);
+    UMBU_JSON_COUNTS(
+        &json, {"asset_bytes", stats.partial.asset_bytes}, {"head_bytes", stats.partial.head_bytes},
+        {"page_count", stats.partial.page_count}, {"pages_held", stats.partial.pages_held},
+        {"pages_dropped", stats.partial.pages_dropped},
+        {"memory_peak_bytes", stats.partial.memory_peak_bytes}, {"points", s->o.points.list.count});
     umbu_json_begin(&json, "steps", '[');
     for (size_t i = 0; i < s->step_count; i++) {
-        print_step_json(&json, &s->steps[i], s->o.points.count);
+        print_step_json(&json, &s->steps[i], s->o.points.list.count);
     }
     umbu_json_close(&json);
 }
 
-static enum umb_status save(struct stream *s, struct umb_error *error)
+static enum umb_status save(void *user, const struct umb_sink *sink, struct umb_error *error)
 {
-    struct umbu_output output;
-    UMB__TRY(umbu_output_begin(s->o.output, UMBU_OUTPUT_COMMAND, &output, error));
-    const struct umb_sink sink = umbu_output_sink(&output);
-    error->message[0] = '\0';
-    enum umb_status status = umb_partial_save(umb_region_partial(s->region), &sink, error);
-    if (status == UMB_OK) {
-        return umbu_output_commit(&output, error);
+    const struct stream *s = user;
+    return umb_partial_save(umb_region_partial(s->region), sink, error);
+}
+
+/* Opens the source and the region, and fetches. */
+static enum umb_status fetch_all(struct stream *s, struct umb_error *error)
+{
+    UMB__TRY(open_source(s, error));
+    if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
+        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
+                              s->o.frames);
     }
-    status = umbu_output_explain(&output, status, error);
-    umbu_output_abandon(&output);
-    return status;
+    s->started_s = umbu_clock_s();
+    UMB__TRY(open_region(s, error));
+    return fetch(s, error);
 }
 
 static int run(struct stream *s)
 {
     struct umb_error error = {0};
-    if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
-        (void)umb_fail_errno(&error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
-                             s->o.frames);
-        return umbc_complain(&error);
-    }
-    s->started_s = umbu_clock_s();
-    enum umb_status status = open_region(s, &error);
-    if (status == UMB_OK) {
-        status = fetch(s, &error);
-    }
-    if (s->region && s->o.output) { /* after a failure too: --resume goes on from what came */
+    const enum umb_status status = fetch_all(s, &error);
+    if (s->region && s->o.output) { /* after a failure too: --resume continues from it */
         struct umb_error unsaved = {0};
-        const enum umb_status saved = save(s, &unsaved);
+        const enum umb_status saved =
+            umbu_output_write_by(s->o.output, UMBU_OUTPUT_COMMAND, save, s, &unsaved);
         if (saved != UMB_OK && status == UMB_OK) {
             return umbc_complain(&unsaved);
         }
@@ -295,8 +433,7 @@ int umbc_paging(int argc, char **argv)
 {
     struct stream s;
     memset(&s, 0, sizeof s);
-    int code = umbc_paging_options_parse(&s.o, argc, argv);
-    code = code >= 0 ? code : open_source(&s);
+    int code = options_parse(&s.o, argc, argv);
     code = code >= 0 ? code : run(&s);
     umb_region_close(s.region);
     if (s.o.url) {
@@ -307,7 +444,8 @@ int umbc_paging(int argc, char **argv)
         umb_region_daemon_close(&s.source);
     }
     umb_client_close(s.client);
-    umbc_paging_options_finish(&s.o);
+    umbc_paging_points_finish(&s.o.points);
+    umbc_views_finish(&s.o.views);
     free(s.steps);
     return code;
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CLI_CLI_PAGING_POINTS_H
 #define UMBRAGE_CLI_CLI_PAGING_POINTS_H
-/* Points that `umbrage stream` asks a region about while it sharpens: figures and pictures. */
+/* Points that `umbrage stream` asks after each step: figures and pictures. */
 #include <stdbool.h>
 #include "cli_points.h"
 #include "umbrage/region.h"
@@ -9,16 +9,15 @@
 #define UMBC_PAGING_POINTS_MAX (16U << 20)
 
 struct umbc_paging_points {
-    size_t count;
-    double *positions;       /* [3 * count] world space */
-    float *normals;          /* [3 * count], or NULL */
-    float *values, *error_m; /* [count] of the last evaluation */
+    struct umbc_point_list list;
+    float *values, *error_m; /* [count] answers of the last step, and their errors in metres */
 };
 
-/* What a region knows of the points. */
+/* Accuracy of a region's answers. */
 struct umbc_paging_figures {
-    uint64_t exact, within_1m, within_10cm; /* points whose border is known as well */
-    double worst_m;                         /* of any point; 0: all exact */
+    /* Number of points whose shadow boundary is known exactly, within 1 m, within 10 cm. */
+    uint64_t exact, within_1m, within_10cm;
+    double worst_m; /* largest error of a point in metres; 0: all exact */
 };
 
 /* Reads all points of a file. Fails: as umbc_points_read; E_TOO_LARGE, E_NO_MEMORY. */
@@ -36,9 +35,10 @@ UMB_CHECKED enum umb_status umbc_paging_points_ask(struct umbc_paging_points *po
                                                    struct umb_error *error);
 
 /*
- * Writes what the camera sees of the points, shaded by the last answers, as a PPM picture; points
- * that are not exact yet are orange.
- * In: light: unit vector in which the light travels.
+ * Writes a PPM picture of the points that the camera sees, shaded by the last answers. Points that
+ * are not exact yet are orange.
+ *
+ * In:    light: unit vector along which the light travels.
  * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_paging_points_draw(const struct umbc_paging_points *points,

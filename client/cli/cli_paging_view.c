@@ -8,6 +8,7 @@
 #include <string.h>
 #include "cli_common.h"
 #include "tool/keys.h"
+#include "tool/tool_try.h"
 
 #define DEFAULT_FOV_DEG 60.0
 #define PI              3.14159265358979323846
@@ -61,10 +62,8 @@ enum umb_status umbc_read_path(const char *path, double aspect, char up,
     char line[512];
     FILE *file;
     *views = (struct umbc_views){0};
-    enum umb_status status = umbc_open_input(path, &file, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(umbc_open_input(path, &file, error));
     while (status == UMB_OK && fgets(line, sizeof line, file)) {
         number++;
         line[strcspn(line, "\r\n")] = '\0';

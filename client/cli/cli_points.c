@@ -11,8 +11,9 @@
 #include "cli_common.h"
 #include "tool/tool_try.h"
 
-#define SHOWN 60   /* bytes of a bad line in the message */
-#define RANGE 4096 /* points that a sample reads at once */
+#define SHOWN 60    /* bytes of a bad line in a message */
+#define RANGE 4096  /* points of a range of a sample */
+#define WHOLE 65536 /* points of a batch while a whole file is read */
 
 enum umb_status umbc_points_open(const char *path, enum umbc_points_format format,
                                  bool with_normals, struct umbc_points *points,
@@ -48,7 +49,7 @@ static enum umb_status read_failed(const struct umbc_points *points, struct umb_
     return umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", points->name);
 }
 
-/* Moves what is unread to the front and reads more behind it. */
+/* Moves the unread bytes to the front of the buffer and reads more after them. */
 static enum umb_status fill_buffer(struct umbc_points *points, struct umb_error *error)
 {
     memmove(points->buffer, points->buffer + points->begin, points->end - points->begin);
@@ -101,7 +102,7 @@ static enum umb_status next_line(struct umbc_points *points, char **text, size_t
     }
 }
 
-/* Bytes of a line as they may stand in a message: printable ASCII, cut. */
+/* Copies a line for a message: printable ASCII, cut. */
 static void show_text(const char *text, size_t length, char shown[SHOWN + 4])
 {
     size_t count = length < SHOWN ? length : SHOWN;
@@ -120,7 +121,7 @@ static enum umb_status bad_line(const struct umbc_points *points, const char *li
                     (unsigned long long)points->line, column + 1, what, shown);
 }
 
-/* One token; the bytes behind it are put back after strtod has looked. */
+/* Reads one number. The byte after it is replaced during that, and put back. */
 static bool parse_token(char *token, size_t length, double *value)
 {
     const char after = token[length], *at = token;
@@ -184,9 +185,9 @@ static enum umb_status read_text(struct umbc_points *points, struct umbc_batch *
         size_t length;
         double values[6];
         size_t count;
-        enum umb_status status = next_line(points, &line, &length, error);
-        if (status != UMB_OK || line == NULL) {
-            return status;
+        UMB__TRY(next_line(points, &line, &length, error));
+        if (line == NULL) {
+            return UMB_OK;
         }
         UMB__TRY(parse_line(points, line, length, values, &count, error));
         if (count > 0) {
@@ -354,7 +355,7 @@ struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_poin
     return view;
 }
 
-/* Goes to a place in the file where a point begins: the first one not before `offset`. */
+/* Goes to the first point that begins at byte `offset` of the file or after it. */
 static bool seek_point(struct umbc_points *source, uint64_t offset)
 {
     const uint64_t record =
@@ -393,7 +394,7 @@ static void append(struct umbc_batch *sample, const struct umbc_batch *range)
     sample->count += count;
 }
 
-/* Reads one range; what cannot be read is left out. */
+/* Reads one range; a range that cannot be read is left out. */
 static void read_range(struct umbc_points *source, uint64_t offset, struct umbc_batch *range,
                        struct umbc_batch *sample)
 {
@@ -420,7 +421,7 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
         size = source->size;
         umbc_points_close(source);
     }
-    /* A file that may have no more points than that is read as a whole. */
+    /* A file with perhaps no more points than `most` is read as a whole. */
     const uint64_t count = size > most * 12 && most > RANGE ? most / RANGE : size > 0;
     if (status == UMB_OK && count > 0) {
         status = umbc_batch_init(&range, count > 1 ? RANGE : batch->capacity, format, error);
@@ -434,4 +435,80 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
     umbc_batch_finish(&range);
     free(source);
     return status;
+}
+
+/* Adds a batch to a list, which grows by doubling. */
+static bool add_batch(struct umbc_point_list *list, size_t *capacity,
+                      const struct umbc_batch *batch)
+{
+    const size_t count = list->count + batch->count;
+    if (count > *capacity) {
+        *capacity = 2 * count;
+        double *positions = realloc(list->positions, *capacity * 3 * sizeof *positions);
+        list->positions = positions != NULL ? positions : list->positions;
+        float *normals = realloc(list->normals, *capacity * 3 * sizeof *normals);
+        list->normals = normals != NULL ? normals : list->normals;
+        if (positions == NULL || normals == NULL) {
+            return false;
+        }
+    }
+    for (size_t i = 0; i < 3 * batch->count; i++) {
+        const size_t at = 3 * list->count + i;
+        list->positions[at] = batch->wide != NULL ? batch->wide[i] : (double)batch->narrow[i];
+        list->normals[at] = batch->has_normals ? batch->normals[i] : 0.0F;
+    }
+    list->count = count;
+    return true;
+}
+
+static enum umb_status read_list(struct umbc_points *source, struct umbc_batch *batch, size_t most,
+                                 struct umbc_point_list *list, struct umb_error *error)
+{
+    size_t capacity = 0;
+    bool has_normals = false;
+    do {
+        UMB__TRY(umbc_points_read(source, batch, error));
+        if (!add_batch(list, &capacity, batch)) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu points", list->count);
+        }
+        has_normals |= batch->has_normals;
+    } while (batch->count > 0 && list->count < most);
+    if (!has_normals) {
+        free(list->normals);
+        list->normals = NULL;
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
+                                 bool with_normals, size_t most, struct umbc_point_list *list,
+                                 struct umb_error *error)
+{
+    struct umbc_batch batch = {0};
+    *list = (struct umbc_point_list){0};
+    struct umbc_points *source = calloc(1, sizeof *source);
+    if (source == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for '%.200s'", path);
+    }
+    enum umb_status status = umbc_points_open(path, format, with_normals, source, error);
+    if (status == UMB_OK) {
+        status = umbc_batch_init(&batch, WHOLE, format, error);
+    }
+    if (status == UMB_OK) {
+        status = read_list(source, &batch, most, list, error);
+    }
+    umbc_batch_finish(&batch);
+    umbc_points_close(source);
+    free(source);
+    if (status != UMB_OK) {
+        umbc_point_list_finish(list);
+    }
+    return status;
+}
+
+void umbc_point_list_finish(struct umbc_point_list *list)
+{
+    free(list->positions);
+    free(list->normals);
+    *list = (struct umbc_point_list){0};
 }

@@ -29,19 +29,20 @@ struct umbc_points {
     FILE *file;
     const char *name; /* borrowed; "stdin" for "-" */
     enum umbc_points_format format;
-    bool with_normals; /* raw: six numbers a point */
-    bool pairs;        /* six numbers are two points: ends of a segment, corners of a box; set it
-                          before the first read; batches then hold whole pairs */
-    uint64_t line;     /* text: number of the last line read */
-    uint64_t offset;   /* bytes read */
-    uint64_t size;     /* of the file, 0 = not known */
-    uint64_t count;    /* points given out */
-    size_t begin, end; /* of what lies unread in buffer */
-    bool ended;
+    bool with_normals; /* true: raw points have six numbers */
+    /* true: six numbers are two points, ends of a segment or corners of a box, and batches hold
+     * whole pairs. Set it before the first read. */
+    bool pairs;
+    uint64_t line;     /* number of the last line of text */
+    uint64_t offset;   /* number of bytes read */
+    uint64_t size;     /* size of the file in bytes, 0 = not known */
+    uint64_t count;    /* number of points given out */
+    size_t begin, end; /* range of unread bytes in buffer */
+    bool ended;        /* true: the file has no more bytes */
     char buffer[UMBC_LINE_MAX + 1];
 };
 
-/* Points and what belongs to them; memory for `capacity` points. */
+/* Points with normals and footprints; memory for `capacity` points. */
 struct umbc_batch {
     size_t capacity, count;
     double *wide;   /* [3 * capacity] text and f64, else NULL */
@@ -69,13 +70,12 @@ void umbc_points_close(struct umbc_points *points);
 UMB_CHECKED enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
                                              struct umb_error *error);
 
-/* Reads a footprint for each point of a batch, raw f32 one behind the other, and makes room for
- * them. Fails: E_NO_MEMORY, E_TRUNCATED (fewer than points), E_FORMAT (not finite, below 0),
- * E_IO. */
+/* Reads a footprint in metres, a raw f32, for each point of a batch. Fails: E_NO_MEMORY,
+ * E_TRUNCATED (fewer than points), E_FORMAT (not finite, below 0), E_IO. */
 UMB_CHECKED enum umb_status umbc_footprints_read(FILE *file, const char *name,
                                                  struct umbc_batch *batch, struct umb_error *error);
 
-/* After the last of so many points. Fails: E_FORMAT (there are more footprints). */
+/* Checks that the file ends after the footprints of all points. Fails: E_FORMAT. */
 UMB_CHECKED enum umb_status umbc_footprints_end(FILE *file, const char *name, uint64_t points,
                                                 struct umb_error *error);
 
@@ -85,19 +85,37 @@ UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t cap
                                             struct umb_error *error);
 void umbc_batch_finish(struct umbc_batch *batch);
 
-/* The batch as the library wants it; borrowed. origin: metres, added to every point. */
+/* Returns the batch as points of the library; borrowed. origin: metres to add to every point. */
 struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
                                   const double origin[3]);
 
-/* Points of a fair sample, to calibrate on: they touch more than caches hold. */
+/* All points of a file. */
+struct umbc_point_list {
+    size_t count;
+    double *positions; /* [3 * count] */
+    float *normals;    /* [3 * count], or NULL; zero for a point without one */
+};
+
+/*
+ * Reads a whole file.
+ *
+ * In:    most: number of points after which reading stops; the list may have some more.
+ * Fails: as umbc_points_open and umbc_points_read; E_NO_MEMORY. The list is then empty.
+ */
+UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
+                                             bool with_normals, size_t most,
+                                             struct umbc_point_list *list, struct umb_error *error);
+void umbc_point_list_finish(struct umbc_point_list *list);
+
+/* Number of points of a sample for calibration: they touch more memory than caches hold. */
 #define UMBC_SAMPLE_POINTS 262144
 
 /*
  * Reads ranges of consecutive points from all over a file, or all of a small one.
  *
- * In:    path, format, with_normals: as umbc_points_open takes them. most: points that are wanted.
- * Out:   batch: made here; umbc_batch_finish it, also after a failure. Its count is 0 for stdin,
- *        pipes and whatever cannot be read: reading all of it will say why.
+ * In:    path, format, with_normals: as for umbc_points_open. most: number of points wanted.
+ * Out:   batch: finish with umbc_batch_finish, also after a failure. Its count is 0 for stdin,
+ *        pipes and files that cannot be read: reading the whole file gives the error.
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage query: batches of points through a ring of slots, answers in order.
+ * umbrage query: batches of points go through a ring of slots; answers come in order.
  *
- * A slot is read, started, waited for and written. With a daemon several are under way at once;
- * a file answers at the start. Memory is bounded by slots times the batch, whatever the input.
- * Slots are written by the client's thread until their `done` is set under the lock; closing the
- * client waits for that thread, so that slots may be freed after it.
+ * A slot is read, started, waited for and written. With a daemon several slots are under way at
+ * once; a file answers at the start. Memory is bounded by slots times the batch, whatever the
+ * input. The client's thread writes a slot until it sets `done` under the lock. Closing the client
+ * waits for that thread; slots may be freed afterwards.
  */
 #include "cli_query_options.h"
 
@@ -14,52 +14,51 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_answers.h"
-#include "cli_call_size.h"
+#include "cli_query_plan.h"
 #include "tool/progress.h"
-#include "cli_query_dial.h"
 #include "tool/clock.h"
 #include "tool/tool_try.h"
 
-#define SLOTS 4 /* batches under way; hides the round trip and reading the next points */
+#define SLOTS 4 /* batches under way: reading and the round trip overlap */
 
 struct job;
 
 struct slot {
     struct job *job;
     struct umbc_batch batch;
-    struct umb_points points; /* view of batch */
-    void **values;            /* [light_count], answers for each light */
-    bool done;                /* under the job's lock */
+    struct umb_points points; /* points of the batch */
+    void **values;            /* [light_count] answers for each light */
+    bool done;                /* true: answered; under the job's lock */
     struct umb_error error;
     struct umb_query_stats *stats; /* [light_count] */
     uint8_t asset_id[UMB_ID_BYTES];
     uint64_t server_ns;
-    struct umb_client_query_reply stated; /* a daemon's: level, taps and what they give */
+    struct umb_client_query_reply stated; /* a daemon's reply: level, taps, bound */
 };
 
 struct job {
     const struct umbc_query_options *options;
-    struct umb_asset *asset;   /* a file ... */
-    bool bad_file;             /* ... that could not be opened */
-    struct umb_query *queries; /* [light_count], of the file */
+    struct umb_asset *asset;   /* the file's asset; NULL: a daemon's */
+    bool bad_file;             /* true: the file could not be opened */
+    struct umb_query *queries; /* [light_count] prepared queries of the file */
     uint32_t *lights;          /* [light_count] */
     size_t light_count;
-    size_t batch_size;         /* points asked together */
-    struct umb_client *client; /* ... or a daemon, asked with: */
+    size_t batch_size;         /* number of points in a call */
+    struct umb_client *client; /* connection to the daemon; NULL: a file */
     struct umb_query_settings settings;
     struct umb_dial dial;
     struct umbc_points source;
-    FILE *footprints; /* of the points; NULL: none of their own */
+    FILE *footprints; /* footprints of the points, or NULL */
     struct umbc_answers answers;
     struct umbu_progress progress;
     struct umbc_query_total total;
     struct slot slots[SLOTS];
-    size_t slot_count; /* in use: a file needs one */
+    size_t slot_count; /* number of slots in use; a file needs one */
     pthread_mutex_t lock;
     pthread_cond_t changed;
 };
 
-/* Answers a slot from the file, here and now. */
+/* Answers a slot from the file. */
 static void answer_here(struct job *job, struct slot *slot)
 {
     struct umb_light_answers answers = {.values = slot->values, .stats = slot->stats};
@@ -75,7 +74,7 @@ static void answer_here(struct job *job, struct slot *slot)
     slot->done = true;
 }
 
-/* Runs on the client's thread. */
+/* Stores the answer of a slot. Runs on the client's thread. */
 static void on_answered(void *user, enum umb_status status,
                         const struct umb_client_query_reply *reply, const struct umb_error *error)
 {
@@ -133,7 +132,7 @@ static double fraction_read(const struct umbc_points *source)
     return source->size > 0 ? (double)source->offset / (double)source->size : -1;
 }
 
-/* What a daemon says of the setting that answered. */
+/* Stores the daemon's figures of the setting that answered. */
 static void take_stated(struct job *job, const struct umb_client_query_reply *stated)
 {
     struct umbc_query_total *total = &job->total;
@@ -146,7 +145,7 @@ static void take_stated(struct job *job, const struct umb_client_query_reply *st
     }
 }
 
-/* Waits for a slot and writes what it says. */
+/* Waits for a slot and writes its answers. */
 static enum umb_status finish_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
     pthread_mutex_lock(&job->lock);
@@ -161,7 +160,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     if (job->client != NULL) {
         if (job->total.points > 0 &&
             memcmp(job->total.asset_id, slot->asset_id, UMB_ID_BYTES) != 0) {
-            /* Asking again helps, so that the exit code must say 75. */
+            /* Asking again helps: the exit code is 75. */
             return umb_fail(error, UMB_E_CANCELLED,
                             "asset '%.200s' was replaced during the query; ask again",
                             job->options->target);
@@ -188,43 +187,40 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
 static enum umb_status read_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
     const char *name = job->options->footprints;
-    const enum umb_status status = umbc_points_read(&job->source, &slot->batch, error);
-    if (status != UMB_OK || job->footprints == NULL) {
-        return status;
+    UMB__TRY(umbc_points_read(&job->source, &slot->batch, error));
+    if (job->footprints == NULL) {
+        return UMB_OK;
     }
     return slot->batch.count > 0
                ? umbc_footprints_read(job->footprints, name, &slot->batch, error)
                : umbc_footprints_end(job->footprints, name, job->source.count, error);
 }
 
-/* The ring: slots [oldest, next) are under way. */
+/* Runs the ring: slots [oldest, next) are under way. */
 static enum umb_status run_ring(struct job *job, struct umb_error *error)
 {
-    uint64_t oldest = 0;
-    uint64_t next = 0;
+    uint64_t oldest = 0, next = 0;
     bool input_over = false;
-    enum umb_status status = UMB_OK;
-    while (status == UMB_OK) {
-        while (status == UMB_OK && !input_over && next - oldest < job->slot_count) {
+    for (;;) { /* ends with the input */
+        while (!input_over && next - oldest < job->slot_count) {
             struct slot *slot = &job->slots[next % job->slot_count];
-            status = read_slot(job, slot, error);
+            UMB__TRY(read_slot(job, slot, error));
             input_over = slot->batch.count == 0;
-            if (status == UMB_OK && !input_over) {
-                status = start_slot(job, slot, error);
+            if (!input_over) {
+                UMB__TRY(start_slot(job, slot, error));
                 next++;
             }
         }
-        if (status != UMB_OK || oldest == next) {
-            break;
+        if (oldest == next) {
+            return UMB_OK;
         }
-        status = finish_slot(job, &job->slots[oldest % job->slot_count], error);
+        UMB__TRY(finish_slot(job, &job->slots[oldest % job->slot_count], error));
         oldest++;
     }
-    return status;
 }
 
-/* Without points nothing was sent; an empty call still refuses a wrong asset or light, as a file
- * does, and tells the id. */
+/* Sends an empty call if there were no points: the daemon refuses a wrong asset or light, as a file
+ * does, and names the id. */
 static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
 {
     struct umb_client_query_reply reply;
@@ -233,14 +229,12 @@ static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
         .settings = job->settings,
         .dial = job->dial,
     };
-    enum umb_status status = umb_client_query(job->client, &request, NULL, &reply, error);
-    if (status == UMB_OK) {
-        memcpy(job->total.asset_id, reply.asset_id, UMB_ID_BYTES);
-    }
-    return status;
+    UMB__TRY(umb_client_query(job->client, &request, NULL, &reply, error));
+    memcpy(job->total.asset_id, reply.asset_id, UMB_ID_BYTES);
+    return UMB_OK;
 }
 
-/* The lights that are asked, those of the options or all that the asset has. */
+/* Lists the lights to query: those of the options, or all of the asset. */
 static enum umb_status choose_lights(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
@@ -265,43 +259,36 @@ static enum umb_status choose_lights(struct job *job, struct umb_error *error)
 
 static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (size_t k = 0; status == UMB_OK && k < job->light_count; k++) {
+    for (size_t k = 0; k < job->light_count; k++) {
         struct umb_query_settings settings = job->options->settings;
         struct umb_calibration calibration;
-        status = umbc_dial_settings(job->asset, job->lights[k], job->options, &settings,
-                                    &calibration, error);
-        if (status == UMB_OK) {
-            status = umb_query_prepare(job->asset, &settings, &job->queries[k], error);
-        }
-        if (status == UMB_OK && k == 0) {
+        UMB__TRY(umbc_dial_settings(job->asset, job->lights[k], job->options, &settings,
+                                    &calibration, error));
+        UMB__TRY(umb_query_prepare(job->asset, &settings, &job->queries[k], error));
+        if (k == 0) {
             job->total.taps = umb_query_taps(&job->queries[0]);
             umbc_dial_state(job->asset, &settings, &calibration, &job->total);
         }
     }
-    return status;
+    return UMB_OK;
 }
 
-/* Connects and asks what goes in a call; a budget is made settings at once. */
+/* Connects, asks for the size of a call, and turns a budget into settings. */
 static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
     job->settings = options->settings;
     job->dial = options->dial;
     struct umb_client_limits limits;
-    enum umb_status status = umbu_connect(&options->session, &job->client, error);
-    if (status == UMB_OK) {
-        status = umb_client_get_limits(job->client, &limits, error);
-    }
-    if (status == UMB_OK) {
-        status = umbc_call_size(options, &limits, &job->batch_size, error);
-    }
-    if (status == UMB_OK && job->dial.budget_ns > 0) {
-        status = umbc_dial_ask(job->client, options, job->batch_size, &job->settings,
-                               &job->total.expected_ns, error);
+    UMB__TRY(umbu_connect(&options->session, &job->client, error));
+    UMB__TRY(umb_client_get_limits(job->client, &limits, error));
+    UMB__TRY(umbc_call_size(options, &limits, &job->batch_size, error));
+    if (job->dial.budget_ns > 0) {
+        UMB__TRY(umbc_dial_ask(job->client, options, job->batch_size, &job->settings,
+                               &job->total.expected_ns, error));
         memset(&job->dial, 0, sizeof job->dial);
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status open_target(struct job *job, struct umb_error *error)
@@ -309,8 +296,8 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
     const struct umbc_query_options *options = job->options;
     job->batch_size = options->batch;
     if (!umbc_is_file(options->target)) {
-        enum umb_status status = choose_lights(job, error);
-        return status == UMB_OK ? open_asset(job, error) : status;
+        UMB__TRY(choose_lights(job, error));
+        return open_asset(job, error);
     }
     struct umb_asset_info info;
     enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
@@ -320,8 +307,8 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
     }
     umb_asset_get_info(job->asset, &info);
     memcpy(job->total.asset_id, info.id, UMB_ID_BYTES);
-    status = choose_lights(job, error);
-    return status == UMB_OK ? prepare_lights(job, error) : status;
+    UMB__TRY(choose_lights(job, error));
+    return prepare_lights(job, error);
 }
 
 static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_error *error)
@@ -343,36 +330,26 @@ static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_
 
 static enum umb_status open_slots(struct job *job, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
     job->slot_count = job->client != NULL ? SLOTS : 1;
-    for (size_t i = 0; status == UMB_OK && i < job->slot_count; i++) {
-        status = open_slot(job, &job->slots[i], error);
+    for (size_t i = 0; i < job->slot_count; i++) {
+        UMB__TRY(open_slot(job, &job->slots[i], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status run_job(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
-    enum umb_status status = open_target(job, error);
-    if (status == UMB_OK) {
-        status = umbc_points_open(options->points, options->format, options->with_normals,
-                                  &job->source, error);
+    UMB__TRY(open_target(job, error));
+    UMB__TRY(umbc_points_open(options->points, options->format, options->with_normals, &job->source,
+                              error));
+    if (options->footprints != NULL) {
+        UMB__TRY(umbc_open_input(options->footprints, &job->footprints, error));
     }
-    if (status == UMB_OK && options->footprints != NULL) {
-        status = umbc_open_input(options->footprints, &job->footprints, error);
-    }
-    if (status == UMB_OK) {
-        status = open_slots(job, error);
-    }
-    if (status == UMB_OK) {
-        status = umbc_answers_begin(options, &job->answers, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(open_slots(job, error));
+    UMB__TRY(umbc_answers_begin(options, &job->answers, error));
     umbu_progress_begin(&job->progress, "points", options->quiet);
-    status = run_ring(job, error);
+    enum umb_status status = run_ring(job, error);
     if (status == UMB_OK && job->total.points == 0 && job->client != NULL) {
         status = ask_nothing(job, error);
     }

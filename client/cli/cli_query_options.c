@@ -8,9 +8,9 @@
 #define BATCH_MAX (16U << 20) /* points; 384 MiB as doubles */
 #define RAD_A_DEG 0.017453292519943295
 #define AT(field) UMBU_AT(struct umbc_query_options, field)
-#define ALONE     "level|taps|footprint|filter" /* what --max-error and --budget choose */
+#define CHOSEN    "level|taps|footprint|filter" /* options that --max-error and --budget replace */
 
-/* "all", or indices between commas. */
+/* Reads "all", or numbers of lights with commas between them. */
 static enum umb_status read_lights(const struct umbu_option *option, const char *text, void *field,
                                    struct umb_error *error)
 {
@@ -36,7 +36,7 @@ static enum umb_status read_lights(const struct umbu_option *option, const char 
     return UMB_OK;
 }
 
-/* A number above 0: metres, or visibility with "vis". */
+/* Reads a number above 0: metres, or visibility with "vis". */
 static enum umb_status read_max_error(const struct umbu_option *option, const char *text,
                                       void *field, struct umb_error *error)
 {
@@ -54,70 +54,80 @@ static enum umb_status read_max_error(const struct umbu_option *option, const ch
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct umbc_query_options, "FILE|ASSET",
                      "asset file, or asset of the daemon")},
-    {"points", "FILE|-", "points to ask for; - is stdin", UMBU_TEXT, AT(records[UMBC_ASK_POINTS]),
-     .excludes = "segments|columns|boxes"},
-    {"segments", "FILE|-", "segments x0 y0 z0 x1 y1 z1: lit share, then its lit stretches",
+    {"points", "FILE|-", "file of points to answer, x y z each; - is stdin", UMBU_TEXT,
+     AT(records[UMBC_ASK_POINTS]), .excludes = "segments|columns|boxes"},
+    {"segments", "FILE|-",
+     "file of segments x0 y0 z0 x1 y1 z1; answers: lit share, then begin and end of each lit "
+     "interval",
      UMBU_TEXT, AT(records[UMBC_ASK_SEGMENTS]), .excludes = "columns|boxes"},
-    {"columns", "FILE|-", "points: metres from each along the light to its column's first occluder",
+    {"columns", "FILE|-",
+     "file of points; answers: metres along the light from each to its column's first occluder",
      UMBU_TEXT, AT(records[UMBC_ASK_COLUMNS]), .excludes = "boxes"},
-    {"boxes", "FILE|-", "boxes x0 y0 z0 x1 y1 z1: the lit share of the voxels inside", UMBU_TEXT,
-     AT(records[UMBC_ASK_BOXES])},
-    {"format", NULL, "text, or raw little-endian x y z", UMBU_CHOICE("text|f32|f64"), AT(format),
-     .standard = "text"},
-    {"normals", NULL, "raw formats: six numbers a point, x y z nx ny nz", UMBU_FLAG,
-     AT(with_normals), .needs = "points format=f32|f64"},
-    {"origin", "X,Y,Z", "metres, added to every point", UMBU_NUMBERS(3), AT(origin)},
+    {"boxes", "FILE|-", "file of boxes x0 y0 z0 x1 y1 z1; answers: lit share of the voxels inside",
+     UMBU_TEXT, AT(records[UMBC_ASK_BOXES])},
+    {"format", NULL, "format of the input: text, or raw little-endian numbers",
+     UMBU_CHOICE("text|f32|f64"), AT(format), .standard = "text"},
+    {"normals", NULL, "raw points have six numbers, x y z nx ny nz", UMBU_FLAG, AT(with_normals),
+     .needs = "points format=f32|f64"},
+    {"origin", "X,Y,Z", "metres to add to every point", UMBU_NUMBERS(3), AT(origin)},
     {"light", "N,...|all",
-     "index of the light; several, of a FILE only: an answer each, side by side",
-     UMBU_READ(read_lights, "the index of a light, several with commas, or all"), .standard = "0",
+     "number of the light; of a FILE also several, whose answers stand side by side",
+     UMBU_READ(read_lights, "the number of a light, several with commas, or all"), .standard = "0",
      .fields = "light"},
-    {"taps", "N", "width of the filter window", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.taps),
+    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.taps),
      .standard = "1", .needs = "points", .fields = "taps"},
     {"footprint", "M",
-     "FILE only: width of the window in metres instead of --taps; of --filter footprint: side of "
-     "the square of surface around each point",
+     "FILE only: width of the filter in metres instead of --taps; with --filter footprint: side "
+     "in metres of the square of surface around each point",
      UMBU_ABOVE(0, HUGE_VAL), AT(settings.footprint_m), .needs = "points",
      .excludes = "footprints|eye", .fields = "footprint|footprint_m"},
-    {"footprints", "FILE", "for --filter footprint: raw little-endian f32, metres, one a point",
+    {"footprints", "FILE",
+     "file of footprints for --filter footprint: raw little-endian f32, metres, one a point",
      UMBU_TEXT, AT(footprints), .needs = "filter=footprint", .excludes = "eye"},
-    {"eye", "X,Y,Z", "for --filter footprint: what a pixel seen from here covers", UMBU_NUMBERS(3),
-     AT(settings.eye), .needs = "filter=footprint pixel"},
-    {"pixel", "RAD", "with --eye: the angle of a pixel in radians", UMBU_ABOVE(0, 1),
+    {"eye", "X,Y,Z", "position of the camera in metres, for --filter footprint with --pixel",
+     UMBU_NUMBERS(3), AT(settings.eye), .needs = "filter=footprint pixel"},
+    {"pixel", "RAD", "angle of a pixel seen from --eye in radians, above 0 to 1", UMBU_ABOVE(0, 1),
      AT(settings.pixel_rad), .needs = "eye"},
     {"filter", "NAME",
-     "box, tent, penumbra (half shadows of a light with an extent) or footprint (the surface that "
-     "a pixel covers); of these two --taps is the least width",
-     UMBU_CHOICE("box|tent|penumbra|footprint"), AT(settings.filter), .standard = "box",
-     .needs = "points", .fields = "filter"},
-    {"light-size", "DEG", "for penumbras: the light's angular diameter",
+     "filter of the shadows: box, tent, gaussian, penumbra (half shadows of a light with an "
+     "extent) or "
+     "footprint (the surface that a pixel covers); for the last two --taps is the least width",
+     UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box", .needs = "points",
+     .fields = "filter"},
+    {"light-size", "DEG", "angular diameter of the light in degrees, for --filter penumbra",
      UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,
      AT(settings.light_extent), .otherwise = "the asset's", .needs = "filter=penumbra",
      .fields = "light_extent"},
     {"opaque-only", NULL,
-     "translucent casters take no light (of segments, columns and boxes they never do: it leaves "
-     "out the note)",
+     "ignores translucent casters; segments, columns and boxes always do, and the option leaves "
+     "out "
+     "the note about it",
      UMBU_FLAG, AT(settings.opaque_only)},
-    {"level", "N", "stop at cells of 2^N voxels: 3, 5, 7 ...; cheaper and coarser",
+    {"level", "N", "stops at cells of 2^N voxels a side, N = 3, 5, 7 ...: cheaper and coarser",
      UMBU_COUNT(0, UMB_LEVEL_MAX), AT(settings.level), .needs = "points", .fields = "level"},
     {"max-error", "E",
-     "instead of --taps: the cheapest setting within E metres (0.05, 0.05m) or visibility (0.1vis)",
+     "largest error in metres (0.05, 0.05m) or visibility (0.1vis); chooses the cheapest setting "
+     "instead of --taps",
      UMBU_READ(read_max_error, "a number above 0, metres as 0.05 or 0.05m, visibility as 0.1vis"),
-     AT(dial), .needs = "points", .excludes = ALONE, .fields = "max_error|max_visibility"},
-    {"budget", "NS", "instead of --taps: the least error for NS nanoseconds a point of one core",
+     AT(dial), .needs = "points", .excludes = CHOSEN, .fields = "max_error|max_visibility"},
+    {"budget", "NS",
+     "nanoseconds of one core for a point; chooses the most accurate setting instead of --taps",
      UMBU_ABOVE(0, HUGE_VAL), .unit = "ns", AT(dial.budget_ns), .needs = "points",
-     .excludes = ALONE, .fields = "budget"},
-    {"bias", "BIAS", "auto, none, or a length: 1.5vox, 0.02m", UMBU_BIAS, AT(settings),
-     .otherwise = "auto", .needs = "points", .fields = "bias|bias_mode"},
-    {"batch", "N", "points a call; fewer where a daemon takes fewer", UMBU_COUNT(1, BATCH_MAX),
-     AT(batch), .standard = "65536"},
-    {"output", "FILE|-", "where the answers go, - is stdout; atomic", UMBU_TEXT, AT(out),
-     .standard = "-", .letter = 'o'},
-    {"encoding", "NAME", "text, or raw f32, u8, bit", UMBU_CHOICE("text|f32|u8|bit"), AT(encoding),
-     .standard = "text", .needs = "points", .fields = "format"},
-    {"explain", NULL, "FILE only: how each point was answered", UMBU_FLAG, AT(explain),
+     .excludes = CHOSEN, .fields = "budget"},
+    {"bias", "BIAS", "distance that points move off their surface: auto, none, 1.5vox or 0.02m",
+     UMBU_BIAS, AT(settings), .otherwise = "auto", .needs = "points", .fields = "bias|bias_mode"},
+    {"batch", "N", "points in a call, 1 to 16777216; fewer where a daemon takes fewer",
+     UMBU_COUNT(1, BATCH_MAX), AT(batch), .standard = "65536"},
+    {"output", "FILE|-", "file of the answers, replaced as a whole; - is stdout", UMBU_TEXT,
+     AT(out), .standard = "-", .letter = 'o'},
+    {"encoding", "NAME", "encoding of the answers: text, or raw f32, u8 or bit",
+     UMBU_CHOICE("text|f32|u8|bit"), AT(encoding), .standard = "text", .needs = "points",
+     .fields = "format"},
+    {"explain", NULL, "FILE only: explains each answer", UMBU_FLAG, AT(explain),
      .needs = "points encoding=text"},
-    {"json", NULL, "one object: asset, points, stats, and the answers if they are text", UMBU_FLAG,
-     AT(json)},
+    {"json", NULL,
+     "print one JSON object: asset, points, statistics, and the answers if they are text",
+     UMBU_FLAG, AT(json)},
     {UMBU_QUIET_ROW(struct umbc_query_options, "no summary and no progress on stderr")},
 };
 
@@ -125,17 +135,17 @@ const struct umbu_command umbc_query_command = {
     .name = "umbrage query",
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
              "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
-    .summary = "Asks how much of a light reaches each point: one answer a line, 0 (shadowed) to\n"
-               "1 (lit), in the order of the points. An existing file, a name with '/' or one\n"
-               "ending in .umb or .umbm is answered here; anything else is an asset of the\n"
-               "daemon, with the same bits. Text points are lines `x y z` or `x y z nx ny nz`;\n"
-               "'#' starts a comment. Segments, columns and boxes are answered exactly, voxel by\n"
-               "voxel, of opaque casters alone: translucent ones take no part, and a note says\n"
-               "so where there are any.",
+    .summary = "Prints the share of a light that reaches each point: one answer a line, from 0\n"
+               "(shadowed) to 1 (lit), in the order of the points. An existing file, a name with\n"
+               "'/' or one ending in .umb or .umbm is answered here; anything else is an asset\n"
+               "of the daemon, with the same bits. Text points are lines `x y z` or\n"
+               "`x y z nx ny nz`; '#' starts a comment. Segments, columns and boxes are answered\n"
+               "exactly, voxel by voxel, for opaque casters alone: translucent ones do not\n"
+               "count, and a note says so where there are any.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 
-/* Several lights: here and now, and as text or whole numbers of bytes. */
+/* Checks --light: several lights need a file, and answers of whole bytes. */
 static int check_lights(const struct umbc_query_options *options)
 {
     if (!options->all_lights && options->light_count == 1) {
@@ -155,13 +165,13 @@ static int check_lights(const struct umbc_query_options *options)
     return -1;
 }
 
-/* The window: --taps, or what takes its place. */
+/* Checks the width of the filter: --taps, or an option in its place. */
 static int check_window(const struct umbu_parsed *parsed, struct umbc_query_options *options)
 {
     struct umb_query_settings *settings = &options->settings;
     const bool footprint = umbu_given(parsed, "footprint");
     options->has_dial = umbu_given(parsed, "max-error") || umbu_given(parsed, "budget");
-    if (settings->filter == UMB_FILTER_FOOTPRINT) {
+    if (umb_filter_get_info(settings->filter)->has_footprints) {
         return footprint || options->footprints != NULL || settings->pixel_rad > 0
                    ? -1
                    : umbc_usage_error("query", "--filter: footprint needs --footprint M, "
@@ -178,7 +188,7 @@ static int check_window(const struct umbu_parsed *parsed, struct umbc_query_opti
     return -1;
 }
 
-/* What the options say together. */
+/* Checks combinations of options. */
 static int check_together(const struct umbu_parsed *parsed, struct umbc_query_options *options)
 {
     static const enum umb_answer_format answers[] = {UMB_ANSWER_F32, UMB_ANSWER_F32, UMB_ANSWER_U8,

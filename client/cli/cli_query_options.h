@@ -13,7 +13,7 @@ enum umbc_encoding {
     UMBC_ENCODING_BIT,
 };
 
-/* What the input's records are. */
+/* Kind of the input's records. */
 enum umbc_ask_kind {
     UMBC_ASK_POINTS,
     UMBC_ASK_SEGMENTS, /* two ends */
@@ -25,22 +25,22 @@ enum umbc_ask_kind {
 #define UMBC_QUERY_LIGHTS_MAX 256
 
 struct umbc_query_options {
-    const char *target; /* FILE or ASSET */
+    const char *target; /* File or daemon's asset */
     struct umbu_session session;
-    const char *records[UMBC_ASK_COUNT]; /* File or "-" of the one kind that is asked */
+    const char *records[UMBC_ASK_COUNT]; /* File or "-"; one is set */
     enum umbc_ask_kind volume_query;
-    const char *points; /* That of `question` */
+    const char *points; /* File of volume_query's kind */
     enum umbc_points_format format;
     bool with_normals;
-    const char *footprints;             /* file, one f32 a point, or NULL */
-    struct umb_query_settings settings; /* of the first light */
-    struct umb_dial dial;               /* chooses level and taps if has_dial */
+    const char *footprints;             /* File, one f32 a point, or NULL */
+    struct umb_query_settings settings; /* Settings of the first light */
+    struct umb_dial dial;               /* Chooses level and taps if has_dial */
     bool has_dial;
     uint32_t lights[UMBC_QUERY_LIGHTS_MAX];
     size_t light_count;
-    bool all_lights; /* of the asset; then light_count is 0 */
+    bool all_lights; /* true: all of the asset, and light_count is 0 */
     double origin[3];
-    size_t batch; /* points */
+    size_t batch; /* Number of points in a call */
     const char *out;
     enum umbc_encoding encoding;
     bool explain, json, quiet;
@@ -51,11 +51,11 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
 
 extern const struct umbu_command umbc_query_command;
 
-/* umbc_complain, with the names of options in place of the library's fields. */
+/* Calls umbc_complain with names of options in place of the library's fields. */
 int umbc_complain_query(const struct umb_error *error);
 
-/* Answers --segments, --columns or --boxes of a file or a daemon: a line of text or an object of
- * JSON for each record, in order. Returns the exit code. */
+/* Answers --segments, --columns or --boxes from a file or a daemon: for each record, in order, a
+ * line of text or a JSON object. Returns the exit code. */
 int umbc_query_volume(const struct umbc_query_options *options);
 
 #endif

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "tool/json.h"
-#include "cli_long_segments.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "cli_volume_asset.h"
@@ -27,7 +26,7 @@ struct job {
     uint64_t count;
 };
 
-/* Also for each record: a name in JSON. */
+/* Names of the records, in messages and JSON. */
 static const char *const NAMES[] = {"points", "segments", "columns", "boxes"};
 
 static void add_stats(struct umb_volume_stats *sum, struct umb_volume_stats *part)
@@ -37,7 +36,7 @@ static void add_stats(struct umb_volume_stats *sum, struct umb_volume_stats *par
     memset(part, 0, sizeof *part);
 }
 
-/* The batch as pairs of points. */
+/* Returns the batch as pairs of points. */
 static struct umb_segments pairs_of(const struct job *job)
 {
     const struct umb_points ends =
@@ -155,10 +154,10 @@ static enum umb_status ask_batch(struct job *job, struct umb_error *error)
         break;
     }
     if (status == UMB_E_ARGUMENT && job->asset.client == NULL) {
-        return UMB_E_FORMAT; /* the input's fault, not the command line's */
+        return UMB_E_FORMAT; /* an error of the input, not of the command line */
     }
     if (status == UMB_E_TOO_LARGE && job->asset.client != NULL) {
-        return UMB_E_FORMAT; /* likewise: not too many records, but one that is too large */
+        return UMB_E_FORMAT; /* the input has one record that is too large */
     }
     if (status == UMB_OK && ferror(job->output.file)) {
         status = umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
@@ -196,16 +195,13 @@ static enum umb_status open_answers(struct job *job, struct umb_error *error)
 
 static void end_json(struct job *job)
 {
-    char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(job->asset.id, id);
     umbu_json_end(&job->json, ']');
-    umbu_json_text(&job->json, "asset", id);
+    umbc_json_id(&job->json, "asset", job->asset.id);
     umbu_json_integer(&job->json, "light", job->options->settings.light);
     umbu_json_bool(&job->json, "ignores_translucent", job->asset.ignores_translucent);
     umbu_json_integer(&job->json, "count", job->count);
     umbu_json_begin(&job->json, "stats", '{');
-    umbu_json_integer(&job->json, "nodes", job->stats.nodes);
-    umbu_json_integer(&job->json, "bricks", job->stats.bricks);
+    UMBU_JSON_COUNTS(&job->json, {"nodes", job->stats.nodes}, {"bricks", job->stats.bricks});
     umbu_json_close(&job->json);
 }
 
@@ -229,7 +225,7 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
         umbc_records_show(&job->progress, (double)count);
     } while (status == UMB_OK && job->batch.count > 0);
     if (status == UMB_OK && job->asset.client != NULL && !job->asset.has_id) {
-        /* Nothing was sent; an empty question still refuses a wrong asset or light. */
+        /* Without records: an empty call refuses a wrong asset or light. */
         status = ask_batch(job, error);
     }
     const double seconds = umbu_clock_s() - job->progress.line.started_s;
@@ -256,18 +252,12 @@ static enum umb_status ask_all(struct job *job, struct umb_error *error)
 static enum umb_status run_job(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
-    enum umb_status status = umbc_volume_open(options, &job->asset, error);
-    if (status == UMB_OK) {
-        status = umbc_points_open(options->points, options->format, false, &job->source, error);
-    }
+    UMB__TRY(umbc_volume_open(options, &job->asset, error));
+    UMB__TRY(umbc_points_open(options->points, options->format, false, &job->source, error));
     job->source.pairs = options->volume_query != UMBC_ASK_COLUMNS;
-    if (status == UMB_OK) {
-        status = open_answers(job, error);
-    }
-    if (status == UMB_OK) {
-        status = umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &job->output, error);
-    }
-    return status == UMB_OK ? ask_all(job, error) : status;
+    UMB__TRY(open_answers(job, error));
+    UMB__TRY(umbu_output_begin(options->out, UMBU_OUTPUT_COMMAND, &job->output, error));
+    return ask_all(job, error);
 }
 
 static void close_job(struct job *job)

@@ -17,7 +17,7 @@ void umbc_records_batch(struct umbc_record_progress *progress, size_t count)
     progress->count = count;
 }
 
-/* Of all records: by their number if the last has been read, else by bytes of the source. */
+/* Share of all records: by their number once the last was read, before by bytes of the source. */
 static double share_done(const struct umbc_record_progress *progress, double answered)
 {
     const struct umbc_points *source = progress->source;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Programs of the server side, found beside this one and started in its place. Only the running
- * program's own folder is looked at, so that a stray file of the same name in PATH is never run.
+ * Starts programs of the server side in place of this one. They are searched for only in the
+ * running program's own folder, so that another file of that name in PATH is never run.
  */
 #include "cli_common.h"
 
@@ -13,7 +13,7 @@
 
 #define PATH_SIZE 4096
 
-/* Folder of the running program, without the last slash; false if it cannot be told. */
+/* Finds the folder of the running program, without the last slash. Returns false if it fails. */
 static bool own_folder(char folder[PATH_SIZE])
 {
     ssize_t length = readlink("/proc/self/exe", folder, PATH_SIZE - 1);
@@ -29,7 +29,7 @@ static bool own_folder(char folder[PATH_SIZE])
     return true;
 }
 
-/* program, word if there is one, arguments, NULL; the strings are borrowed. */
+/* Makes the list program, word (if not NULL), arguments, NULL; the strings are borrowed. */
 static char **make_arguments(const char *program, const char *word, char **arguments)
 {
     size_t count = 0, at = 0;
@@ -53,7 +53,8 @@ int umbc_start_program(const char *command, const char *program, const char *wor
     char folder[PATH_SIZE];
     char path[PATH_SIZE + 64];
     if (!own_folder(folder)) {
-        return umbc_complain_as(UMB_E_INTERNAL, "%s: cannot tell where this program lies", command);
+        return umbc_complain_as(UMB_E_INTERNAL, "%s: cannot find the folder of this program",
+                                command);
     }
     (void)snprintf(path, sizeof path, "%s/%s", folder, program);
     if (access(path, X_OK) != 0) {

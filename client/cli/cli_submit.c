@@ -10,7 +10,7 @@
 #include "tool/bake_settings.h"
 
 struct submit_settings {
-    const char *target; /* The scene */
+    const char *target; /* Scene file */
     struct umbu_session session;
     struct umbu_bake_settings bake;
     bool wait, json, quiet;
@@ -19,14 +19,15 @@ struct submit_settings {
 #define AT(field) UMBU_AT(struct submit_settings, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBC_TARGET_ROW(struct submit_settings, "SCENE", "a .gltf, .glb, .obj, .ply or .stl file")},
-    {"wait", NULL, "watch the job to its end, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
-    {"priority", "N", "-10 to 10: among your own jobs, higher first", UMBU_NUMBER(-10, 10),
+    {UMBC_TARGET_ROW(struct submit_settings, "SCENE",
+                     "scene file: .gltf, .glb, .obj, .ply or .stl")},
+    {"wait", NULL, "waits for the end of the job, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
+    {"priority", "N", "priority among your own jobs, -10 to 10; higher first", UMBU_NUMBER(-10, 10),
      AT(priority), .standard = "0"},
     UMBU_STALL_ROW(struct submit_settings),
     {UMBU_JSON_ROW(struct submit_settings)},
     {UMBU_QUIET_ROW(struct submit_settings,
-                    "the job's id only (with --wait the asset's), no notices")},
+                    "print only the id of the job (with --wait: of the asset), no notices")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -62,22 +63,7 @@ static int report_submitted(const struct umb_job_submitted *submitted, bool as_j
     return umbc_finish_stdout(0);
 }
 
-static int wait_for(struct umb_client *client, const char *job, bool as_json, bool quiet)
-{
-    struct umb_job_status status;
-    struct umb_error error = {.status = UMB_OK};
-    char *plan;
-    int code;
-    if (umbc_job_watch(client, job, quiet, &status, &plan, &error) == UMB_OK) {
-        code = umbc_job_report(&status, plan, as_json, quiet);
-    } else {
-        code = umbc_complain(&error);
-    }
-    free(plan);
-    return code;
-}
-
-/* Sends it; a lost connection is tried once more, which finds the job if it was accepted. */
+/* Submits. After a lost connection it submits once more, which finds the job if it was accepted. */
 static enum umb_status submit(struct umb_client *client,
                               const struct umb_job_submission *submission,
                               struct umb_job_submitted *submitted, struct umb_error *error)
@@ -119,7 +105,7 @@ static int run(struct submit_settings *settings)
     if (status != UMB_OK) {
         code = umbc_complain(&error);
     } else if (settings->wait) {
-        code = wait_for(client, submitted.job, as_json, quiet);
+        code = umbc_job_wait(client, submitted.job, as_json, quiet);
     } else {
         code = report_submitted(&submitted, as_json, quiet);
     }

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage verify FILE: opens with every check, then proves the identity. A packed file is proven
- * from its own page hashes. A mapped file carries none: its content is packed again into nothing,
- * which makes the identity from what a query would read. With --scene the program that has rays is
- * started instead.
+ * umbrage verify FILE: opens the file with every check, then proves its id. A packed file is proven
+ * by its page hashes. A mapped file has none: its content is packed again without output, which
+ * computes the id from the bytes that a query reads. With --scene, umbrage-study is started
+ * instead.
  */
 #include "cli_common.h"
 
 #include <stdio.h>
 #include <string.h>
 #include "tool/json.h"
+#include "tool/tool_try.h"
 #include "umbrage/region.h"
 
 static const struct umbu_option OPTIONS[] = {
@@ -50,7 +51,7 @@ static void report(const struct umbc_settings *settings, const struct umb_asset_
     }
 }
 
-/* Prints an object also for a file that cannot be opened: --json always gives one. */
+/* Reports a file that cannot be opened; --json prints an object for it too. */
 static int fail_open(const struct umbc_settings *settings, const struct umb_error *error)
 {
     if (settings->json) {
@@ -63,20 +64,19 @@ static int fail_open(const struct umbc_settings *settings, const struct umb_erro
     return umbc_complain_file(settings->target, error);
 }
 
-/* Opens and proves one and the same map, so that the file cannot be another one in between. */
+/* Opens and proves one mapping of the file, so that the file cannot be replaced in between. */
 static enum umb_status prove(const struct umb_file *file, struct umb_asset_info *info, bool *opened,
                              struct umb_error *error)
 {
     struct umb_asset *asset;
-    enum umb_status status = umb_asset_open_bytes(file->bytes, file->size, NULL, &asset, error);
-    *opened = status == UMB_OK;
-    if (status != UMB_OK) {
-        return status;
-    }
+    *opened = false;
+    UMB__TRY(umb_asset_open_bytes(file->bytes, file->size, NULL, &asset, error));
+    *opened = true;
     umb_asset_get_info(asset, info);
-    status = info->encoding == UMB_ENCODING_PACKED
-                 ? umb_packed_prove(file->bytes, file->size, NULL, umb_sha256_openssl(), error)
-                 : umb_asset_prove(asset, umb_sha256_openssl(), error);
+    const enum umb_status status =
+        info->encoding == UMB_ENCODING_PACKED
+            ? umb_packed_prove(file->bytes, file->size, NULL, umb_sha256_openssl(), error)
+            : umb_asset_prove(asset, umb_sha256_openssl(), error);
     umb_asset_close(asset);
     return status;
 }

@@ -2,32 +2,23 @@
 /* See cli_volume_asset.h. */
 #include "cli_volume_asset.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "cli_call_size.h"
+#include "cli_query_plan.h"
 #include "tool/tool_try.h"
 #include "umbrage/volume_queries.h"
 
-/* Records of a file that are answered between two looks at the clock; of boxes it is one. */
+/* Records of a file between two updates of the progress line; boxes: one. */
 #define SLICE ((size_t)256)
-
-/* Of the light, which is directional and has one. */
-static enum umb_status first_frustum(struct umbc_volume_asset *asset, struct umb_error *error)
-{
-    struct umb_light_info light;
-    enum umb_status status =
-        umb_asset_get_light(asset->file, asset->options->settings.light, &light);
-    if (status == UMB_OK) {
-        status = umb_asset_get_frustum(asset->file, light.first_frustum, &asset->frustum);
-    }
-    return status == UMB_OK ? status : umb_fail(error, status, "the light has no frustum");
-}
 
 static enum umb_status prepare_boxes(struct umbc_volume_asset *asset, struct umb_error *error)
 {
-    const enum umb_status status = umb_volume_check_parallel(&asset->volume, error);
-    return status == UMB_OK ? first_frustum(asset, error) : status;
+    struct umb_light_info light;
+    UMB__TRY(umb_volume_check_parallel(&asset->volume, error));
+    UMB__TRY(umb_asset_get_light(asset->file, asset->options->settings.light, &light));
+    return umb_asset_get_frustum(asset->file, light.first_frustum, &asset->frustum);
 }
 
 static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_error *error)
@@ -57,12 +48,9 @@ static enum umb_status open_file(struct umbc_volume_asset *asset, struct umb_err
 static enum umb_status connect_to(const struct umbc_query_options *options,
                                   struct umbc_volume_asset *asset, struct umb_error *error)
 {
-    enum umb_status status = umbu_connect(&options->session, &asset->client, error);
-    if (status == UMB_OK) {
-        status = umb_client_get_limits(asset->client, &asset->limits, error);
-    }
-    return status == UMB_OK ? umbc_call_size(options, &asset->limits, &asset->batch_size, error)
-                            : status;
+    UMB__TRY(umbu_connect(&options->session, &asset->client, error));
+    UMB__TRY(umb_client_get_limits(asset->client, &asset->limits, error));
+    return umbc_call_size(options, &asset->limits, &asset->batch_size, error);
 }
 
 enum umb_status umbc_volume_open(const struct umbc_query_options *options,
@@ -71,10 +59,10 @@ enum umb_status umbc_volume_open(const struct umbc_query_options *options,
     memset(asset, 0, sizeof *asset);
     asset->options = options;
     asset->batch_size = options->batch;
-    enum umb_status status =
-        umbc_is_file(options->target) ? open_file(asset, error) : connect_to(options, asset, error);
-    if (status != UMB_OK || options->volume_query != UMBC_ASK_BOXES) {
-        return status;
+    UMB__TRY(umbc_is_file(options->target) ? open_file(asset, error)
+                                           : connect_to(options, asset, error));
+    if (options->volume_query != UMBC_ASK_BOXES) {
+        return UMB_OK;
     }
     asset->boxes = calloc(asset->batch_size, sizeof *asset->boxes);
     return asset->boxes != NULL
@@ -95,13 +83,13 @@ static struct umb_volume_query volume_query_of(const struct umbc_volume_asset *a
                                      .light = asset->options->settings.light};
 }
 
-/* Notes the id of the version that answered. All replies must be of one version. */
+/* Stores the id of the version that answered. All replies must be of one version. */
 static enum umb_status take_reply(struct umbc_volume_asset *asset,
                                   const struct umb_volume_query_reply *reply,
                                   struct umb_error *error)
 {
     if (asset->has_id && memcmp(asset->id, reply->asset_id, UMB_ID_BYTES) != 0) {
-        /* Asking again helps, so that the exit code must say 75. */
+        /* Asking again helps: the exit code is 75. */
         return umb_fail(error, UMB_E_CANCELLED,
                         "asset '%.200s' was replaced during the query; ask again",
                         asset->options->target);
@@ -125,19 +113,19 @@ enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
                                      struct umb_segment_answers *answers, struct umb_error *error)
 {
     if (asset->client == NULL) {
-        enum umb_status status = umb_segments_check(segments, error);
-        for (size_t i = 0, n; status == UMB_OK && i < segments->count; i += n) {
+        UMB__TRY(umb_segments_check(segments, error));
+        for (size_t i = 0, n; i < segments->count; i += n) {
             n = segments->count - i < SLICE ? segments->count - i : SLICE;
             umb_volume_segments(&asset->volume, segments, i, n, answers);
             show(progress, (double)(i + n));
         }
-        return status;
+        return UMB_OK;
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
-    enum umb_status status =
-        umb_client_segments(asset->client, &volume_query, segments, answers, &reply, NULL, error);
-    return status == UMB_OK ? take_reply(asset, &reply, error) : status;
+    UMB__TRY(
+        umb_client_segments(asset->client, &volume_query, segments, answers, &reply, NULL, error));
+    return take_reply(asset, &reply, error);
 }
 
 enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
@@ -146,31 +134,31 @@ enum umb_status umbc_volume_columns(struct umbc_volume_asset *asset,
                                     struct umb_column_answers *answers, struct umb_error *error)
 {
     if (asset->client == NULL) {
-        enum umb_status status = umb_points_check(points, error);
-        for (size_t i = 0, n; status == UMB_OK && i < points->count; i += n) {
+        UMB__TRY(umb_points_check(points, error));
+        for (size_t i = 0, n; i < points->count; i += n) {
             n = points->count - i < SLICE ? points->count - i : SLICE;
             umb_volume_columns(&asset->volume, points, i, n, answers);
             show(progress, (double)(i + n));
         }
-        return status;
+        return UMB_OK;
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
-    enum umb_status status =
-        umb_client_columns(asset->client, &volume_query, points, answers, &reply, NULL, error);
-    return status == UMB_OK ? take_reply(asset, &reply, error) : status;
+    UMB__TRY(
+        umb_client_columns(asset->client, &volume_query, points, answers, &reply, NULL, error));
+    return take_reply(asset, &reply, error);
 }
 
-/* One box of a file, while it is counted. */
+/* State of counting one box of a file. */
 struct box_count {
     const struct umbc_volume_asset *asset;
     struct umbc_record_progress *progress;
     const struct umb_box_answer *answers;
     size_t box;
-    double voxels; /* about what it will have; 0: not known yet */
+    double voxels; /* estimated voxels of the box; 0: not estimated yet */
 };
 
-/* A large box takes long: shows how much of it is counted. */
+/* Shows the counted share of a box: a large one takes long. */
 static int show_box(void *user, uint64_t steps)
 {
     struct box_count *count = user;
@@ -189,15 +177,14 @@ static enum umb_status count_boxes(struct umbc_volume_asset *asset, size_t boxes
                                    struct umbc_record_progress *progress,
                                    struct umb_box_answers *answers, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < boxes; i++) {
+    for (size_t i = 0; i < boxes; i++) {
         struct box_count count = {
             .asset = asset, .progress = progress, .answers = answers->boxes, .box = i};
         const struct umb_box_watch watch = {show_box, &count};
-        status = umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers, error);
+        UMB__TRY(umb_volume_boxes(&asset->volume, asset->boxes, i, 1, &watch, answers, error));
         show(progress, (double)(i + 1));
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
@@ -212,7 +199,108 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
     }
     const struct umb_volume_query volume_query = volume_query_of(asset);
     struct umb_volume_query_reply reply;
-    enum umb_status status = umb_client_boxes(asset->client, &volume_query, asset->boxes,
-                                              corners->count, answers, &reply, NULL, error);
-    return status == UMB_OK ? take_reply(asset, &reply, error) : status;
+    UMB__TRY(umb_client_boxes(asset->client, &volume_query, asset->boxes, corners->count, answers,
+                              &reply, NULL, error));
+    return take_reply(asset, &reply, error);
+}
+
+/* --- segments with more intervals than the batch has room for --- */
+
+#define FEW 64 /* fewest intervals that a daemon counts for a segment */
+/* Most intervals of the segments of one call, unless one segment has more. */
+#define LONG_INTERVALS ((size_t)1 << 18)
+
+/* True if one more segment fits. Each segment gets room for the longest one; at least half of the
+ * room must be used, and a daemon counts all of it as points. */
+static bool has_room(const struct umbc_volume_asset *asset, size_t count, size_t most, size_t used)
+{
+    const size_t room = count * most;
+    return count == 1 || (room <= LONG_INTERVALS && room / 2 <= used &&
+                          (asset->client == NULL || room <= asset->limits.max_points));
+}
+
+/* Counts the long segments from i on that fit into one call, and the intervals of the longest. */
+static void choose(struct umbc_long_segments *longs, const struct umbc_volume_asset *asset,
+                   size_t i)
+{
+    size_t used = 0, most = FEW;
+    longs->count = 0;
+    for (; i < longs->segments->count; i++) {
+        const size_t intervals = (size_t)longs->answers->segments[i].interval_count;
+        const size_t longest = intervals > most ? intervals : most;
+        if (intervals > UMBC_INTERVALS_KEPT) {
+            used += intervals > FEW ? intervals : FEW;
+            if (!has_room(asset, longs->count + 1, longest, used)) {
+                break;
+            }
+            most = longest;
+            longs->count++;
+        }
+    }
+    longs->again.interval_max = most;
+}
+
+/* Refuses answers with more intervals than the room that the server asked for before. */
+static enum umb_status check(const struct umbc_long_segments *longs, struct umb_error *error)
+{
+    for (size_t i = 0; i < longs->count; i++) {
+        const uint64_t intervals = longs->again.segments[i].interval_count;
+        if (intervals > longs->again.interval_max) {
+            return umb_fail(error, UMB_E_PROTOCOL,
+                            "the daemon announced at most %zu intervals, and then sent %" PRIu64,
+                            longs->again.interval_max, intervals);
+        }
+    }
+    return UMB_OK;
+}
+
+/* Asks the long segments from i on once more, as many as fit into one call. */
+static enum umb_status ask(struct umbc_long_segments *longs, struct umbc_volume_asset *asset,
+                           size_t i, struct umb_error *error)
+{
+    const struct umb_segments *segments = longs->segments;
+    const size_t record = 6 * (segments->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
+    umbc_longs_finish(longs);
+    choose(longs, asset, i);
+    const size_t room = longs->count * longs->again.interval_max;
+    longs->ends = malloc(longs->count * record);
+    longs->again.segments = calloc(longs->count, sizeof *longs->again.segments);
+    longs->again.intervals = calloc(room, sizeof *longs->again.intervals);
+    if (longs->ends == NULL || longs->again.segments == NULL || longs->again.intervals == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu intervals", room);
+    }
+    for (size_t found = 0; found < longs->count; i++) {
+        if (longs->answers->segments[i].interval_count > UMBC_INTERVALS_KEPT) {
+            memcpy(longs->ends + found++ * record, (const uint8_t *)segments->ends + i * record,
+                   record);
+        }
+    }
+    struct umb_segments again = *segments;
+    again.ends = longs->ends;
+    again.count = longs->count;
+    UMB__TRY(umbc_volume_segments(asset, &again, NULL, &longs->again, error));
+    return check(longs, error);
+}
+
+void umbc_longs_finish(struct umbc_long_segments *longs)
+{
+    free(longs->ends);
+    free(longs->again.segments);
+    free(longs->again.intervals);
+    longs->ends = NULL;
+    memset(&longs->again, 0, sizeof longs->again);
+    longs->count = longs->next = 0;
+}
+
+enum umb_status umbc_longs_next(struct umbc_long_segments *longs, struct umbc_volume_asset *asset,
+                                size_t i, const struct umb_segment_answer **answer,
+                                const struct umb_interval **intervals, struct umb_error *error)
+{
+    if (longs->next == longs->count) {
+        UMB__TRY(ask(longs, asset, i, error));
+    }
+    *answer = &longs->again.segments[longs->next];
+    *intervals = longs->again.intervals + longs->next * longs->again.interval_max;
+    longs->next++;
+    return UMB_OK;
 }

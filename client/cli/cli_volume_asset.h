@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CLI_CLI_VOLUME_ASSET_H
 #define UMBRAGE_CLI_CLI_VOLUME_ASSET_H
 /*
- * The asset that segments, columns and boxes are asked of: one of a file, here and now, or one of a
- * daemon, in calls of as much as it takes.
+ * The asset that answers segments, columns and boxes: a file, which answers in this process, or a
+ * daemon's asset, in calls of the size that the daemon takes.
  *
  *     open;  segments, columns or boxes, batch by batch;  close.
  */
@@ -14,21 +14,21 @@
 
 struct umbc_volume_asset {
     const struct umbc_query_options *options; /* borrowed */
-    size_t batch_size;                        /* records asked together */
-    struct umb_asset *file;                   /* of a file ... */
-    bool bad_file;                            /* ... that could not be opened, */
+    size_t batch_size;                        /* records of a batch */
+    struct umb_asset *file;                   /* the file's asset; NULL: a daemon's */
+    bool bad_file;                            /* true: the file could not be opened */
     struct umb_volume volume;
-    struct umb_frustum_info frustum; /* the light's, for boxes */
-    double origin[3];                /* the asset's */
+    struct umb_frustum_info frustum; /* frustum of the light, for boxes */
+    double origin[3];                /* origin of the asset */
     struct umb_box *boxes;           /* [batch_size] */
-    struct umb_client *client;       /* or of a daemon, */
-    struct umb_client_limits limits; /* which takes so much */
-    bool has_id;                     /* the daemon has answered once */
+    struct umb_client *client;       /* connection to the daemon; NULL: a file */
+    struct umb_client_limits limits; /* limits of the daemon */
+    bool has_id;                     /* true: the daemon has answered once */
     uint8_t id[UMB_ID_BYTES];
     bool ignores_translucent;
 };
 
-/* Opens what the options name. On failure `asset` is still to be closed. */
+/* Opens the file or the daemon's asset. Close it also after a failure. */
 UMB_CHECKED enum umb_status umbc_volume_open(const struct umbc_query_options *options,
                                              struct umbc_volume_asset *asset,
                                              struct umb_error *error);
@@ -37,10 +37,10 @@ void umbc_volume_close(struct umbc_volume_asset *asset);
 /*
  * Answers a batch.
  *
- * In:    progress: told what of a file's batch is done; NULL: nothing is.
- * Out:   answers: with memory of the caller; what they add up is added to.
- * Fails: E_ARGUMENT (bad numbers in a file's batch); E_CANCELLED (the daemon's asset is another one
- *        than that of the batch before); else as the client does.
+ * In:    progress: gets the number of answered records of a file; may be NULL.
+ * Out:   answers: arrays of the caller; their sums are added to.
+ * Fails: E_ARGUMENT (bad numbers, of a file); E_CANCELLED (the daemon replaced its asset since the
+ *        batch before); else as the client does.
  */
 UMB_CHECKED enum umb_status umbc_volume_segments(struct umbc_volume_asset *asset,
                                                  const struct umb_segments *segments,
@@ -57,5 +57,38 @@ UMB_CHECKED enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
                                               struct umbc_record_progress *progress,
                                               struct umb_box_answers *answers,
                                               struct umb_error *error);
+
+#define UMBC_INTERVALS_KEPT 16 /* lit intervals that a batch keeps of each segment */
+
+/*
+ * Segments of a batch with more lit intervals than it keeps. They are asked again with room for all
+ * intervals, many in one call.
+ *
+ *     {.segments = batch, .answers = answers of the batch};  next, for each long one in order;
+ *     finish.
+ */
+struct umbc_long_segments {
+    const struct umb_segments *segments;       /* segments of the batch, borrowed */
+    const struct umb_segment_answers *answers; /* their answers, borrowed */
+    /* The segments of the present call; zero at first. */
+    uint8_t *ends;
+    struct umb_segment_answers again;
+    size_t count, next; /* number of them; number of the first that was not given out */
+};
+
+/*
+ * Gives the whole answer of segment i, which has more than UMBC_INTERVALS_KEPT intervals and
+ * follows those of earlier calls.
+ *
+ * Out:   answer, intervals: borrowed until the next call.
+ * Fails: as umbc_volume_segments; E_NO_MEMORY; E_PROTOCOL (a daemon sends more intervals than it
+ *        announced).
+ */
+UMB_CHECKED enum umb_status umbc_longs_next(struct umbc_long_segments *longs,
+                                            struct umbc_volume_asset *asset, size_t i,
+                                            const struct umb_segment_answer **answer,
+                                            const struct umb_interval **intervals,
+                                            struct umb_error *error);
+void umbc_longs_finish(struct umbc_long_segments *longs);
 
 #endif

@@ -8,7 +8,7 @@
 #include "load/load_print.h"
 #include "tool/tool_try.h"
 
-/* Everything of one load test; large, so that it lives on the heap. */
+/* State of one load test; too large for the stack. */
 struct test {
     struct umbc_load_options options;
     struct umb_client_description *about;
@@ -16,10 +16,10 @@ struct test {
     struct umbc_load_result result;
     struct umbc_load_sweep sweep;
     struct umbu_output report;
-    bool live; /* stderr is a terminal */
+    bool live; /* true: stderr is a terminal and shows a line of figures */
 };
 
-/* The line that is drawn over and over on a terminal. */
+/* Draws the line of figures anew. */
 static void show_moment(void *user, const struct umbc_load_moment *moment,
                         const struct umbc_load_result *so_far)
 {
@@ -52,7 +52,7 @@ static void show_step(void *user, const struct umbc_load_step *step)
     }
 }
 
-/* Asks what the asset is and makes the points. */
+/* Asks for the asset's description and makes the points. */
 static enum umb_status prepare(struct test *test, struct umb_error *error)
 {
     struct umb_client *client;
@@ -79,7 +79,7 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
 {
     const struct umbc_load_options *options = &test->options;
     if (options->sweep) {
-        enum umb_status status =
+        const enum umb_status status =
             umbc_load_sweep_run(&options->settings, &test->pool, options->bound_ms, show_step, test,
                                 &test->sweep, error);
         test->result = test->sweep.at_knee;
@@ -94,27 +94,27 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
     return status;
 }
 
-static enum umb_status write_page(const struct umbc_load_story *story, struct umbu_output *output,
-                                  struct umb_error *error)
+/* Runs the test and prints its result. */
+static enum umb_status run(struct test *test, struct umb_error *error)
 {
-    umbc_load_print_page(output->file, story);
-    return umbu_output_commit(output, error);
-}
-
-static enum umb_status tell(struct test *test, struct umb_error *error)
-{
+    const struct umbc_load_options *options = &test->options;
+    UMB__TRY(prepare(test, error));
+    if (options->report != NULL) { /* before the run: a page that cannot be written fails early */
+        UMB__TRY(umbu_output_begin(options->report, UMBU_OUTPUT_COMMAND, &test->report, error));
+    }
+    UMB__TRY(measure(test, error));
     const struct umbc_load_story story = {
-        .options = &test->options,
+        .options = options,
         .about = test->about,
         .result = &test->result,
-        .sweep = test->options.sweep ? &test->sweep : NULL,
+        .sweep = options->sweep ? &test->sweep : NULL,
     };
-    if (test->options.json) {
-        umbc_load_print_json(stdout, &story);
-    } else {
-        umbc_load_print_text(stdout, &story);
+    (options->json ? umbc_load_print_json : umbc_load_print_text)(stdout, &story);
+    if (options->report == NULL) {
+        return UMB_OK;
     }
-    return test->report.file != NULL ? write_page(&story, &test->report, error) : UMB_OK;
+    umbc_load_print_page(test->report.file, &story);
+    return umbu_output_commit(&test->report, error);
 }
 
 int umbc_load(int argc, char **argv)
@@ -129,14 +129,7 @@ int umbc_load(int argc, char **argv)
         free(test);
         return code;
     }
-    enum umb_status status = prepare(test, &error);
-    if (status == UMB_OK && test->options.report != NULL) {
-        /* Before the run: a page that cannot be made must not cost one. */
-        status =
-            umbu_output_begin(test->options.report, UMBU_OUTPUT_COMMAND, &test->report, &error);
-    }
-    status = status == UMB_OK ? measure(test, &error) : status;
-    status = status == UMB_OK ? tell(test, &error) : status;
+    const enum umb_status status = run(test, &error);
     code = status == UMB_OK ? 0 : umbc_complain(&error);
     if (status == UMB_OK && test->options.sweep && test->sweep.knee <= 0) {
         code = UMBC_EXIT_NEGATIVE;

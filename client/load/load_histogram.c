@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stddef.h>
 
-#define EXACT     256 /* values below have a bucket each */
+#define EXACT     256 /* each value below has a bucket */
 #define CUTS      128 /* buckets of a power of two */
 #define CUTS_LOG2 7
 
@@ -18,7 +18,7 @@ static unsigned log2_floor(uint64_t value)
     return bits;
 }
 
-/* A value of 2^n to 2^(n+1) - 1 is cut off to its 8 leading bits: 128 buckets for each n >= 8. */
+/* Number of a value's bucket: by its 8 leading bits, which gives 128 buckets a power of two. */
 static size_t bucket_of(uint64_t ns)
 {
     if (ns < EXACT) {

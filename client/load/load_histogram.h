@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_LOAD_LOAD_HISTOGRAM_H
 #define UMBRAGE_LOAD_LOAD_HISTOGRAM_H
 /*
- * Counts of durations in buckets whose width grows with the value, so that percentiles far out cost
- * no more memory than the median.
+ * Histogram of durations. The width of a bucket grows with its value, so high percentiles need no
+ * more memory than the median.
  *
- * Below 256 ns each nanosecond has its bucket; above, each power of two is cut into 128. A
- * percentile is told by the upper edge of its bucket: never too small, and too large by less than
- * 1/128 (0.8 %). What is longer than UMBC_HISTOGRAM_MAX_NS counts as that.
- * Zeroed memory is an empty histogram. No allocation. One owner at a time.
+ * Below 256 ns each nanosecond has a bucket; above, each power of two has 128. A percentile is the
+ * upper edge of its bucket: never too small, and too large by less than 1/128 (0.8 %). A duration
+ * above UMBC_HISTOGRAM_MAX_NS counts as that.
+ * Memory: zeroed memory is an empty histogram. No allocation. One owner at a time.
  * Source: the layout of G. Tene's HdrHistogram.
  */
 #include <stdint.h>
@@ -18,7 +18,7 @@
 
 struct umbc_histogram {
     uint64_t count;
-    uint64_t min_ns, max_ns; /* as recorded; 0 while empty */
+    uint64_t min_ns, max_ns; /* shortest and longest duration; 0 while empty */
     double sum_ns;
     uint64_t buckets[UMBC_HISTOGRAM_BUCKETS];
 };

@@ -5,8 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include "tool/clock.h"
+#include "tool/tool_try.h"
 
-/* When call `number` of the lane is due; a closed loop's is always now. */
+/* Time at which call `number` of the lane is due; 0 in a closed loop. */
 static uint64_t due_of(const struct umbc_load_lane *lane, uint64_t number)
 {
     const struct umbc_load_settings *settings = lane->plan->settings;
@@ -125,7 +126,7 @@ uint64_t umbc_load_lane_start(struct umbc_load_lane *lane)
             slot->next_free = lane->free_slots;
             lane->free_slots = slot;
             lane->under_way--;
-            lane->over = true; /* no memory, or a request that no server would take */
+            lane->over = true; /* out of memory, or a request that no server accepts */
             pthread_mutex_unlock(&lane->lock);
         }
     }
@@ -182,11 +183,8 @@ enum umb_status umbc_load_lane_init(struct umbc_load_lane *lane, const struct um
     options.max_calls = settings->in_flight + 1;
     options.max_request_bytes = UINT64_MAX;
     options.max_retries = UMB_CLIENT_NEVER;
-    enum umb_status status = umb_client_open(settings->address, &options, &lane->client, error);
-    if (status == UMB_OK && settings->stream) {
-        status = umb_client_stream_open(lane->client, &lane->stream, error);
-    }
-    return status;
+    UMB__TRY(umb_client_open(settings->address, &options, &lane->client, error));
+    return settings->stream ? umb_client_stream_open(lane->client, &lane->stream, error) : UMB_OK;
 }
 
 void umbc_load_lane_finish(struct umbc_load_lane *lane)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The daemon's metrics port, see load_metrics.h. One plain HTTP/1.0 request a time. */
+/* The daemon's admin port, see load_metrics.h: a plain HTTP/1.0 request each time. */
 #include "load/load_metrics.h"
 
 #include <netdb.h>
@@ -14,7 +14,7 @@
 #define PAGE_BYTES ((size_t)1 << 20)
 #define WAIT_S     2
 
-/* Value of the line "NAME VALUE" (no labels); false if there is none. */
+/* Reads the value of the line "NAME VALUE", without labels. Returns false if there is none. */
 static bool find_value(const char *text, const char *name, double *value)
 {
     size_t length = strlen(name);
@@ -36,7 +36,7 @@ enum umb_status umbc_server_figures_parse(const char *text, struct umbc_server_f
     memset(figures, 0, sizeof *figures);
     if (!find_value(text, "process_cpu_seconds_total", &figures->cpu_s) ||
         !find_value(text, "umbrage_queries_total", &figures->points)) {
-        return umb_fail(error, UMB_E_PROTOCOL, "no umbraged: its metrics are not there");
+        return umb_fail(error, UMB_E_PROTOCOL, "no umbraged: the metrics of one are missing");
     }
     (void)find_value(text, "process_resident_memory_bytes", &figures->rss);
     (void)find_value(text, "umbrage_shed_total", &figures->shed);
@@ -72,7 +72,7 @@ static int connect_to(const char *admin)
     return fd;
 }
 
-/* Sends the request and reads until the end; length of the page, or 0. */
+/* Sends the request and reads until the end. Returns the length of the page in bytes, or 0. */
 static size_t fetch(int fd, const char *admin, char *page)
 {
     char request[400];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_LOAD_LOAD_METRICS_H
 #define UMBRAGE_LOAD_LOAD_METRICS_H
-/* What a load test asks the daemon's metrics port: processor time, points, memory. */
+/* Figures of the daemon from its admin port: processor time, points, memory. */
 #include <stddef.h>
 #include "umbrage/status.h"
 
@@ -16,16 +16,16 @@ struct umbc_server_figures {
 /*
  * Fetches http://ADMIN/metrics.
  *
- * In:    admin: HOST:PORT, as of `umbraged --admin`.
+ * In:    admin: HOST:PORT of `umbraged --admin`.
  * Fails: E_ARGUMENT (no HOST:PORT), E_UNAVAILABLE (no listener, or no answer in two seconds),
- *        E_PROTOCOL (no such figures).
+ *        E_PROTOCOL (the figures are missing).
  * Cost:  blocks for at most two seconds.
  */
 UMB_CHECKED enum umb_status umbc_server_figures_get(const char *admin,
                                                     struct umbc_server_figures *figures,
                                                     struct umb_error *error);
 
-/* Reads figures out of Prometheus' text form; E_PROTOCOL if cpu_s or points are not there. */
+/* Reads figures from Prometheus' text format. Fails: E_PROTOCOL (cpu_s or points are missing). */
 UMB_CHECKED enum umb_status umbc_server_figures_parse(const char *text,
                                                       struct umbc_server_figures *figures,
                                                       struct umb_error *error);

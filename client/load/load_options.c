@@ -1,75 +1,65 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The options of `umbrage load`, see load_options.h. */
-#include "load/load_options.h"
+/* The options of `umbrage load`, see load_print.h. */
+#include "load/load_print.h"
 
 #include <string.h>
 
 #define BATCH_MAX  (1U << 22)
 #define RATE_MAX   1e6
-#define RATE_MIN   1e-3 /* above; far less, and when calls are due has no number */
+#define RATE_MIN   1e-3 /* calls a second; due times of much lower rates overflow */
 #define TIME_MAX_S 86400
 #define AT(field)  UMBU_AT(struct umbc_load_options, field)
-
-/* A file: stdout has the figures. */
-static enum umb_status read_report(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || strcmp(text, "-") == 0) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
 
 static const struct umbu_option OPTIONS[] = {
     {"ASSET", NULL, "asset of the daemon", UMBU_TEXT, AT(settings.asset), .needed = true},
     {"rate", "R",
-     "open loop: R calls a second, whatever the daemon does; else each connection keeps "
-     "--in-flight calls under way",
+     "calls a second of an open loop, above 0.001 to 1000000, whatever the daemon does. Without it "
+     "each connection keeps --in-flight calls under way",
      UMBU_ABOVE(RATE_MIN, RATE_MAX), AT(settings.rate)},
     {"closed", NULL, "closed loop, as without --rate", UMBU_FLAG, AT(closed),
      .excludes = "rate|sweep"},
-    {"connections", "N", "connections to the daemon", UMBU_COUNT(1, UMBC_LOAD_CONNS_MAX),
-     AT(settings.connections), .standard = "4", .letter = 'c'},
-    {"in-flight", "N", "calls of a connection", UMBU_COUNT(1, UMBC_LOAD_FLIGHT_MAX),
-     AT(settings.in_flight), .otherwise = "8, with --rate at most 256"},
-    {"stream", NULL, "one QueryStream a connection instead of a call each", UMBU_FLAG,
-     AT(settings.stream)},
-    {"batch", "N", "points a call", UMBU_COUNT(1, BATCH_MAX), AT(source.batch), .standard = "64",
-     .letter = 'b'},
+    {"connections", "N", "number of connections to the daemon, 1 to 256",
+     UMBU_COUNT(1, UMBC_LOAD_CONNS_MAX), AT(settings.connections), .standard = "4", .letter = 'c'},
+    {"in-flight", "N", "most calls under way on a connection, 1 to 4096",
+     UMBU_COUNT(1, UMBC_LOAD_FLIGHT_MAX), AT(settings.in_flight),
+     .otherwise = "8, with --rate at most 256"},
+    {"stream", NULL, "uses one QueryStream a connection instead of a call for each batch",
+     UMBU_FLAG, AT(settings.stream)},
+    {"batch", "N", "points in a call, 1 to 4194304", UMBU_COUNT(1, BATCH_MAX), AT(source.batch),
+     .standard = "64", .letter = 'b'},
     {"points", "KIND",
-     "camera: frames on a path over the asset; random: in its bounds; boundary: at borders of "
-     "shadow",
+     "place of the points. camera: frames on a path over the asset; random: in its bounds; "
+     "boundary: at shadow boundaries",
      UMBU_CHOICE("camera|random|boundary"), AT(source.kind), .standard = "camera"},
-    {"trace", "FILE", "recorded points instead, as of `umbrage query --points`", UMBU_TEXT,
+    {"trace", "FILE", "file of recorded points, as for `umbrage query --points`", UMBU_TEXT,
      AT(source.trace), .excludes = "points"},
-    {"format", NULL, "of the trace", UMBU_CHOICE("text|f32|f64"), AT(source.format),
-     .standard = "text", .needs = "trace"},
-    {"normals", NULL, "raw traces: six numbers a point", UMBU_FLAG, AT(source.with_normals),
+    {"format", NULL, "format of the trace: text, or raw little-endian numbers",
+     UMBU_CHOICE("text|f32|f64"), AT(source.format), .standard = "text", .needs = "trace"},
+    {"normals", NULL, "points of a raw trace have six numbers", UMBU_FLAG, AT(source.with_normals),
      .needs = "trace format=f32|f64"},
-    {"light", "N", "index of the light", UMBU_COUNT(0, UINT32_MAX), AT(source.light),
+    {"light", "N", "number of the light", UMBU_COUNT(0, UINT32_MAX), AT(source.light),
      .standard = "0"},
-    {"taps", "N", "width of the filter window", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.query.taps),
-     .standard = "1"},
-    {"encoding", "NAME", "of the answers: u8, f32, bit", UMBU_CHOICE("f32|u8|bit"),
+    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, UMB_TAPS_MAX),
+     AT(settings.query.taps), .standard = "1"},
+    {"encoding", "NAME", "encoding of the answers: u8, f32 or bit", UMBU_CHOICE("f32|u8|bit"),
      AT(settings.query.format), .standard = "u8"},
-    {"seed", "N", "of random and boundary points", UMBU_COUNT(0, UINT64_MAX), AT(source.seed),
+    {"seed", "N", "seed of random and boundary points", UMBU_COUNT(0, UINT64_MAX), AT(source.seed),
      .standard = "1"},
-    {"warm-up", "TIME", "before what is measured", UMBU_TIME(0, 1000 * TIME_MAX_S),
-     AT(settings.warm_up_s), .otherwise = "1, in a sweep 0.5"},
-    {"duration", "TIME", "time that is measured (ms, s, m), of a sweep each step's",
+    {"warm-up", "TIME", "time of the load before the measurement (ms, s, m)",
+     UMBU_TIME(0, 1000 * TIME_MAX_S), AT(settings.warm_up_s), .otherwise = "1, in a sweep 0.5"},
+    {"duration", "TIME", "time of the measurement (ms, s, m); in a sweep, of each step",
      UMBU_TIME(0, 1000 * TIME_MAX_S), .above = true, AT(settings.duration_s),
      .otherwise = "10, in a sweep 2", .letter = 'd'},
-    {"timeout", "MS", "deadline of a call", UMBU_COUNT(1, 1000 * TIME_MAX_S),
+    {"timeout", "MS", "deadline of a call in milliseconds", UMBU_COUNT(1, 1000 * TIME_MAX_S),
      AT(settings.timeout_ms), .standard = "10000"},
-    {"sweep", NULL, "find the highest rate that keeps the bound; --rate is the first, else 100",
+    {"sweep", NULL, "finds the highest rate that keeps --bound; the first rate is --rate, else 100",
      UMBU_FLAG, AT(sweep)},
-    {"bound", "MS", "of a sweep: for the 99th percentile", UMBU_ABOVE(0, 1e6), AT(bound_ms),
-     .standard = "10", .needs = "sweep"},
-    {"admin", "HOST:PORT", "the daemon's metrics: its processor time and memory", UMBU_TEXT,
+    {"bound", "MS", "bound of a sweep for the 99th percentile in milliseconds", UMBU_ABOVE(0, 1e6),
+     AT(bound_ms), .standard = "10", .needs = "sweep"},
+    {"admin", "HOST:PORT", "admin port of the daemon, for its processor time and memory", UMBU_TEXT,
      AT(settings.admin)},
-    {"report", "FILE", "a page with plots that needs nothing else",
-     UMBU_READ(read_report, "a file name: stdout has the figures"), AT(report)},
+    {"report", "FILE", "HTML page with plots, in one file",
+     UMBU_NAME("a file name: stdout has the figures"), AT(report)},
     {UMBU_JSON_ROW(struct umbc_load_options)},
     {UMBU_QUIET_ROW(struct umbc_load_options, "no live line")},
 };
@@ -78,11 +68,11 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage load",
     .usage = "umbrage load ASSET [options]",
     .summary = "Loads a daemon with queries and measures it: throughput, latencies to the\n"
-               "99.99th percentile (never told too small, at most 0.8 % too large), errors by\n"
-               "status, and with --admin what it cost the daemon. With --rate a latency counts\n"
-               "from when the call was due, not from when it could be sent. Nothing is sent\n"
-               "twice. A run in which this program used more than 70 % of a processor says so:\n"
-               "it may have measured itself.",
+               "99.99th percentile (never too small, at most 0.8 % too large), errors by status,\n"
+               "and with --admin the daemon's processor time. With --rate a latency counts from\n"
+               "the time at which the call was due, not from the time at which it was sent. No\n"
+               "call is sent twice. A run in which this program used more than 70 % of a\n"
+               "processor says so: it may have measured itself.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_load_options, session)},
 };
 

@@ -2,15 +2,17 @@
 #ifndef UMBRAGE_LOAD_LOAD_POINTS_H
 #define UMBRAGE_LOAD_LOAD_POINTS_H
 /*
- * What a load test asks: a pool of batches, made before the run and asked round and round.
+ * The points of a load test: a pool of batches, made before the run and sent again and again.
  *
- * Camera: a camera flies once round over the asset's bounds and looks ahead and down; a batch is a
- * frame of its pixels in scan order, 16:9, where their rays meet the plane a tenth of the way up.
- * Up is the axis along which the bounds are shortest. Neighbours in a batch are neighbours in
- * space. Random: uniform in the bounds. Boundary: random points close to where light turns to
- * shadow, found by halving random segments through the service itself, before the run. Trace: a
- * file of points, as `umbrage query --points` reads them, in its order. The same asset, seed and
- * counts give the same pool.
+ *   camera    frames of a camera that flies once round over the asset's bounds and looks ahead and
+ *             down. A batch is a frame of pixels, 16:9 in scan order; a point is the place where a
+ *             pixel's ray meets the plane at a tenth of the bounds' height. Up is the shortest axis
+ *             of the bounds. Neighbours in a batch are neighbours in space.
+ *   random    uniform in the bounds
+ *   boundary  close to shadow boundaries, found by queries to the service
+ *   trace     the points of a file, as `umbrage query --points` reads them, in its order
+ *
+ * The same asset, seed and counts give the same pool.
  */
 #include "cli/cli_points.h"
 #include "umbrage/client.h"
@@ -23,17 +25,17 @@ enum umbc_load_kind {
 };
 
 struct umbc_load_pool {
-    double origin[3]; /* metres: centre of the bounds */
+    double origin[3]; /* centre of the bounds in metres */
     float *positions; /* [3 * batch * batch_count], relative to origin */
-    float *normals;   /* the same, or NULL */
-    size_t batch;     /* points of a call */
+    float *normals;   /* [3 * batch * batch_count], or NULL */
+    size_t batch;     /* points in a call */
     size_t batch_count;
 };
 
 struct umbc_load_source {
     enum umbc_load_kind kind;
     const char *asset;
-    const char *trace; /* of UMBC_LOAD_TRACE: a file */
+    const char *trace; /* file of UMBC_LOAD_TRACE */
     enum umbc_points_format format;
     bool with_normals;
     uint32_t light;
@@ -42,12 +44,12 @@ struct umbc_load_source {
 };
 
 /*
- * Makes a pool of at least 16 batches and about 2^18 points; a trace is taken whole, up to 2^26
- * points, and its last batch is filled from its beginning.
+ * Makes a pool of at least 16 batches and about 2^18 points. A trace is taken whole, up to 2^26
+ * points; its first points fill up the last batch.
  *
- * In:    bounds: of the asset. client: asked by UMBC_LOAD_BOUNDARY.
- * Fails: E_NO_MEMORY; of a trace what reading it gives, E_FORMAT (no points); of boundaries what
- * the service gives, E_NOT_FOUND (hardly any shadow within the bounds).
+ * In:    bounds: bounds of the asset. client: for UMBC_LOAD_BOUNDARY.
+ * Fails: E_NO_MEMORY; for a trace as umbc_points_read, E_FORMAT (no points); for boundaries as the
+ *        service, E_NOT_FOUND (hardly any shadow boundary in the bounds).
  */
 UMB_CHECKED enum umb_status umbc_load_pool_make(const struct umbc_load_source *source,
                                                 const struct umb_box *bounds,
@@ -56,7 +58,7 @@ UMB_CHECKED enum umb_status umbc_load_pool_make(const struct umbc_load_source *s
                                                 struct umb_error *error);
 void umbc_load_pool_finish(struct umbc_load_pool *pool);
 
-/* Batch `index`, counted round and round; borrowed. */
+/* Returns batch `index` modulo batch_count; borrowed. */
 struct umb_points umbc_load_pool_batch(const struct umbc_load_pool *pool, uint64_t index);
 
 #endif

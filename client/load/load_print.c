@@ -1,25 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The result of a load test as text and as JSON, see load_print.h. */
+/* The result of a load test as text, as JSON and as a page, see load_print.h. */
 #include "load/load_print.h"
 
 #include <inttypes.h>
+#include <math.h>
+#include "tool/report.h"
 
-const double UMBC_LOAD_SHARE[UMBC_LOAD_SHARES] = {0.5, 0.75, 0.9, 0.99, 0.999, 0.9999, 1};
-const char *const UMBC_LOAD_SHARE_NAME[UMBC_LOAD_SHARES] = {"p50",   "p75",    "p90", "p99",
-                                                            "p99.9", "p99.99", "max"};
+#define CURVE_POINTS 121
+#define CURVE_NINES  4.3 /* last share of the curve: 1 - 10^-4.3, 99.995 % */
 
-double umbc_load_ms(const struct umbc_load_result *result, size_t share)
+extern const unsigned char umbu_page_load_page[];
+extern const size_t umbu_page_load_page_size;
+
+/* Percentiles of the report. */
+#define SHARES 7
+
+static const double SHARE[SHARES] = {0.5, 0.75, 0.9, 0.99, 0.999, 0.9999, 1};
+static const char *const SHARE_NAME[SHARES] = {"p50",   "p75",    "p90", "p99",
+                                               "p99.9", "p99.99", "max"};
+
+static double percentile_ms(const struct umbc_load_result *result, size_t share)
 {
-    return 1e-6 * (double)umbc_histogram_percentile(&result->latency, UMBC_LOAD_SHARE[share]);
+    return 1e-6 * (double)umbc_histogram_percentile(&result->latency, SHARE[share]);
 }
 
-const char *umbc_load_kind_name(const struct umbc_load_source *source)
+/* "camera", "random", "boundary" or the name of the trace. */
+static const char *kind_name(const struct umbc_load_source *source)
 {
     static const char *const names[] = {"camera", "random", "boundary"};
     return source->kind == UMBC_LOAD_TRACE ? source->trace : names[source->kind];
 }
 
-const char *umbc_load_doubt(const struct umbc_load_story *story)
+/* Reason why a result says little, or NULL. */
+static const char *doubt_of(const struct umbc_load_story *story)
 {
     if (story->result->seconds > 0 && !story->result->counts) {
         return "This run does not count: the generator used more than 70 % of a core, and may have "
@@ -57,8 +70,8 @@ static void print_result(FILE *file, const struct umbc_load_story *story)
                   (double)result->calls / seconds, 1e-6 * (double)result->points / seconds,
                   seconds);
     (void)fputs("latency   ", file);
-    for (size_t i = 0; i < UMBC_LOAD_SHARES; i++) {
-        (void)fprintf(file, " %s %.3g ", UMBC_LOAD_SHARE_NAME[i], umbc_load_ms(result, i));
+    for (size_t i = 0; i < SHARES; i++) {
+        (void)fprintf(file, " %s %.3g ", SHARE_NAME[i], percentile_ms(result, i));
     }
     (void)fputs(" ms\n", file);
     print_errors(file, result);
@@ -69,7 +82,7 @@ static void print_result(FILE *file, const struct umbc_load_story *story)
             1e9 * result->server_cpu_s / (result->server_points > 0 ? result->server_points : 1),
             result->server_cpu_s / result->server_s, result->server_rss_max / 1048576);
     } else if (story->options->settings.admin != NULL) {
-        (void)fputs("daemon     told no figures at the end\n", file);
+        (void)fputs("daemon     sent no figures at the end\n", file);
     }
     (void)fprintf(file, "generator  %.2f cores\n", result->generator_cores);
 }
@@ -86,8 +99,8 @@ void umbc_load_print_text(FILE *file, const struct umbc_load_story *story)
                       story->sweep->bound_ms);
     }
     print_result(file, story);
-    if (umbc_load_doubt(story) != NULL) {
-        (void)fprintf(file, "%s\n", umbc_load_doubt(story));
+    if (doubt_of(story) != NULL) {
+        (void)fprintf(file, "%s\n", doubt_of(story));
     }
 }
 
@@ -95,36 +108,32 @@ static void json_settings(struct umbu_json *json, const struct umbc_load_story *
 {
     const struct umbc_load_options *options = story->options;
     const struct umbc_load_settings *settings = &options->settings;
-    char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(story->about->asset.id, id);
     umbu_json_text(json, "asset", settings->asset);
-    umbu_json_text(json, "asset_id", id);
+    umbc_json_id(json, "asset_id", story->about->asset.id);
     umbu_json_text(json, "address", settings->address);
     umbu_json_text(json, "loop", settings->rate > 0 || options->sweep ? "open" : "closed");
-    umbu_json_integer(json, "connections", settings->connections);
-    umbu_json_integer(json, "in_flight", settings->in_flight);
+    UMBU_JSON_COUNTS(json, {"connections", settings->connections},
+                     {"in_flight", settings->in_flight}, {"batch", options->source.batch},
+                     {"taps", settings->query.taps});
     umbu_json_bool(json, "stream", settings->stream);
-    umbu_json_integer(json, "batch", options->source.batch);
-    umbu_json_integer(json, "taps", settings->query.taps);
-    umbu_json_text(json, "points", umbc_load_kind_name(&options->source));
+    umbu_json_text(json, "points", kind_name(&options->source));
 }
 
 static void json_result(struct umbu_json *json, const struct umbc_load_result *result)
 {
     double seconds = result->seconds;
-    umbu_json_number(json, "rate", result->rate);
-    umbu_json_number(json, "seconds", seconds);
     umbu_json_integer(json, "calls", result->calls);
-    umbu_json_number(json, "calls_s", (double)result->calls / seconds);
-    umbu_json_number(json, "points_s", (double)result->points / seconds);
+    UMBU_JSON_VALUES(json, 17, {"rate", result->rate}, {"seconds", seconds},
+                     {"calls_s", (double)result->calls / seconds},
+                     {"points_s", (double)result->points / seconds});
     umbu_json_begin(json, "latency", '{');
     umbu_json_integer(json, "count", result->latency.count);
-    umbu_json_number(json, "mean_ms", 1e-6 * umbc_histogram_mean(&result->latency));
-    umbu_json_number(json, "min_ms", 1e-6 * (double)result->latency.min_ns);
-    for (size_t i = 0; i < UMBC_LOAD_SHARES; i++) {
+    UMBU_JSON_VALUES(json, 17, {"mean_ms", 1e-6 * umbc_histogram_mean(&result->latency)},
+                     {"min_ms", 1e-6 * (double)result->latency.min_ns});
+    for (size_t i = 0; i < SHARES; i++) {
         char key[16];
-        (void)snprintf(key, sizeof key, "%s_ms", UMBC_LOAD_SHARE_NAME[i]);
-        umbu_json_number(json, key, umbc_load_ms(result, i));
+        (void)snprintf(key, sizeof key, "%s_ms", SHARE_NAME[i]);
+        umbu_json_number(json, key, percentile_ms(result, i));
     }
     umbu_json_end(json, '}');
     umbu_json_integer(json, "error_count", result->error_count);
@@ -140,14 +149,12 @@ static void json_result(struct umbu_json *json, const struct umbc_load_result *r
     umbu_json_bool(json, "counts", result->counts);
     if (result->has_server) {
         umbu_json_begin(json, "server", '{');
-        umbu_json_number(json, "cpu_s", result->server_cpu_s);
-        umbu_json_number(json, "cores", result->server_cpu_s / result->server_s);
-        umbu_json_number(json, "points", result->server_points);
-        umbu_json_number(json, "cpu_ns_a_point",
-                         1e9 * result->server_cpu_s /
-                             (result->server_points > 0 ? result->server_points : 1));
-        umbu_json_number(json, "rss_max_bytes", result->server_rss_max);
-        umbu_json_number(json, "shed", result->server_shed);
+        const double points = result->server_points > 0 ? result->server_points : 1;
+        UMBU_JSON_VALUES(json, 17, {"cpu_s", result->server_cpu_s},
+                         {"cores", result->server_cpu_s / result->server_s},
+                         {"points", result->server_points},
+                         {"cpu_ns_a_point", 1e9 * result->server_cpu_s / points},
+                         {"rss_max_bytes", result->server_rss_max}, {"shed", result->server_shed});
         umbu_json_end(json, '}');
     }
 }
@@ -158,11 +165,9 @@ static void json_moments(struct umbu_json *json, const struct umbc_load_result *
     for (size_t i = 0; i < result->moment_count; i++) {
         const struct umbc_load_moment *moment = &result->moments[i];
         umbu_json_begin(json, NULL, '{');
-        umbu_json_number(json, "at_s", moment->at_s);
-        umbu_json_number(json, "calls_s", moment->calls_s);
-        umbu_json_number(json, "errors_s", moment->errors_s);
-        umbu_json_number(json, "p50_ms", moment->p50_ms);
-        umbu_json_number(json, "p99_ms", moment->p99_ms);
+        UMBU_JSON_VALUES(json, 17, {"at_s", moment->at_s}, {"calls_s", moment->calls_s},
+                         {"errors_s", moment->errors_s}, {"p50_ms", moment->p50_ms},
+                         {"p99_ms", moment->p99_ms});
         if (moment->server_rss > 0) {
             umbu_json_number(json, "server_rss", moment->server_rss);
         }
@@ -174,18 +179,15 @@ static void json_moments(struct umbu_json *json, const struct umbc_load_result *
 static void json_sweep(struct umbu_json *json, const struct umbc_load_sweep *sweep)
 {
     umbu_json_begin(json, "sweep", '{');
-    umbu_json_number(json, "bound_ms", sweep->bound_ms);
-    umbu_json_number(json, "knee", sweep->knee);
+    UMBU_JSON_VALUES(json, 17, {"bound_ms", sweep->bound_ms}, {"knee", sweep->knee});
     umbu_json_begin(json, "steps", '[');
     for (size_t i = 0; i < sweep->step_count; i++) {
         const struct umbc_load_step *step = &sweep->steps[i];
         umbu_json_begin(json, NULL, '{');
-        umbu_json_number(json, "rate", step->rate);
-        umbu_json_number(json, "calls_s", step->calls_s);
-        umbu_json_number(json, "p50_ms", step->p50_ms);
-        umbu_json_number(json, "p99_ms", step->p99_ms);
         umbu_json_integer(json, "failed", step->failed);
-        umbu_json_number(json, "generator_cores", step->generator_cores);
+        UMBU_JSON_VALUES(json, 17, {"rate", step->rate}, {"calls_s", step->calls_s},
+                         {"p50_ms", step->p50_ms}, {"p99_ms", step->p99_ms},
+                         {"generator_cores", step->generator_cores});
         umbu_json_bool(json, "kept", step->kept);
         umbu_json_end(json, '}');
     }
@@ -193,7 +195,8 @@ static void json_sweep(struct umbu_json *json, const struct umbc_load_sweep *swe
     umbu_json_end(json, '}');
 }
 
-void umbc_load_put(struct umbu_json *json, const struct umbc_load_story *story)
+/* Writes the members of the JSON object. */
+static void put_members(struct umbu_json *json, const struct umbc_load_story *story)
 {
     json_settings(json, story);
     if (story->result->seconds > 0) {
@@ -209,6 +212,38 @@ void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
 {
     struct umbu_json json = {.file = file};
     umbu_json_begin(&json, NULL, '{');
-    umbc_load_put(&json, story);
+    put_members(&json, story);
     umbu_json_close(&json);
+}
+
+/* Writes the data of the page: the members of --json, the percentiles as a curve, and the doubt. */
+static void put_data(struct umbu_json *json, const void *user)
+{
+    const struct umbc_load_story *story = user;
+    put_members(json, story);
+    if (doubt_of(story) != NULL) {
+        umbu_json_text(json, "doubt", doubt_of(story));
+    }
+    umbu_json_begin(json, "curve", '[');
+    for (size_t i = 0; i < CURVE_POINTS; i++) {
+        const double share = 1 - pow(10, -CURVE_NINES * (double)i / (CURVE_POINTS - 1));
+        umbu_json_begin(json, NULL, '[');
+        umbu_json_number(json, NULL, share);
+        umbu_json_number(json, NULL,
+                         1e-6 * (double)umbc_histogram_percentile(&story->result->latency, share));
+        umbu_json_end(json, ']');
+    }
+    umbu_json_end(json, ']');
+}
+
+void umbc_load_print_page(FILE *file, const struct umbc_load_story *story)
+{
+    const struct umbu_report report = {
+        .title = "umbrage load",
+        .page = umbu_page_load_page,
+        .page_size = umbu_page_load_page_size,
+        .data = put_data,
+        .user = story,
+    };
+    umbu_report_print(file, &report);
 }

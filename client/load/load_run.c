@@ -10,25 +10,26 @@
 #include <time.h>
 #include "load/load_lane.h"
 #include "tool/clock.h"
+#include "tool/tool_try.h"
 
 #define SECOND_NS    1000000000U
-#define PIECE_S      0.1     /* of the run's course, at least */
-#define PIECES       400     /* at most */
-#define PACE_IDLE_NS 500000U /* how long the pacer sleeps when all lanes wait for slots */
-#define SCRAPE_S     0.5
-#define LEAD_S       0.02 /* for threads to start before the first call is due */
+#define PIECE_S      0.1     /* shortest piece of a run */
+#define PIECES       400     /* most pieces of a run */
+#define PACE_IDLE_NS 500000U /* sleep of the pacer while all lanes wait for slots */
+#define SCRAPE_S     0.5     /* shortest time between requests for the daemon's figures */
+#define LEAD_S       0.02    /* time for threads to start before the first call is due */
 
 struct run {
     struct umbc_load_plan plan;
     struct umbc_load_lane *lanes; /* [settings->connections] */
-    unsigned lane_count;          /* of them initialised */
+    unsigned lane_count;          /* number of lanes that were initialised */
     pthread_t pacer;
     bool paced;
     atomic_bool stop_pacing;
-    double cpu_s;    /* of this process, when the window began */
-    bool has_server; /* the daemon told its figures when the window began */
+    double cpu_s;    /* processor time of this process at the begin of the window */
+    bool has_server; /* true: the daemon sent figures at the begin of the window */
     struct umbc_server_figures server;
-    uint64_t server_ns; /* when these were asked for */
+    uint64_t server_ns; /* time of the request for them */
     struct umbc_server_figures last_scrape;
     double last_scrape_s, last_server_cores;
     struct umbc_histogram piece; /* too large for the stack */
@@ -46,7 +47,7 @@ static void sleep_until(uint64_t at_ns)
 static void *pace(void *user)
 {
     struct run *run = user;
-    (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); /* else each sleep lasts 50 us longer */
+    (void)prctl(PR_SET_TIMERSLACK, 1UL, 0UL, 0UL, 0UL); /* the default adds 50 us to a sleep */
     while (!atomic_load(&run->stop_pacing)) {
         uint64_t next_ns = umbu_clock_ns() + PACE_IDLE_NS;
         for (unsigned i = 0; i < run->lane_count; i++) {
@@ -63,7 +64,7 @@ static double seconds_between(uint64_t from_ns, uint64_t to_ns)
     return to_ns > from_ns ? 1e-9 * (double)(to_ns - from_ns) : -1e-9 * (double)(from_ns - to_ns);
 }
 
-/* The daemon's figures of this moment, asked for now and then. */
+/* Adds the daemon's figures to a piece; asks for them every SCRAPE_S. */
 static void look_at_server(struct run *run, double now_s, struct umbc_load_moment *moment,
                            struct umbc_load_result *result)
 {
@@ -83,7 +84,7 @@ static void look_at_server(struct run *run, double now_s, struct umbc_load_momen
     moment->server_cores = run->last_server_cores;
 }
 
-/* Collects what the lanes did since the last time. */
+/* Ends a piece: collects the figures of all lanes since the last one. */
 static void end_piece(struct run *run, uint64_t from_ns, uint64_t now_ns,
                       struct umbc_load_result *result)
 {
@@ -111,7 +112,7 @@ static void end_piece(struct run *run, uint64_t from_ns, uint64_t now_ns,
     look_at_server(run, moment->at_s, moment, result);
 }
 
-/* The window begins: what is subtracted at its end. */
+/* Begins the window: stores the figures that are subtracted at its end. */
 static enum umb_status begin_window(struct run *run, struct umb_error *error)
 {
     run->cpu_s = umbu_process_cpu_s();
@@ -128,7 +129,7 @@ static enum umb_status begin_window(struct run *run, struct umb_error *error)
     return run->plan.settings->admin_may_fail ? UMB_OK : status;
 }
 
-/* The window is over. Called before the daemon is asked, which may take its time. */
+/* Ends the window. The daemon is asked for its figures afterwards, because that may take long. */
 static void note_end(const struct run *run, struct umbc_load_result *result)
 {
     double passed_s = seconds_between(run->plan.window_ns, umbu_clock_ns());
@@ -137,8 +138,7 @@ static void note_end(const struct run *run, struct umbc_load_result *result)
     result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
 }
 
-/* What the window cost the daemon. One that does not tell it takes nothing from what was measured.
- */
+/* Computes the daemon's processor time in the window. The measurement stays valid without it. */
 static void look_at_costs(const struct run *run, struct umbc_load_result *result)
 {
     struct umbc_server_figures figures;
@@ -156,7 +156,7 @@ static void look_at_costs(const struct run *run, struct umbc_load_result *result
     }
 }
 
-/* From the first call to the end of the window. */
+/* Collects pieces from the first call to the end of the window. */
 static enum umb_status watch_run(struct run *run, umbc_load_watch_fn watch, void *user,
                                  struct umbc_load_result *result, struct umb_error *error)
 {
@@ -208,7 +208,7 @@ static void collect(struct run *run, struct umbc_load_result *result)
     result->points = result->calls * run->plan.pool->batch;
 }
 
-/* No call was ever answered: why not. */
+/* Fails with the reason if no call was answered. */
 static enum umb_status check_answered(const struct run *run, struct umb_error *error)
 {
     const struct umb_error *last = NULL;
@@ -228,17 +228,16 @@ static enum umb_status check_answered(const struct run *run, struct umb_error *e
 
 static enum umb_status open_lanes(struct run *run, struct umb_error *error)
 {
-    enum umb_status status = UMB_OK;
     unsigned count = run->plan.settings->connections;
     run->lanes = calloc(count, sizeof *run->lanes);
     if (run->lanes == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %u connections", count);
     }
-    while (status == UMB_OK && run->lane_count < count) {
-        unsigned index = run->lane_count++; /* also a failed one is finished */
-        status = umbc_load_lane_init(&run->lanes[index], &run->plan, index, error);
+    while (run->lane_count < count) {
+        unsigned index = run->lane_count++; /* a lane that failed is finished too */
+        UMB__TRY(umbc_load_lane_init(&run->lanes[index], &run->plan, index, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status start_lanes(struct run *run, struct umb_error *error)
@@ -260,7 +259,7 @@ static enum umb_status start_lanes(struct run *run, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Nothing more is started; what is under way may end within its deadline. */
+/* Starts no more calls, and waits for those under way until their deadline. */
 static void stop_lanes(struct run *run, struct umbc_load_result *result)
 {
     uint64_t now_ns = umbu_clock_ns();
@@ -279,7 +278,7 @@ static void stop_lanes(struct run *run, struct umbc_load_result *result)
     }
 }
 
-/* After this no call-back runs any more. */
+/* Closes all connections; afterwards no callback runs. */
 static void finish_lanes(struct run *run)
 {
     for (unsigned i = 0; i < run->lane_count; i++) {

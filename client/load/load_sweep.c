@@ -27,7 +27,7 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
     struct umbc_load_result *result = search->result;
     search->settings.rate = rate;
     UMB__TRY(umbc_load_run(&search->settings, search->pool, NULL, NULL, result, error));
-    search->settings.admin_may_fail = true; /* it was there: one request lost ends no sweep */
+    search->settings.admin_may_fail = true; /* it answered once: a lost request ends no sweep */
     struct umbc_load_step *step = &sweep->steps[sweep->step_count++];
     *step = (struct umbc_load_step){
         .rate = rate,
@@ -50,12 +50,12 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
     return UMB_OK;
 }
 
-/* A step, and once more if it failed. */
+/* Takes a step, and once more if it failed. */
 static enum umb_status try_rate(struct search *search, double rate, bool *kept,
                                 struct umb_error *error)
 {
-    enum umb_status status = take_step(search, rate, kept, error);
-    return status == UMB_OK && !*kept ? take_step(search, rate, kept, error) : status;
+    UMB__TRY(take_step(search, rate, kept, error));
+    return *kept ? UMB_OK : take_step(search, rate, kept, error);
 }
 
 enum umb_status umbc_load_sweep_run(const struct umbc_load_settings *settings,

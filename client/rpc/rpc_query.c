@@ -56,7 +56,8 @@ static enum umb_status encode(const struct umb_client_query_request *request,
         wire.base_mark = umb_picture_mark(request->base, value_bytes_of(request));
     }
     UMB__TRY(umb__asset_take(request->asset, wire.asset, error));
-    if (request->settings.footprint_m != 0 && request->settings.filter != UMB_FILTER_FOOTPRINT) {
+    if (request->settings.footprint_m != 0 &&
+        !umb_filter_get_info(request->settings.filter)->has_footprints) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "footprint_m: %g; the protocol has windows of a number of taps only",
                         request->settings.footprint_m);

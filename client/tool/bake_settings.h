@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TOOL_BAKE_SETTINGS_H
 #define UMBRAGE_TOOL_BAKE_SETTINGS_H
 /*
- * The options of umbrage-bake that decide what the asset holds. A bake job may have these and no
- * others: threads, memory and tiles belong to the machine that bakes, and no job names files.
+ * The options of umbrage-bake that decide the content of the asset. A bake job may have these and
+ * no others: threads, memory and tiles belong to the machine that bakes, and no job names files.
  *
  * umbrage-bake adds kinds and fields to these rows; `umbrage submit` and the daemon use them as
  * they are.

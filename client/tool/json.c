@@ -111,6 +111,21 @@ void umbu_json_number(struct umbu_json *json, const char *key, double value)
     umbu_json_rounded(json, key, value, 17);
 }
 
+void umbu_json_values(struct umbu_json *json, int digits, const struct umbu_json_value *values,
+                      size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        umbu_json_rounded(json, values[i].key, values[i].value, digits);
+    }
+}
+
+void umbu_json_counts(struct umbu_json *json, const struct umbu_json_count *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        umbu_json_integer(json, values[i].key, values[i].value);
+    }
+}
+
 void umbu_json_bool(struct umbu_json *json, const char *key, bool value)
 {
     begin_value(json, key);

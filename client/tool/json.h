@@ -22,8 +22,8 @@
 
 struct umbu_json {
     FILE *file;
-    bool in_html; /* true: inside a <script>; '<' becomes \u003c */
-    bool needs_comma;
+    bool in_html;               /* true: inside a <script>; '<' becomes \u003c */
+    bool needs_comma;           /* true: a comma stands before the next value. */
     unsigned depth;             /* Number of open brackets. */
     char open[UMBU_JSON_DEPTH]; /* [depth] Bracket that closes each. */
 };
@@ -44,6 +44,30 @@ void umbu_json_signed(struct umbu_json *json, const char *key, int64_t value);
 /* Writes a number in full, or of so many significant digits; null if it is not finite. */
 void umbu_json_number(struct umbu_json *json, const char *key, double value);
 void umbu_json_rounded(struct umbu_json *json, const char *key, double value, int digits);
+
+/* A number with its key. */
+struct umbu_json_value {
+    const char *key;
+    double value;
+};
+struct umbu_json_count {
+    const char *key;
+    uint64_t value;
+};
+
+/* Writes a list of numbers, as umbu_json_rounded and umbu_json_integer do:
+ *
+ *     UMBU_JSON_VALUES(&json, 6, {"load_s", load_s}, {"query_s", query_s});
+ */
+void umbu_json_values(struct umbu_json *json, int digits, const struct umbu_json_value *values,
+                      size_t count);
+void umbu_json_counts(struct umbu_json *json, const struct umbu_json_count *values, size_t count);
+#define UMBU_JSON_LIST(type, ...)                                                                  \
+    (const type[]){__VA_ARGS__}, sizeof((const type[]){__VA_ARGS__}) / sizeof(type)
+#define UMBU_JSON_VALUES(json, digits, ...)                                                        \
+    umbu_json_values(json, digits, UMBU_JSON_LIST(struct umbu_json_value, __VA_ARGS__))
+#define UMBU_JSON_COUNTS(json, ...)                                                                \
+    umbu_json_counts(json, UMBU_JSON_LIST(struct umbu_json_count, __VA_ARGS__))
 
 void umbu_json_bool(struct umbu_json *json, const char *key, bool value);
 void umbu_json_vector(struct umbu_json *json, const char *key, const double values[3]);

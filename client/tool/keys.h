@@ -8,7 +8,7 @@
 
 struct umbu_key {
     const char *name;
-    bool *given;    /* Set if the key is there; false before. */
+    bool *given;    /* true: the text has the key; false before. */
     double *values; /* [count] */
     unsigned count;
     double limit; /* Largest magnitude of a value. */
@@ -17,8 +17,8 @@ struct umbu_key {
 /*
  * Reads a text of keys, in any order, each at most once.
  *
- * In:    option: named in errors, as "--camera". forms: what the keys look like, for errors.
- * Fails: E_ARGUMENT. Values that were read until then are set.
+ * In:    option: name for errors, as "--camera". forms: forms of the keys, for errors.
+ * Fails: E_ARGUMENT. Values before the error are set.
  */
 UMB_CHECKED enum umb_status umbu_read_keys(const char *option, const char *text, const char *forms,
                                            const struct umbu_key *keys, size_t count,

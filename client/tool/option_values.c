@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define NAME_SIZE 4096 /* bytes of a file name with its NUL */
+
 static const struct unit {
     const char *name;
     uint64_t factor;
@@ -22,6 +24,11 @@ static const struct unit {
                   {"K", 1 << 10},
                   {"", 1}},
   TIME_UNITS[] = {{"m", 60000}, {"s", 1000}, {"ms", 1}, {"", 1000}};
+
+bool umbu_is_word(const struct umbu_option *option)
+{
+    return option->name[0] >= 'A' && option->name[0] <= 'Z';
+}
 
 bool umbu_read_count(const char **text, uint64_t *value)
 {
@@ -136,7 +143,7 @@ static bool put_bytes(const struct umbu_option *option, const char *text, void *
            value <= option->max && put_integer(option, value, field);
 }
 
-/* A double gets seconds, an integer whole milliseconds. */
+/* Stores a time: seconds in a double, whole milliseconds in an integer. */
 static bool put_time(const struct umbu_option *option, const char *text, void *field)
 {
     double value;
@@ -237,7 +244,7 @@ static bool put_flag(const struct umbu_option *option, const char *text, void *f
     return (on || strcmp(text, "false") == 0) && put_integer(option, on, field);
 }
 
-/* Reads a value of every kind that needs no more than its row. */
+/* Reads a value of a kind that needs nothing but its row. */
 static bool put(const struct umbu_option *option, const char *text, void *field)
 {
     switch (option->kind) {
@@ -298,6 +305,15 @@ enum umb_status umbu_read_bias(const struct umbu_option *option, const char *tex
     return UMB_OK;
 }
 
+enum umb_status umbu_read_name(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error)
+{
+    return text[0] != '\0' && strcmp(text, "-") != 0 && strlen(text) < NAME_SIZE &&
+                   put_text(text, field)
+               ? UMB_OK
+               : umbu_refuse(option, text, error);
+}
+
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error)
 {
@@ -307,7 +323,7 @@ enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                     umbu_is_word(option) ? "" : "--", option->name, text, expects);
 }
 
-/* The largest unit that divides a value, down to `smallest`: "64MiB", "250ms". */
+/* Writes a value in the largest unit that divides it, down to `smallest`: "64MiB", "250ms". */
 static void unit_text(const struct unit *units, const char *smallest, uint64_t value, char text[32])
 {
     while (value == 0 || value % units->factor != 0) {
@@ -319,7 +335,7 @@ static void unit_text(const struct unit *units, const char *smallest, uint64_t v
     (void)snprintf(text, 32, "%llu%s", (unsigned long long)(value / units->factor), units->name);
 }
 
-/* "text, f32 or f64" of "text|f32|f64". */
+/* Writes "text|f32|f64" as "text, f32 or f64". */
 static void choices_text(const char *choices, char *text, size_t size)
 {
     const char *word = choices, *end = choices + strlen(choices), *last = strrchr(choices, '|');
@@ -359,7 +375,7 @@ static void number_text(const struct umbu_option *option, char *text, size_t siz
     }
 }
 
-/* "a size from 1KiB to 1GiB". */
+/* Writes "a size from 1KiB to 1GiB" or "a time from 1s to 10m". */
 static void range_text(const struct umbu_option *option, char *text, size_t size)
 {
     char low[32], high[32];

@@ -2,23 +2,19 @@
 /* Command lines and config files by table, see options.h. */
 #include "tool/options.h"
 #include "tool/exit_code.h"
+#include "tool/tool_try.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* One row, found. */
+/* A row that was found. */
 struct found {
     const struct umbu_option *option;
-    size_t index; /* In umbu_parsed.given */
+    size_t index; /* Index in umbu_parsed.given */
     size_t at;    /* Offset in bytes of its section's settings */
 };
 
-bool umbu_is_word(const struct umbu_option *option)
-{
-    return option->name[0] >= 'A' && option->name[0] <= 'Z';
-}
-
-/* Steps to the next row; false behind the last. *found begins as zeros. */
+/* Steps to the next row; false after the last. *found begins as zeros. */
 static bool next_row(const struct umbu_command *command, struct found *found)
 {
     size_t index = found->option == NULL ? 0 : found->index + 1, first = 0;
@@ -100,7 +96,7 @@ void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, 
             (found.option->standard != NULL &&
              umbu_read_value(found.option, found.option->standard, field_of(parsed, &found),
                              NULL) != UMB_OK)) {
-            abort(); /* a table that is wrong: tests read them all */
+            abort(); /* the table is wrong; tests read every table */
         }
     }
 }
@@ -121,7 +117,7 @@ static enum umb_status take_value(struct umbu_parsed *parsed, const struct found
     return umbu_read_value(option, text, field, error);
 }
 
-/* Puts an argument into the first place that has none. */
+/* Stores an argument in the first place without a value. */
 static enum umb_status take_word(struct umbu_parsed *parsed, const char *text,
                                  struct umb_error *error)
 {
@@ -142,7 +138,7 @@ static enum umb_status take_word(struct umbu_parsed *parsed, const char *text,
                           words);
 }
 
-/* Finds "--name", "--name=value", "-o" or "-ovalue"; *value is what is attached, or NULL. */
+/* Finds "--name", "--name=value", "-o" or "-ovalue". Out: value: the attached value, or NULL. */
 static bool find_option(const struct umbu_command *command, const char *text, struct found *found,
                         const char **value)
 {
@@ -155,7 +151,7 @@ static bool find_option(const struct umbu_command *command, const char *text, st
     return find_name(command, text + 2, length, found) && !umbu_is_word(found->option);
 }
 
-/* Takes the option at argv[*at]; *at moves to its value if that is an argument of its own. */
+/* Takes the option at argv[*at]. Out: at: index of its value, if that is the next argument. */
 static enum umb_status take_option(struct umbu_parsed *parsed, int argc, char **argv, int *at,
                                    struct umb_error *error)
 {
@@ -186,22 +182,20 @@ enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int argc, char *
                                     struct umb_error *error)
 {
     bool options_over = false;
-    enum umb_status status = UMB_OK;
     parsed->source++;
-    for (int at = 1; at < argc && status == UMB_OK && parsed->alone == NULL; at++) {
+    for (int at = 1; at < argc && parsed->alone == NULL && !parsed->help; at++) {
         const char *text = argv[at];
         if (options_over || text[0] != '-' || text[1] == '\0') {
-            status = take_word(parsed, text, error);
+            UMB__TRY(take_word(parsed, text, error));
         } else if (strcmp(text, "--") == 0) {
             options_over = true;
         } else if (strcmp(text, "--help") == 0 || strcmp(text, "-h") == 0) {
             parsed->help = true;
-            break;
         } else {
-            status = take_option(parsed, argc, argv, &at, error);
+            UMB__TRY(take_option(parsed, argc, argv, &at, error));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name, const char *value,
@@ -219,7 +213,7 @@ enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name, 
     return take_value(parsed, &found, value, error);
 }
 
-/* The word of a choice that a setting has. */
+/* Finds the word of a choice that a setting has. */
 static size_t chosen(const struct umbu_parsed *parsed, const struct found *found, const char **word)
 {
     if (found->option->type == UMBU_TYPE_TEXT) {
@@ -230,7 +224,7 @@ static size_t chosen(const struct umbu_parsed *parsed, const struct found *found
                        (size_t)umbu_get_integer(found->option, field_of(parsed, found)), word);
 }
 
-/* True if one of the words in "a|b|c" (length bytes) is that word. */
+/* True if a word is one of "a|b|c" (length bytes). */
 static bool is_among(const char *list, size_t length, const char *word, size_t word_length)
 {
     for (size_t at = 0; at <= length; at++) {
@@ -269,7 +263,7 @@ static bool holds(const struct umbu_parsed *parsed, const char *text, size_t len
     return false;
 }
 
-/* "camera|path" as "--camera or --path", "filter=tent|box" as "--filter tent or box". */
+/* Writes "camera|path" as "--camera or --path", "filter=tent|box" as "--filter tent or box". */
 static void condition_text(const char *condition, size_t length, char *text, size_t size)
 {
     const bool named = memchr(condition, '=', length) != NULL;
@@ -284,7 +278,7 @@ static void condition_text(const char *condition, size_t length, char *text, siz
     text[used] = '\0';
 }
 
-/* Checks the conditions of one row that was given: all of `needs`, none of `excludes`. */
+/* Checks conditions of a given row: wanted: each must hold; else none may hold. */
 static enum umb_status check_row(const struct umbu_parsed *parsed, const struct umbu_option *option,
                                  const char *conditions, bool wanted, struct umb_error *error)
 {
@@ -317,13 +311,8 @@ enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *e
             }
             continue;
         }
-        enum umb_status status = check_row(parsed, option, option->needs, true, error);
-        if (status == UMB_OK) {
-            status = check_row(parsed, option, option->excludes, false, error);
-        }
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(check_row(parsed, option, option->needs, true, error));
+        UMB__TRY(check_row(parsed, option, option->excludes, false, error));
     }
     return UMB_OK;
 }
@@ -332,8 +321,24 @@ enum umb_status umbu_parse(struct umbu_parsed *parsed, const struct umbu_command
                            char **argv, void *settings, struct umb_error *error)
 {
     umbu_begin(parsed, command, settings);
-    const enum umb_status status = umbu_take_arguments(parsed, argc, argv, error);
-    return status == UMB_OK ? umbu_check(parsed, error) : status;
+    UMB__TRY(umbu_take_arguments(parsed, argc, argv, error));
+    return umbu_check(parsed, error);
+}
+
+int umbu_end(const struct umbu_command *command, enum umb_status status,
+             const struct umb_error *error)
+{
+    if (status != UMB_OK) {
+        (void)fprintf(stderr, "%s: %s\n", command->name,
+                      error->message[0] != '\0' ? error->message : umb_status_text(status));
+    }
+    return umbu_exit_code(status);
+}
+
+/* Exit code of a command that only printed. */
+static int end_of_print(void)
+{
+    return umbu_exit_code(fflush(stdout) != 0 || ferror(stdout) ? UMB_E_IO : UMB_OK);
 }
 
 int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, int argc,
@@ -342,18 +347,17 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
     struct umb_error error;
     if (argc == 2 && strcmp(argv[1], "--print-options") == 0) {
         umbu_print_rows(command, stdout);
-        return fflush(stdout) != 0 || ferror(stdout) ? umbu_exit_code(UMB_E_IO) : 0;
+        return end_of_print();
     }
     const enum umb_status status = umbu_parse(parsed, command, argc, argv, settings, &error);
     if (status != UMB_OK) {
-        (void)fprintf(stderr, "%s: %s\n", command->name, error.message);
-        return umbu_exit_code(status);
+        return umbu_end(command, status, &error);
     }
     if (!parsed->help) {
         return -1;
     }
     umbu_print_help(command, stdout);
-    return fflush(stdout) != 0 || ferror(stdout) ? umbu_exit_code(UMB_E_IO) : 0;
+    return end_of_print();
 }
 
 bool umbu_given(const struct umbu_parsed *parsed, const char *name)

@@ -21,10 +21,10 @@
  *         .sections = {{"options", UMBU_ROWS(OPTIONS)}}};
  *     int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
  *
- * A name in capitals is an argument by its place; every other row is an option. Forms: `--name
- * VALUE`, `--name=VALUE`, `-o VALUE`, `-oVALUE`, `--switch`; `--` ends the options. The last value
- * of an option counts, except where its reader collects them. Every command has --help and -h.
- * A value is stored as the type of its field: UMBU_AT records which that is.
+ * A name in capitals is an argument by its place; every other row is an option. An option has the
+ * forms `--name VALUE`, `--name=VALUE`, `-o VALUE`, `-oVALUE` and `--switch`; `--` ends the
+ * options. The last value of an option counts, unless its reader collects values. Every command has
+ * --help and -h. A value is stored as the type of its field, which UMBU_AT records.
  *
  * Threads: pure functions of their arguments. Trust: arguments and config files may hold anything.
  */
@@ -45,14 +45,14 @@ enum umbu_kind {
     UMBU_KIND_ODD,
     UMBU_KIND_POWER,   /* a power of two */
     UMBU_KIND_NUMBER,  /* finite, low to high; whole for an int */
-    UMBU_KIND_NUMBERS, /* as many as `count`, with commas */
-    UMBU_KIND_BYTES,   /* with K, KiB, M, MiB, G, GiB, TiB or nothing */
-    UMBU_KIND_TIME,    /* with ms, s, m, or seconds; min to max are milliseconds */
+    UMBU_KIND_NUMBERS, /* `count` numbers with commas between them */
+    UMBU_KIND_BYTES,   /* number and K, KiB, M, MiB, G, GiB, TiB or nothing */
+    UMBU_KIND_TIME,    /* number and ms, s, m or nothing (seconds); min and max in milliseconds */
     UMBU_KIND_CHOICE,  /* a word of `choices`; the field gets its index */
     UMBU_KIND_SIDES,   /* WxH, each 1 to max */
     UMBU_KIND_MODE,    /* octal permissions that hold all bits of min */
-    UMBU_KIND_LIST,    /* texts, at most max, one each time; `read` checks one if it is there */
-    UMBU_KIND_READ,    /* by `read` */
+    UMBU_KIND_LIST,    /* one text each time, at most max; `read`, if not NULL, checks each */
+    UMBU_KIND_READ,    /* read by `read` */
 };
 
 /* The type of a field. */
@@ -78,7 +78,7 @@ typedef enum umb_status (*umbu_read_fn)(const struct umbu_option *option, const 
 struct umbu_option {
     const char *name;  /* Name without dashes; in capitals: an argument by its place */
     const char *value; /* Name of the value in --help; NULL for a switch, an argument or choices */
-    const char *help;  /* One phrase, without the default and without a full stop */
+    const char *help;  /* One phrase: what the option sets, unit and range; no full stop */
     enum umbu_kind kind;
     enum umbu_type type;
     size_t at;             /* Offset in bytes of the field in the section's settings */
@@ -143,7 +143,7 @@ struct umbu_option {
 #define UMBU_QUIET_ROW(type_, help_)                                                               \
     "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
 
-/* Rows that stand together in --help. */
+/* A group of rows in --help. */
 struct umbu_section {
     const char *title;
     const struct umbu_option *options;
@@ -153,9 +153,9 @@ struct umbu_section {
 #define UMBU_ROWS(table) (table), sizeof(table) / sizeof(table)[0], 0
 
 struct umbu_command {
-    const char *name;                                /* As messages begin: "umbrage query" */
-    const char *usage;                               /* Lines behind "usage: " */
-    const char *summary;                             /* Lines */
+    const char *name;                                /* Begin of messages: "umbrage query" */
+    const char *usage;                               /* Lines after "usage: " */
+    const char *summary;                             /* Lines before the options */
     const char *notes;                               /* Lines after the options, or NULL */
     struct umbu_section sections[UMBU_SECTIONS_MAX]; /* To the first without options */
 };
@@ -189,15 +189,22 @@ UMB_CHECKED enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const 
 /* Checks `needed`, `needs` and `excludes`. With help or alone everything is allowed. */
 UMB_CHECKED enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *error);
 
-/* umbu_begin, umbu_take_arguments, umbu_check. */
+/* Calls umbu_begin, umbu_take_arguments and umbu_check. */
 UMB_CHECKED enum umb_status umbu_parse(struct umbu_parsed *parsed,
                                        const struct umbu_command *command, int argc, char **argv,
                                        void *settings, struct umb_error *error);
 
-/* The same for a command: prints the help or, with `--print-options` alone, the rows on stdout, and
- * "NAME: message" of a failure on stderr. Returns -1 to go on, else the exit code. */
+/*
+ * Calls umbu_parse for a command. Prints the help or, with `--print-options` alone, the rows on
+ * stdout, and a failure as umbu_end does. Returns -1 to go on, else the exit code.
+ */
 int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, int argc,
                char **argv, void *settings);
+
+/* Ends a command: prints "NAME: message" on stderr unless status is UMB_OK. Returns the exit code.
+ */
+int umbu_end(const struct umbu_command *command, enum umb_status status,
+             const struct umb_error *error);
 
 /* True if an option or argument was given. name: of a row, else the program aborts. */
 bool umbu_given(const struct umbu_parsed *parsed, const char *name);
@@ -206,36 +213,42 @@ bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
 
-/* A reader: "auto", "none", "1.5vox" or "0.02m" into a struct umb_query_settings. */
+/* Option reader: "auto", "none", "1.5vox" or "0.02m" into a struct umb_query_settings. */
 enum umb_status umbu_read_bias(const struct umbu_option *option, const char *text, void *field,
                                struct umb_error *error);
 #define UMBU_BIAS                                                                                  \
     UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
 
-/* Reads decimal digits at *text and moves *text behind them; false for none, or too many. */
+/* Option reader: the name of a file or folder, of 1 to 4095 bytes and not "-", into a const char *.
+ * */
+enum umb_status umbu_read_name(const struct umbu_option *option, const char *text, void *field,
+                               struct umb_error *error);
+#define UMBU_NAME(expects_) UMBU_READ(umbu_read_name, expects_)
+
+/* Reads decimal digits at *text and moves *text after them; false for none, or too many. */
 bool umbu_read_count(const char **text, uint64_t *value);
 
-/* Reads a finite decimal number at *text and moves *text behind it; false if there is none. */
+/* Reads a finite decimal number at *text and moves *text after it; false if there is none. */
 bool umbu_read_number(const char **text, double *value);
 
 /* Reads numbers with commas between them, to the end of text. */
 bool umbu_read_numbers(const char *text, size_t count, double *values);
 
-/* The usage, every option wrapped at 80 columns, and the notes. */
+/* Prints usage, summary, options and notes, wrapped at 80 columns. */
 void umbu_print_help(const struct umbu_command *command, FILE *out);
 
-/* Every setting that a config file may have, as one that would be read back the same. line_max:
- * longest line in bytes that the file's reader takes. */
+/* Prints every setting that a config file may have, in a form that reads back the same. line_max:
+ * longest line in bytes that the reader of the file takes. */
 void umbu_print_settings(const struct umbu_command *command, const void *settings, size_t line_max,
                          FILE *out);
 
 /*
- * A line for each option: command, option, letter, value, kind, choices, default, whether a config
- * file has it, help; a tab between them. Completions, manual pages and tests are made of these.
+ * Prints a line for each option: command, option, letter, value, kind, choices, default, "file" if
+ * a config file may have it, help; a tab between them. Completions, manual pages and tests use it.
  */
 void umbu_print_rows(const struct umbu_command *command, FILE *out);
 
-/* Puts "--option" in place of the fields of the library that a message begins with. */
+/* Replaces the names of library fields at the begin of a message by "--option". */
 void umbu_name_options(const struct umbu_command *command, struct umb_error *error);
 
 /* --- for the files of this folder --- */
@@ -247,13 +260,14 @@ enum umb_status umbu_read_value(const struct umbu_option *option, const char *te
 /* True for an argument by its place. */
 bool umbu_is_word(const struct umbu_option *option);
 
-/* Word number `index` of "a|b|c" as a length, and where it begins; 0 behind the last. */
+/* Finds word number `index` of "a|b|c". Returns its length; 0 after the last. Out: word: its begin.
+ */
 size_t umbu_choice(const char *choices, size_t index, const char **word);
 
-/* Integer in a field of any integer type. */
+/* Reads a field of any integer type. */
 uint64_t umbu_get_integer(const struct umbu_option *option, const void *field);
 
-/* "a whole number from 1 to 9": what an option takes. */
+/* Writes the values that an option takes, as "a whole number from 1 to 9". */
 void umbu_expects(const struct umbu_option *option, char *text, size_t size);
 
 #endif

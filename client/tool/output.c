@@ -19,6 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "tool/clock.h"
+#include "tool/tool_try.h"
 
 #define NAME_KEPT 180 /* bytes of the target's name in the temporary's; NAME_MAX is 255 */
 #define TRIES     64  /* names tried before begin fails */
@@ -67,7 +68,7 @@ static void catch_signals(void)
     }
 }
 
-/* Forgets the temporary, which has its name now or is gone. */
+/* Forgets the temporary after it was renamed or removed. */
 static void forget_temporary(struct umbu_output *output)
 {
     if (output->guarded) {
@@ -217,10 +218,8 @@ enum umb_status umbu_output_begin(const char *path, unsigned flags, struct umbu_
     const bool to_stdout = command && umbu_output_is_stdout(path);
     struct stat old = {0};
     *output = (struct umbu_output){.fd = -1};
-    enum umb_status status = to_stdout ? UMB_OK : check_target(path, flags, &old, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(to_stdout ? UMB_OK : check_target(path, flags, &old, error));
     output->path = strdup(to_stdout ? "stdout" : path); /* for messages; never opened by name */
     if (output->path == NULL) {
         return no_memory(path, error);
@@ -375,11 +374,11 @@ static int close_output(struct umbu_output *output)
     return failed != 0 ? errno : 0;
 }
 
-/* Brings the bytes to the disk, or to where stdout leads. */
+/* Flushes the bytes to the disk or to stdout. */
 static enum umb_status flush(struct umbu_output *output, struct umb_error *error)
 {
     if (output->system_error == 0 && output->file != NULL) {
-        if (ferror(output->file)) { /* of an fprintf, whose errno is lost */
+        if (ferror(output->file)) { /* an fprintf failed, and its errno is lost */
             output->system_error = EIO;
         } else if (fflush(output->file) != 0) {
             output->system_error = errno;
@@ -433,13 +432,27 @@ enum umb_status umbu_output_replace(const char *path, unsigned flags, const void
                                     size_t size, struct umb_error *error)
 {
     struct umbu_output output;
-    enum umb_status status = umbu_output_begin(path, flags, &output, error);
-    if (status == UMB_OK) {
-        status = umbu_output_write(&output, bytes, size, error);
-    }
+    UMB__TRY(umbu_output_begin(path, flags, &output, error));
+    const enum umb_status status = umbu_output_write(&output, bytes, size, error);
     if (status == UMB_OK) {
         return umbu_output_commit(&output, error);
     }
+    umbu_output_abandon(&output);
+    return status;
+}
+
+enum umb_status umbu_output_write_by(const char *path, unsigned flags, umbu_writer_fn writer,
+                                     void *user, struct umb_error *error)
+{
+    struct umbu_output output;
+    const struct umb_sink sink = umbu_output_sink(&output);
+    UMB__TRY(umbu_output_begin(path, flags, &output, error));
+    error->message[0] = '\0';
+    enum umb_status status = writer(user, &sink, error);
+    if (status == UMB_OK) {
+        return umbu_output_commit(&output, error);
+    }
+    status = umbu_output_explain(&output, status, error);
     umbu_output_abandon(&output);
     return status;
 }

@@ -22,9 +22,10 @@
 enum umbu_output_flags {
     UMBU_OUTPUT_PRIVATE = 1, /* Mode 0600 whatever the umask. */
     /*
-     * The output of a command: "-" means stdout; a device or pipe is written to directly; a new
-     * file keeps the permissions of the one it replaces. SIGINT, SIGTERM, SIGHUP and SIGXCPU remove
-     * the temporary and then act as usual; a signal ignored at the start (nohup) stays ignored.
+     * Output of a command. "-" means stdout; a device or pipe is written to directly; a new file
+     * keeps the permissions of the file that it replaces. SIGINT, SIGTERM, SIGHUP and SIGXCPU
+     * remove the temporary and then act as usual; a signal ignored at the start (nohup) stays
+     * ignored.
      */
     UMBU_OUTPUT_COMMAND = 2,
 };
@@ -67,13 +68,24 @@ void umbu_output_abandon(struct umbu_output *output);
 struct umb_sink umbu_output_sink(struct umbu_output *output);
 
 /*
- * Completes the error of a core writer into the sink, which knows only that a write failed.
- * In: status: of the writer; error: its sentence stays if it has one. Returns the status.
+ * Completes the error of a core writer, which knows only that its sink failed.
+ *
+ * In: status: result of the writer; error: a message that it wrote stays. Returns the status.
  */
 enum umb_status umbu_output_explain(const struct umbu_output *output, enum umb_status status,
                                     struct umb_error *error);
 
-/* Writes a whole file: begin, write and commit. Fails: as those. */
+/* Writes the content of an output file into a sink. */
+typedef enum umb_status (*umbu_writer_fn)(void *user, const struct umb_sink *sink,
+                                          struct umb_error *error);
+
+/* Writes a file by a writer of the core: begin, write and commit. The writer knows only that the
+ * sink failed; the error, never NULL here, gets the cause. Fails: as writer, begin and commit. */
+UMB_CHECKED enum umb_status umbu_output_write_by(const char *path, unsigned flags,
+                                                 umbu_writer_fn writer, void *user,
+                                                 struct umb_error *error);
+
+/* Writes a whole file: begin, write and commit. Fails: as these three. */
 UMB_CHECKED enum umb_status umbu_output_replace(const char *path, unsigned flags, const void *bytes,
                                                 size_t size, struct umb_error *error);
 

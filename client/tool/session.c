@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Options that lead to the daemon, see session.h. */
+/* Options of the connection to a daemon, see session.h. */
 #include "tool/session.h"
 
 #include <stdlib.h>
@@ -8,18 +8,20 @@
 
 const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT] = {
     {"address", "ADDRESS",
-     "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH, or several with commas: replicas", UMBU_TEXT,
-     AT(address), .may_be_empty = true, .otherwise = "UMBRAGE_ADDRESS, else " UMBU_DEFAULT_ADDRESS},
-    {"tls-ca", "FILE", "authorities that sign its certificate", UMBU_TEXT, AT(options.ca_file),
-     .otherwise = "the system's"},
-    {"tls-cert", "FILE", "our certificate chain, where it asks for one", UMBU_TEXT,
-     AT(options.certificate_file)},
-    {"tls-key", "FILE", "its key, if that is not in --tls-cert's file", UMBU_TEXT,
-     AT(options.key_file)},
-    {"tls-name", "NAME", "name in its certificate, if it is not HOST", UMBU_TEXT,
+     "address of the daemon: tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; several with commas are "
+     "replicas",
+     UMBU_TEXT, AT(address), .may_be_empty = true,
+     .otherwise = "UMBRAGE_ADDRESS, else " UMBU_DEFAULT_ADDRESS},
+    {"tls-ca", "FILE", "file of the authorities that sign the daemon's certificate", UMBU_TEXT,
+     AT(options.ca_file), .otherwise = "the system's"},
+    {"tls-cert", "FILE", "file of the client's certificate chain, for a daemon that asks for one",
+     UMBU_TEXT, AT(options.certificate_file)},
+    {"tls-key", "FILE", "file of the client's key, if the file of --tls-cert does not hold it",
+     UMBU_TEXT, AT(options.key_file)},
+    {"tls-name", "NAME", "name in the daemon's certificate, if it is not HOST", UMBU_TEXT,
      AT(options.server_name)},
-    {"token-file", "FILE", "a file with the token alone", UMBU_TEXT, AT(options.token_file),
-     .otherwise = "UMBRAGE_TOKEN"},
+    {"token-file", "FILE", "file with the token and nothing else", UMBU_TEXT,
+     AT(options.token_file), .otherwise = "UMBRAGE_TOKEN"},
 };
 
 /* A variable of the environment; NULL if it is empty. */

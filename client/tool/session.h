@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_TOOL_SESSION_H
 #define UMBRAGE_TOOL_SESSION_H
 /*
- * How a command reaches the daemon: the options that all such commands have.
+ * The options of commands that connect to a daemon.
  *
  *     struct settings { ...; struct umbu_session session; };
  *     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct settings, session)}
@@ -17,10 +17,10 @@
 
 #define UMBU_DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
 
-/* What the options and the environment say; borrowed from both. */
+/* Address, TLS and token, from the options and the environment; borrowed from both. */
 struct umbu_session {
-    const char *address;               /* NULL or empty: not given */
-    struct umb_client_options options; /* Those of tls: and the token; a command may set others */
+    const char *address;               /* Address of the daemon; NULL or empty: not given */
+    struct umb_client_options options; /* TLS and token from here; a command may set others */
 };
 
 #define UMBU_SESSION_COUNT 6
@@ -35,15 +35,16 @@ extern const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT];
 /* Row of --stall-timeout, for commands that send or fetch files. type: of their settings. */
 #define UMBU_STALL_ROW(type)                                                                       \
     {                                                                                              \
-        "stall-timeout", "TIME", "give up on a server that sends or takes nothing",                \
+        "stall-timeout", "TIME",                                                                   \
+            "time after which a server that sends or takes nothing has failed",                    \
             UMBU_TIME(1000, 86400000), UMBU_AT(type, session.options.stall_timeout_ms),            \
             .otherwise = "120s"                                                                    \
     }
 
-/* Fills in address and token from the environment, where no option gave them. */
+/* Sets address and token from the environment, unless an option gave them. */
 void umbu_session_complete(struct umbu_session *session);
 
-/* The same of a copy, then umb_client_open. */
+/* Completes a copy of the session and opens a client. Fails: as umb_client_open. */
 UMB_CHECKED enum umb_status umbu_connect(const struct umbu_session *session,
                                          struct umb_client **client, struct umb_error *error);
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One mutex guards everything: a slice is tens of microseconds to milliseconds of work, so taking a
- * lock for each does not show.
+ * Threads for slices, see threads.h. One mutex guards all state: a slice takes tens of microseconds
+ * to milliseconds, so the time of a lock for each does not matter.
  */
 #include "tool/threads.h"
+#include "tool/tool_try.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -18,13 +19,13 @@ struct worker {
 
 struct umbu_threads {
     pthread_mutex_t lock;
-    pthread_cond_t wake; /* slices to take, or the end */
-    pthread_cond_t idle; /* the last slice is done, or any while the owner waits for one */
+    pthread_cond_t wake; /* signals slices to take, or the end */
+    pthread_cond_t idle; /* signals the last slice; any slice if the owner waits for one */
     umbu_slice_fn run;
     void *user;
     uint32_t next, count, done;
     int ending;
-    int is_owner_waiting;  /* for what some slice does */
+    int is_owner_waiting;  /* 1: the owner is in umbu_threads_wait_until */
     unsigned worker_count; /* threads running */
     struct worker workers[];
 };
@@ -216,10 +217,7 @@ enum umb_status umbu_range_run(unsigned threads, size_t count, size_t block, umb
     unsigned wanted = threads < UMBU_THREADS_MAX ? threads : UMBU_THREADS_MAX;
     wanted = wanted < blocks ? wanted : (unsigned)blocks;
     wanted = wanted > 0 ? wanted : 1;
-    enum umb_status status = umbu_threads_create(wanted, &crew, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbu_threads_create(wanted, &crew, error));
     pthread_mutex_init(&range.lock, NULL);
     umbu_threads_start(crew, run_blocks, &range, wanted);
     umbu_threads_destroy(crew);
@@ -228,6 +226,28 @@ enum umb_status umbu_range_run(unsigned threads, size_t count, size_t block, umb
         *error = range.error;
     }
     return range.status;
+}
+
+struct items {
+    umbu_item_fn fn;
+    void *user;
+};
+
+static enum umb_status run_items(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    const struct items *items = user;
+    (void)error;
+    for (size_t i = first; i < first + count; i++) {
+        items->fn(items->user, i);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbu_range_each(unsigned threads, size_t count, size_t block, umbu_item_fn fn,
+                                void *user, struct umb_error *error)
+{
+    struct items items = {fn, user};
+    return umbu_range_run(threads, count, block, run_items, &items, error);
 }
 
 unsigned umbu_processor_count(void)

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_TOOL_THREADS_H
 #define UMBRAGE_TOOL_THREADS_H
 /*
- * Threads that work off a numbered set of equal slices while their owner does something else.
+ * Threads that run a numbered set of equal slices while their owner does something else.
  *
  *     umbu_threads_create(4, &threads, &error);        three threads; the owner is the fourth
  *     umbu_threads_start(threads, run, user, 256);     returns at once
@@ -10,9 +10,9 @@
  *     umbu_threads_wait(threads, tick, tick_user);     helps until all are done
  *     umbu_threads_destroy(threads);
  *
- * Slices are handed out in order and finish in any; they must not depend on one another.
- * Threads: only the owner calls these functions. What it wrote before start is visible to the
- * slices; what they wrote is visible to it after wait.
+ * Slices start in order and finish in any order; they must not depend on one another.
+ * Threads: only the owner calls these functions. Slices see all writes of the owner before start;
+ * the owner sees all writes of the slices after wait.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -27,14 +27,14 @@ struct umbu_threads; /* opaque */
 typedef void (*umbu_slice_fn)(void *user, uint32_t slice, unsigned thread);
 
 /*
- * Starts the threads: those that the system refuses are done without.
+ * Starts threads; if the system refuses some, the others do the work.
  *
- * In: threads: 1.. with the owner. Fails: E_NO_MEMORY.
+ * In: threads: number with the owner, at least 1. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbu_threads_create(unsigned threads, struct umbu_threads **out,
                                                 struct umb_error *error);
 
-/* Starts slices 0 .. count - 1. Those before must have been waited for. */
+/* Starts slices 0 .. count - 1. All earlier slices must be done (umbu_threads_wait). */
 void umbu_threads_start(struct umbu_threads *threads, umbu_slice_fn run, void *user,
                         uint32_t count);
 
@@ -42,20 +42,21 @@ void umbu_threads_start(struct umbu_threads *threads, umbu_slice_fn run, void *u
 void umbu_threads_wait(struct umbu_threads *threads, void (*tick)(void *user), void *tick_user);
 
 /*
- * Helps until something that a slice does has been done, or all slices are done. is_done may be
- * called while the slice is still under way, so it reads with acquire what the slice wrote last,
- * with release. It must be quick and call nothing of these threads.
+ * Helps until is_done returns nonzero, or all slices are done. is_done may run while a slice is
+ * still under way: it must read with acquire a value that the slice wrote last, with release. It
+ * must be quick and must not call these threads.
  */
 void umbu_threads_wait_until(struct umbu_threads *threads, int (*is_done)(void *user), void *user);
 
 /*
- * The same threads as helpers of the core, while they have nothing else to do.
+ * Returns the threads in the form of the core's helpers, for times without other slices.
  *
  * In: threads: borrowed as long as the result is used.
  */
 struct umb_workers umbu_threads_workers(struct umbu_threads *threads);
 
-/* Runs slices 0 .. count - 1 and waits for them. workers: NULL or one: the caller does them all. */
+/* Runs slices 0 .. count - 1 and waits for them. workers: NULL, or of one thread: the caller runs
+ * all slices. */
 void umbu_workers_run(const struct umb_workers *workers, umbu_slice_fn run, void *user,
                       uint32_t count);
 
@@ -75,6 +76,13 @@ typedef enum umb_status (*umbu_block_fn)(void *user, size_t first, size_t count,
  */
 UMB_CHECKED enum umb_status umbu_range_run(unsigned threads, size_t count, size_t block,
                                            umbu_block_fn fn, void *user, struct umb_error *error);
+
+/* Does item i of a range. */
+typedef void (*umbu_item_fn)(void *user, size_t i);
+
+/* Runs fn for each item of the range 0 .. count - 1, as umbu_range_run does. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbu_range_each(unsigned threads, size_t count, size_t block,
+                                            umbu_item_fn fn, void *user, struct umb_error *error);
 
 /* Number of processors this process may use, 1..UMBU_THREADS_MAX. */
 unsigned umbu_processor_count(void);

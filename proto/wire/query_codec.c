@@ -106,7 +106,8 @@ static enum umb_status check_footprint(const struct umbw_query_request *request,
 {
     const struct umb_query_settings *settings = &request->settings;
     const bool own = request->footprints.size > 0, any = settings->footprint_m != 0;
-    if ((own || any || settings->pixel_rad != 0) && settings->filter != UMB_FILTER_FOOTPRINT) {
+    if ((own || any || settings->pixel_rad != 0) &&
+        !umb_filter_get_info(settings->filter)->has_footprints) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "%s: belongs to the filter 3 (FOOTPRINT), this is %d",
                         own   ? "footprints"
@@ -117,8 +118,8 @@ static enum umb_status check_footprint(const struct umbw_query_request *request,
     if (request->eye_count > 0 && settings->pixel_rad == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "eye: without pixel_rad; give the angle of a pixel");
     }
-    if (settings->filter == UMB_FILTER_FOOTPRINT && !own && !any && settings->pixel_rad == 0 &&
-        request->points.count > 0 && !request->has_picture) {
+    if (umb_filter_get_info(settings->filter)->has_footprints && !own && !any &&
+        settings->pixel_rad == 0 && request->points.count > 0 && !request->has_picture) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "filter: 3 (FOOTPRINT) without one; give footprints, footprint_m, or eye "
                         "with pixel_rad");
@@ -254,7 +255,7 @@ static enum umb_status take_points(struct umbw_query_request *request, size_t ma
 /* Footprints that the request does not set are those of the picture's pixels. */
 static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
 {
-    if (settings->filter == UMB_FILTER_FOOTPRINT && settings->footprint_m == 0 &&
+    if (umb_filter_get_info(settings->filter)->has_footprints && settings->footprint_m == 0 &&
         settings->pixel_rad == 0) {
         memcpy(settings->eye, picture->camera.eye, sizeof settings->eye);
         settings->pixel_rad = fmin(2 * tan(picture->camera.fov_y / 2) / picture->height, 1);

@@ -5,7 +5,7 @@
 
 #include "bake/options/bake_options.h"
 #include "bake/bake_run.h"
-#include "bake/import/import_child.h"
+#include "bake/import/import_job.h"
 #include "bake/sandbox/doctor.h"
 #include "common/child_process.h"
 #include "tool/exit_code.h"

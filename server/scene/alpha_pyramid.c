@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See alpha_pyramid.h. Look-ups recurse no deeper than there are levels. */
+/* Pyramids of alpha (alpha_pyramid.h). A look-up recurses at most once for each level. */
 #include "scene/alpha_pyramid.h"
 
 #include <stdlib.h>

@@ -15,17 +15,17 @@ struct umbs_alpha_range {
     uint8_t low, high;
 };
 
-/* The pyramid of a texture. Zeroed: not made yet. */
+/* Pyramid of a texture; zeroed before it is made. */
 struct umbs_alpha_pyramid {
     const struct umbs_texture *texture; /* borrowed */
     const uint8_t *texels;              /* borrowed */
     /* Blocks of each level, row by row; the first pointer owns the memory of all. */
     struct umbs_alpha_range *level[UMBS_PYRAMID_LEVELS_MAX];
-    uint32_t levels; /* the last one is a single block */
+    uint32_t levels; /* number of levels; the last one is a single block */
 };
 
-/* Makes a texture's pyramid, unless it is made. Fails: E_NO_MEMORY. Cost: 2 bytes for 192 texels;
- * reads every texel. */
+/* Makes the pyramid of texture `number`, unless it is made already. Fails: E_NO_MEMORY. Cost: reads
+ * every texel; memory of 2 bytes for 192 texels. */
 UMB_CHECKED enum umb_status umbs_alpha_pyramid_find(const struct umbs_scene_view *view,
                                                     uint32_t number,
                                                     struct umbs_alpha_pyramid *pyramid,

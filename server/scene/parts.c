@@ -2,11 +2,11 @@
 /*
  * Connected parts and closedness.
  *
- * Corners are welded (parts_weld.h), then every triangle's three half-edges go into the bucket of
- * their lower vertex. Sorting each small bucket by the other vertex puts all uses of one edge side
- * by side ("a run"). The run joins its triangles in a union-find forest and shows how often and in
- * which directions the edge is used. Within a run half-edges are in order of their triangles, so
- * nothing depends on hashing, and the result is the same on every machine.
+ * Corners are welded (parts_weld.h). Each half-edge of a triangle goes into the bucket of its lower
+ * vertex. Sorting a bucket by the other vertex puts all uses of one edge side by side: a run. The
+ * run joins its triangles in a union-find forest, and shows how often and in which directions the
+ * edge is used. Half-edges of a run are in the order of their triangles. So nothing depends on
+ * hashing, and the result is the same on every machine.
  *
  * Invariant: a forest root is the lowest triangle of its tree, so parts come out in the order of
  * their first triangle.
@@ -33,10 +33,10 @@ struct finder {
     uint32_t count;
     uint32_t *vertex_of; /* [3 * count] */
     uint32_t vertex_count;
-    uint32_t *bucket;  /* [vertex_count + 1], where a vertex's entries start */
-    uint64_t *entries; /* [bucket[vertex_count]]: higher vertex << 32 | half-edge */
-    uint32_t *parent;  /* [count], forest; the triangle itself if degenerate */
-    uint64_t *scratch; /* for long runs */
+    uint32_t *bucket;  /* [vertex_count + 1] start of each vertex's entries */
+    uint64_t *entries; /* [bucket[vertex_count]] higher vertex << 32 | half-edge */
+    uint32_t *parent;  /* [count] forest; a degenerate triangle is its own tree */
+    uint64_t *scratch; /* room to sort the third vertices of a run */
     size_t scratch_capacity;
     uint32_t *first_bad; /* [part_count], lowest half-edge on a bad edge, UINT32_MAX = none */
 };

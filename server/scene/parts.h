@@ -11,8 +11,8 @@
  *
  * Orientation: outward solids have positive signed volume. A closed part of negative volume is
  * turned around (`flipped`) unless its box lies inside the box of a closed part of positive volume:
- * then it is taken for a cavity and left alone. (Of boxes that overlap by the thousand not all are
- * tried: parts_nest.h. A part that is left alone wrongly costs bytes, never a wrong shadow.)
+ * then it is taken for a cavity and left alone. The search for such a box is limited
+ * (parts_nest.h). A part that is left alone wrongly costs bytes, never a wrong shadow.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -21,12 +21,12 @@
 
 struct umbs_part {
     size_t triangle_count;
-    size_t boundary_edges;     /* used by one triangle */
-    size_t nonmanifold_edges;  /* used by three or more */
-    size_t inconsistent_edges; /* used twice in the same direction */
-    double volume;             /* signed, cubic metres, relative to the box's centre */
+    size_t boundary_edges;     /* number of edges of one triangle */
+    size_t nonmanifold_edges;  /* number of edges of three or more triangles */
+    size_t inconsistent_edges; /* number of edges that two triangles use in the same direction */
+    double volume;             /* signed volume in cubic metres */
     struct umb_box box;
-    double hole[3];       /* a point on the first bad edge (its midpoint), if not closed */
+    double hole[3];       /* midpoint of the first bad edge, if the part is not closed */
     size_t cut_triangles; /* number of triangles with holes (umbs_cuts_open_parts) */
     /* Number of triangles that let light through (umbs_cuts_open_parts). */
     size_t translucent_triangles;
@@ -36,12 +36,12 @@ struct umbs_part {
 
 struct umbs_parts {
     size_t part_count;
-    struct umbs_part *parts; /* [part_count], in order of their first triangle */
-    uint32_t *part_of;       /* uint32[count], UINT32_MAX for degenerate triangles */
-    uint8_t *closed;         /* uint8[count], 1 if in a closed part */
-    size_t degenerate_count;
-    size_t closed_triangles;
-    /* Triangles with the three corners of an earlier one, in any order. */
+    struct umbs_part *parts; /* [part_count] parts, in the order of their first triangles */
+    uint32_t *part_of;       /* [count] part of each triangle; UINT32_MAX: degenerate */
+    uint8_t *closed;         /* [count] 1: the triangle is in a closed part */
+    size_t degenerate_count; /* number of degenerate triangles */
+    size_t closed_triangles; /* number of triangles in closed parts */
+    /* Number of triangles with the same three corners as an earlier one, in any order. */
     size_t duplicate_triangles;
 };
 

@@ -5,10 +5,10 @@
 #include <stddef.h>
 #include "umbrage/geom.h"
 
-/* A binary tree in the order of `boxes`: node [first, last) is split at its middle. */
+/* Binary tree in the order of `boxes`: the node [first, last) is split at its middle. */
 struct umbs_nest {
-    struct umb_box *boxes;  /* [count], reordered */
-    struct umb_box *unions; /* [count], of the node whose middle is that index */
+    struct umb_box *boxes;  /* [count] copies of the boxes, in the order of the tree */
+    struct umb_box *unions; /* [count] box around all boxes of the node with that middle */
     size_t count;
 };
 
@@ -19,7 +19,7 @@ struct umbs_nest {
 int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count);
 void umbs_nest_finish(struct umbs_nest *nest);
 
-/* Nodes a query looks at before it gives up. Cities and forests need a few dozen. */
+/* Limit of nodes that a query looks at. Cities and forests need a few dozen. */
 #define UMBS_NEST_STEPS_MAX 4096U
 
 /*

@@ -2,11 +2,10 @@
 /*
  * Welding by an open-addressing hash table with linear probing.
  *
- * A slot is 64 bits: the upper half a 32-bit hash of the position, the lower half the number of the
- * vertex's first corner plus one (0 = empty). The hash in the slot settles nearly all comparisons
- * without touching the position, and lets the table grow without reading positions again. Corners
- * are hashed in small groups and their slots prefetched, because nearly every probe of a large
- * table would otherwise wait for memory.
+ * A slot has 64 bits. The upper half is a hash of the position. The lower half is the number of the
+ * vertex's first corner plus one; 0 means that the slot is empty. The hash decides nearly all
+ * comparisons without reading the position, also when the table grows. Nearly every probe of a
+ * large table waits for memory, so corners are hashed in small groups and their slots prefetched.
  */
 #include "scene/parts_weld.h"
 

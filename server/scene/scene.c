@@ -9,8 +9,6 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "scene/scene_flatten.h"
-
 void umbs_scene_destroy(struct umbs_scene *scene)
 {
     if (scene == NULL) {

@@ -77,8 +77,8 @@ enum umbs_wrap {
     UMBS_WRAP_MIRROR = 2,
 };
 
-/* A decoded alpha channel; pixels start at byte `offset` of the alpha pool, uint8[height][width],
- * the row at v = 0 first (images have it last). */
+/* Decoded alpha channel: uint8[height][width] from byte `offset` of the alpha pool on. The row at v
+ * = 0 comes first; image files have it last. */
 struct umbs_texture {
     char name[UMB_NAME_SIZE];
     uint32_t width, height;
@@ -93,7 +93,7 @@ struct umbs_scene_view {
     enum umbs_format format;
     int z_up; /* 1 if +z is up in world space, else +y */
     uint32_t mesh_count, instance_count, material_count, light_count, texture_count;
-    uint32_t vertex_count, triangle_count; /* as stored: instances not multiplied */
+    uint32_t vertex_count, triangle_count; /* stored numbers: instances not multiplied */
     const struct umbs_mesh *meshes;
     const struct umbs_instance *instances;
     const struct umbs_material *materials;
@@ -116,28 +116,28 @@ struct umbs_scene {
     size_t map_bytes;
 };
 
-/* Handles of the running importer that the caller needs. */
+/* Handles of the running importer. */
 struct umbs_importer {
-    int process; /* Number of its process, and of its process group */
-    int files;   /* caller's end of scene_broker.h */
+    int process; /* number of the importer's process and of its process group */
+    int files;   /* caller's end of the socket of scene_broker.h */
 };
 
 #define UMBS_TRIANGLES_MAX 200000000ULL /* limit of a scene, instances multiplied */
 
 struct umbs_import_options {
-    uint64_t max_input_bytes;  /* 0 = 4 GiB */
-    uint64_t max_memory_bytes; /* limit of the importer process; 0 = 8 GiB */
-    uint64_t max_triangles;    /* 0 = 200 million, instances multiplied */
-    uint32_t max_files;        /* Number of look-ups of files that it names; 0 = 65536 */
-    uint32_t timeout_s;        /* CPU and wall seconds of the importer; 0 = 600 */
-    const char *importer_path; /* NULL = umbrage-bake beside the running program */
+    uint64_t max_input_bytes;  /* limit of each file; 0 = 4 GiB */
+    uint64_t max_memory_bytes; /* limit of the importer's address space; 0 = 8 GiB */
+    uint64_t max_triangles;    /* limit, instances multiplied; 0 = 200 million */
+    uint32_t max_files;        /* limit of look-ups of files that the scene names; 0 = 65536 */
+    uint32_t timeout_s;        /* limit of CPU seconds and of wall seconds; 0 = 600 */
+    const char *importer_path; /* program; NULL = umbrage-bake beside the running program */
     /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
      * of the scene or of the importer's answers is read. Here the caller drops its own rights.
      * importer: NULL where none runs (umbs_scene_load). If the hook fails, the import fails with
      * its status. */
     enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
                                struct umb_error *error);
-    void *user; /* Argument of shut_in */
+    void *user; /* first argument of shut_in */
 };
 
 /*
@@ -178,5 +178,20 @@ void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYT
 UMB_CHECKED enum umb_status umbs_scene_flatten(const struct umbs_scene_view *view,
                                                double (**corners)[3][3], uint32_t **materials,
                                                size_t *count, struct umb_error *error);
+
+/*
+ * Writes the world triangles first .. first + count - 1 of an instance. umbs_scene_flatten and the
+ * scene's hash share this function, so their triangles are equal bit for bit.
+ *
+ * In:  first + count: at most the triangles of the instance's mesh.
+ * Out: corners: double[count][3][3]; two corners have changed places if the transform mirrors.
+ */
+void umbs_scene_flatten_part(const struct umbs_scene_view *view,
+                             const struct umbs_instance *instance, uint32_t first, uint32_t count,
+                             double (*corners)[3][3]);
+
+/* 1 if an instance's transform mirrors. The front faces of such an instance are wound the other way
+ * (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
+int umbs_instance_mirrors(const struct umbs_instance *instance);
 
 #endif

@@ -40,16 +40,16 @@ struct umbs_cut {
 
 /* Statistics of a scene's cut-out triangles. */
 struct umbs_cut_figures {
-    size_t mask_triangles; /* triangles of MASK materials */
-    size_t materials;      /* MASK materials with a part below the cut-off */
+    size_t mask_triangles; /* number of triangles of MASK materials */
+    size_t materials;      /* number of MASK materials with a part below the cut-off */
     uint32_t first;        /* index of the first such material, else of the first MASK material */
-    size_t triangles;      /* triangles with a part below the cut-off: cut or gone */
-    double share; /* part of these triangles' texels below the cut-off, 0..1, by sampling */
+    size_t triangles;      /* number of triangles with a part below the cut-off */
+    double share; /* share of these triangles' texels below the cut-off, 0..1, by sampling */
 };
 
 /* Statistics of a scene's translucent triangles. */
 struct umbs_translucent_figures {
-    size_t triangles;   /* translucent triangles that are not opaque all over */
+    size_t triangles;   /* number of translucent triangles that are not opaque all over */
     size_t materials;   /* number of their materials */
     uint32_t first;     /* index of the first such material */
     double least, most; /* range of their opacity, 0..1 */
@@ -57,8 +57,8 @@ struct umbs_translucent_figures {
 
 struct umbs_cuts {
     const struct umbs_scene_view *view; /* borrowed: textures and materials */
-    uint32_t *of;          /* [triangles] number in cuts or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */
-    struct umbs_cut *cuts; /* [count] */
+    uint32_t *of;          /* [triangles] number in cuts, or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */
+    struct umbs_cut *cuts; /* [count] triangles that are tested texel by texel */
     size_t count;
     /* [texture_count] Hash of everything that a sample depends on, for each texture that a cut
      * refers to. NULL: no cut. */

@@ -36,7 +36,7 @@ static void answer(int end, int fd, int32_t code)
         header->cmsg_len = CMSG_LEN(sizeof(int));
         memcpy(CMSG_DATA(header), &fd, sizeof(int));
     }
-    /* An importer that sends requests and reads no answers gets no further ones: its own loss. */
+    /* The answer is dropped if the importer reads none of those before it. */
     (void)sendmsg(end, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 

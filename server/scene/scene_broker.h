@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
 #define UMBRAGE_SERVER_SCENE_SCENE_BROKER_H
-#include <stdint.h>
-
 /*
- * The broker: how the importer's process gets the files that a scene names, although it may open
- * none. It sends a name over a socket; its parent opens the file beneath the scene's folder and
+ * The broker gives the importer's process the files that a scene names. The importer may open no
+ * file. It sends a name over a socket; its parent opens the file beneath the scene's folder and
  * passes the descriptor back.
  *
- * A request is one datagram, the name. Its answer is one datagram, an int32_t errno, with the
- * descriptor beside it when that is 0.
+ * A request is one datagram with the name. The answer is one datagram with an int32_t errno; if
+ * errno is 0, the descriptor accompanies it.
  */
+#include <stdint.h>
 
 /* Makes a pair of connected sockets, close-on-exec: [0] the parent's, [1] the importer's. Out: 0,
  * or -1 and errno. */

@@ -4,16 +4,16 @@
 /*
  * The bytes of a scene buffer, which the importer's process hands to the process that started it.
  *
- * Both ends are the same build on the same machine, so numbers are in native (little-endian) order
- * and structs are those of scene.h. It is no file format. The reader still trusts nothing: the
- * importer parsed hostile bytes and may have been taken over by them.
+ * Both processes run the same build on the same machine, so numbers are in native (little-endian)
+ * order and structs are those of scene.h. The buffer is no file format. The reader trusts nothing
+ * in it: the importer parsed hostile bytes, which may have taken it over.
  *
  *     header, then the sections in the order of enum umbs_section, each starting at the next
  *     multiple of 8 after the one before, nothing between but padding; the buffer ends with the
  *     last section padded to a multiple of 8.
  *
- * Given counts allow exactly one layout, and the validator recomputes it. So no two sections can
- * overlap and no offset needs trust. The triangles of mesh i + 1 follow those of mesh i without a
+ * The counts decide the layout, and the validator computes it again. So sections cannot overlap,
+ * and no offset is trusted. The triangles of mesh i + 1 follow those of mesh i without a
  * gap (vertex ranges may overlap: all meshes of an OBJ share one), which keeps the check linear in
  * the size of the buffer.
  *

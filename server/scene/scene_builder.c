@@ -98,20 +98,16 @@ enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder, const 
                                       const float *uv, struct umb_error *error)
 {
     static const float zero[2] = {0.0F, 0.0F};
-    enum umb_status status = UMB_OK;
-    int has_uvs = uv != NULL || builder->uvs.count > 0;
     if (uv != NULL && builder->uvs.count != builder->positions.count) {
-        status = start_uvs(builder, error);
+        UMB__TRY(start_uvs(builder, error));
     }
-    if (status == UMB_OK) {
-        status = append(&builder->positions, position, 1, UMBS_SECTION_POSITIONS, error);
+    UMB__TRY(append(&builder->positions, position, 1, UMBS_SECTION_POSITIONS, error));
+    if (uv == NULL && builder->uvs.count == 0) {
+        return UMB_OK;
     }
-    if (status == UMB_OK && has_uvs) {
-        status = append(&builder->uvs, uv != NULL ? uv : zero, 1, UMBS_SECTION_UVS, error);
-        if (status != UMB_OK) {
-            builder->positions.count--;
-        }
-    }
+    const enum umb_status status =
+        append(&builder->uvs, uv != NULL ? uv : zero, 1, UMBS_SECTION_UVS, error);
+    builder->positions.count -= status != UMB_OK;
     return status;
 }
 
@@ -159,12 +155,9 @@ enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *builder, uint
         return umb_fail(error, UMB_E_LIMIT, "%llu triangles with instances, limit %llu",
                         (unsigned long long)world, (unsigned long long)builder->max_triangles);
     }
-    enum umb_status status =
-        append(&builder->instances, &instance, 1, UMBS_SECTION_INSTANCES, error);
-    if (status == UMB_OK) {
-        builder->world_triangles = world;
-    }
-    return status;
+    UMB__TRY(append(&builder->instances, &instance, 1, UMBS_SECTION_INSTANCES, error));
+    builder->world_triangles = world;
+    return UMB_OK;
 }
 
 struct umbs_material umbs_material_opaque(void)

@@ -5,7 +5,7 @@
  * A growing scene that ends as a scene buffer: the importer's side of scene_buffer.h.
  *
  *     umbs_scene_builder_init(&builder, UMBS_FORMAT_PLY, 1, 0);
- *     umbs_scene_add_vertices(...); umbs_scene_add_triangle(...) ...; umbs_scene_end_mesh(...);
+ *     umbs_scene_add_vertex(...) ...; umbs_scene_add_triangle(...) ...; umbs_scene_end_mesh(...);
  *     umbs_scene_add_instance(...);
  *     umbs_scene_builder_write(&builder, &sink, &error);
  *     umbs_scene_builder_finish(&builder);
@@ -28,19 +28,19 @@ struct umbs_array {
 struct umbs_scene_builder {
     enum umbs_format format;
     int z_up;
-    uint64_t max_triangles;      /* instances multiplied */
+    uint64_t max_triangles;      /* limit, instances multiplied */
     struct umbs_array meshes;    /* struct umbs_mesh */
     struct umbs_array instances; /* struct umbs_instance */
     struct umbs_array materials; /* struct umbs_material */
     struct umbs_array lights;    /* struct umbs_light */
     struct umbs_array textures;  /* struct umbs_texture */
     struct umbs_array positions; /* double[3] */
-    struct umbs_array uvs;       /* float[2]: as many as positions once used, else none */
+    struct umbs_array uvs;       /* float[2]: none, or as many as positions */
     struct umbs_array triangles; /* uint32_t[3] */
     struct umbs_array alpha;     /* uint8_t */
     struct umbs_array warnings;  /* char, without a NUL */
-    uint64_t world_triangles;    /* triangles of the instances so far */
-    uint32_t dropped_faces;
+    uint64_t world_triangles;    /* number of triangles of all instances so far */
+    uint32_t dropped_faces;      /* number of faces that could not be used */
 };
 
 /* Makes room for `more` items behind the last and returns them (not counted yet), or NULL. */

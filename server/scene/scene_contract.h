@@ -2,9 +2,8 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_CONTRACT_H
 #define UMBRAGE_SERVER_SCENE_SCENE_CONTRACT_H
 /*
- * The contract between the importer's process and the process that starts it. The words of its
- * messages are in server/bake/import/import_child.h; the numbers are here, because both sides need
- * them.
+ * The contract between the importer's process and the process that starts it: numbers of
+ * descriptors and arguments. server/bake/import/import_job.h describes the program.
  */
 
 #define UMBS_CHILD_COMMAND "import-child" /* argv[1] */

@@ -12,7 +12,7 @@
 
 #include "scene/alpha_pyramid.h"
 #include "scene/scene_alpha.h"
-#include "scene/scene_flatten.h"
+#include "base/try.h"
 #include "common/sha256.h"
 
 /* Samples for the cut share: the most of one triangle, and the most of all triangles together. With
@@ -219,9 +219,8 @@ static enum umb_status judge_translucent(struct finder *f, size_t at, const floa
     if (!(most > 0.0)) {
         return note(f, at, UMBS_CUT_CLEAR, error);
     }
-    const uint32_t tag = (uint32_t)f->cuts->count;
-    const enum umb_status status = add_cut(f, uv, number, error);
-    return status == UMB_OK ? note(f, at, tag, error) : status;
+    UMB__TRY(add_cut(f, uv, number, error));
+    return note(f, at, (uint32_t)f->cuts->count - 1, error);
 }
 
 /* Classifies triangle number `at` of the flattened scene, of a MASK material. */
@@ -237,20 +236,16 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     }
     double share = 1.0;
     uint32_t tag = UMBS_CUT_GONE;
-    enum umb_status status = UMB_OK;
     if ((double)range.high * (double)material->base_alpha >= limit) {
-        tag = (uint32_t)f->cuts->count;
-        status = add_cut(f, uv, number, error);
-        share = status == UMB_OK ? cut_share(f) : 0.0;
+        UMB__TRY(add_cut(f, uv, number, error));
+        tag = (uint32_t)f->cuts->count - 1;
+        share = cut_share(f);
     }
     f->texels += texels;
     f->below += share * texels;
-    if (status == UMB_OK) {
-        struct umbs_cut_figures *figures = &f->cuts->figures;
-        count(f, number, &figures->triangles, &figures->materials, &figures->first);
-        status = note(f, at, tag, error);
-    }
-    return status;
+    struct umbs_cut_figures *figures = &f->cuts->figures;
+    count(f, number, &figures->triangles, &figures->materials, &figures->first);
+    return note(f, at, tag, error);
 }
 
 /* Classifies all triangles of an instance, from number `at` of the flattened scene on. */
@@ -271,23 +266,22 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
         figures->first = figures->mask_triangles == 0 ? number : figures->first;
         figures->mask_triangles += mesh->triangle_count;
     }
-    enum umb_status status = UMB_OK;
     if (view->materials[number].texture != UMBS_NO_INDEX) {
         const uint32_t texture = view->materials[number].texture;
-        status = umbs_alpha_pyramid_find(view, texture, &f->pyramids[texture], error);
+        UMB__TRY(umbs_alpha_pyramid_find(view, texture, &f->pyramids[texture], error));
     }
     const int mirror = umbs_instance_mirrors(instance);
-    for (uint32_t i = 0; i < mesh->triangle_count && status == UMB_OK; i++) {
+    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
         float uv[3][2] = {{0.0F, 0.0F}, {0.0F, 0.0F}, {0.0F, 0.0F}};
         const uint32_t *triangle = view->triangles[mesh->first_triangle + i];
         for (int k = 0; k < 3 && view->uvs != NULL; k++) {
             memcpy(uv[mirror && k > 0 ? 3 - k : k],
                    view->uvs[(size_t)mesh->first_vertex + triangle[k]], sizeof uv[0]);
         }
-        status = (translucent ? judge_translucent : judge)(f, at + i, (const float(*)[2])uv, number,
-                                                           error);
+        UMB__TRY((translucent ? judge_translucent : judge)(f, at + i, (const float(*)[2])uv, number,
+                                                           error));
     }
-    return status;
+    return UMB_OK;
 }
 
 /* Number of samples for each triangle. */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads into our own memory: a map could change after its bytes were checked. */
+/* Scene files (scene_file.h). The bytes are read into private memory, because a mapped file could
+ * change after the check. */
 #define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
 #define XXH_INLINE_ALL
 #include "scene/scene_file.h"
@@ -89,7 +90,7 @@ static enum umb_status load(int fd, const char *path, uint64_t checksum,
     return status;
 }
 
-/* Reads the head and checks it; only then the rest. */
+/* Reads and checks the head, then the rest. */
 static enum umb_status read_scene(int fd, const char *what, const char *path,
                                   const struct umbs_import_options *options,
                                   struct umbs_scene *scene, struct umb_error *error)

@@ -4,12 +4,12 @@
 /*
  * A validated scene in a file: imported once, baked in parts by many processes of one user.
  *
- * File: magic "UMBSCF1\n", XXH3-64 of what follows (uint64, little-endian), the scene buffer
+ * Layout: magic "UMBSCF1\n", XXH3-64 of what follows (uint64, little-endian), the scene buffer
  * (scene_buffer.h). It is a scratch file between programs of one version, not an exchange format.
  *
- * The checksum is no key: anyone can make such a file. So the form is never recognised by its
- * bytes; a caller asks for it by name, and only for files that its own user wrote
- * (private_folder.h). The reader copies the bytes and then checks them with the same validator as
+ * The checksum protects against damage only: anyone can make such a file. So no program recognises
+ * the form by its bytes. A caller asks for it by an option, and only files that its own user wrote
+ * are read (private_folder.h). The reader copies the bytes and checks them with the validator of
  * the importer's output.
  */
 #include "scene/scene.h"

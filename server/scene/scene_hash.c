@@ -11,7 +11,6 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "scene/scene_flatten.h"
 #include "common/sha256_chain.h"
 
 #define PART 64U /* triangles flattened at a time */

@@ -6,6 +6,7 @@
  * The order matters: the memfd is sealed before it is mapped and validated, so that what was
  * checked cannot change any more, even if a process of the importer survived.
  */
+#define _GNU_SOURCE /* memfd_create, O_PATH, F_ADD_SEALS */
 #include "scene/scene.h"
 
 #include <errno.h>
@@ -81,7 +82,18 @@ static enum umb_status open_folder(struct import *import, struct umb_error *erro
         memcpy(folder, import->path, length);
         folder[length] = '\0';
     }
-    return umbs_folder_open(folder, &import->folder, error);
+    import->folder = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC); /* only to look names up */
+    return import->folder >= 0
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_NO_INPUT, errno, "folder '%s'", folder);
+}
+
+static enum umb_status open_output(struct import *import, struct umb_error *error)
+{
+    import->output = memfd_create("umbrage-scene", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+    return import->output >= 0
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_IO, errno, "cannot make a memory file for the scene");
 }
 
 /* Finds the importer program: by its option, or beside the running program. */
@@ -213,8 +225,11 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
 static enum umb_status take_output(const struct import *import, struct umbs_scene *scene,
                                    struct umb_error *error)
 {
-    UMB__TRY(umbs_memfd_seal(import->output, error));
+    const int seals = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL;
     struct stat facts;
+    if (fcntl(import->output, F_ADD_SEALS, seals) != 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "cannot seal the scene buffer");
+    }
     if (fstat(import->output, &facts) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot look at the scene buffer");
     }
@@ -266,6 +281,17 @@ static void close_import(struct import *import)
     }
 }
 
+static enum umb_status import_scene(struct import *import, struct umbs_scene *scene,
+                                    struct umb_error *error)
+{
+    UMB__TRY(open_input(import, error));
+    UMB__TRY(open_folder(import, error));
+    UMB__TRY(find_importer(import, error));
+    UMB__TRY(open_output(import, error));
+    UMB__TRY(run_importer(import, error));
+    return take_output(import, scene, error);
+}
+
 enum umb_status umbs_scene_import(const char *path, const struct umbs_import_options *options,
                                   struct umbs_scene **out, struct umb_error *error)
 {
@@ -285,21 +311,7 @@ enum umb_status umbs_scene_import(const char *path, const struct umbs_import_opt
     if (scene == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a scene");
     }
-    enum umb_status (*const steps[])(struct import *,
-                                     struct umb_error *) = {open_input, open_folder, find_importer};
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < sizeof(steps) / sizeof(steps[0]); i++) {
-        status = steps[i](&import, error);
-    }
-    if (status == UMB_OK) {
-        status = umbs_memfd_create(&import.output, error);
-    }
-    if (status == UMB_OK) {
-        status = run_importer(&import, error);
-    }
-    if (status == UMB_OK) {
-        status = take_output(&import, scene, error);
-    }
+    const enum umb_status status = import_scene(&import, scene, error);
     close_import(&import);
     if (status != UMB_OK) {
         umbs_scene_destroy(scene);

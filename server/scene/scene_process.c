@@ -5,9 +5,9 @@
  * Between fork and exec only async-signal-safe calls are made, because the caller may have many
  * threads; everything they need is prepared before. The wait ends for certain: the loop's only
  * condition is the process's own end, and at the deadline the whole process group is killed.
- * Sources: fork(2), prctl(2), memfd_create(2), signal-safety(7).
+ * Sources: fork(2), prctl(2), signal-safety(7).
  */
-#define _GNU_SOURCE /* close_range, memfd_create, pipe2, O_PATH, F_ADD_SEALS */
+#define _GNU_SOURCE /* pipe2 */
 #include "scene/scene_process.h"
 
 #include <errno.h>
@@ -17,7 +17,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -28,9 +27,11 @@
 #include "scene/scene_contract.h"
 #include "common/clean_text.h"
 
-/* The importer's: input, output, one sibling at a time, sanitizer's own. */
+/* Limit of the importer's descriptors: input, output, one file of the scene at a time, and some
+ * that sanitizers open. */
 #define CHILD_FDS_MAX 32U
-/* Delay until a child's end is noticed while another process holds its pipe. */
+/* Longest delay in milliseconds until the end of a child is noticed, if another process still holds
+ * its pipe. */
 #define POLL_STEP_MS 50
 
 /* Pipes and sockets between the importer and its parent; [0] is the parent's end. */
@@ -89,8 +90,8 @@ struct watched {
     const struct umbs_process *process;
     struct lines *lines;
     struct umbs_process_end *end;
-    size_t talked;       /* Number of bytes in end->talk */
-    uint32_t files_left; /* Number of times that it may still ask for a file */
+    size_t talked;       /* number of bytes in end->talk */
+    uint32_t files_left; /* number of files that the child may still ask for */
 };
 
 /* Waits a moment for messages or requests, and handles them. */
@@ -207,30 +208,4 @@ enum umb_status umbs_process_run(const struct umbs_process *process, struct umbs
     }
     close_lines(&lines);
     return status;
-}
-
-enum umb_status umbs_memfd_create(int *fd, struct umb_error *error)
-{
-    *fd = memfd_create("umbrage-scene", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    if (*fd < 0) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot make a memory file for the scene");
-    }
-    return UMB_OK;
-}
-
-enum umb_status umbs_memfd_seal(int fd, struct umb_error *error)
-{
-    if (fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL) != 0) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot seal the scene buffer");
-    }
-    return UMB_OK;
-}
-
-enum umb_status umbs_folder_open(const char *path, int *fd, struct umb_error *error)
-{
-    *fd = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
-    if (*fd < 0) {
-        return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "folder '%s'", path);
-    }
-    return UMB_OK;
 }

@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_SERVER_SCENE_SCENE_PROCESS_H
 #define UMBRAGE_SERVER_SCENE_SCENE_PROCESS_H
 /*
- * The importer's process as its parent sees it: started with limits, watched, always reaped; and
- * the memfd that it fills. Linux only.
+ * The importer's process as its parent sees it: started with limits, watched, always reaped. Linux
+ * only.
  *
- * The parent sets limits before the program starts, so that no bug of the importer can skip them:
- * CPU seconds, size of a written file, descriptors, no core, death with the parent's thread, no new
- * privileges, its own process group, only the agreed descriptors, a near-empty environment. The
- * importer itself sets the limit of its address space as its first action: only it knows whether it
- * is a sanitizer build, which cannot run under such a limit.
+ * The parent sets the limits before the program starts, so that no bug of the importer can skip
+ * them: CPU seconds, size of a written file, descriptors, no core, death with the parent's thread,
+ * no new privileges, an own process group, only the agreed descriptors, a near-empty environment.
+ * One limit is left to the importer, as its first action: the address space. A sanitizer build
+ * cannot run under such a limit, and only the importer knows how it was built.
  */
 #include <stdint.h>
 #include "scene/scene.h"
@@ -19,11 +19,11 @@
 struct umbs_process {
     const char *program;
     char *const *arguments;    /* NULL-terminated, program first */
-    int input, output;         /* become UMBS_CHILD_FD_*; stay open here */
-    int folder;                /* folder of the files that it may ask for (scene_broker.h) */
-    uint32_t max_files;        /* Number of times that it may ask for a file */
-    uint32_t timeout_s;        /* CPU seconds, and wall seconds */
-    uint64_t max_output_bytes; /* limit of each file that it writes */
+    int input, output;         /* descriptors that become UMBS_CHILD_FD_*; they stay open here */
+    int folder;                /* folder of the files that the process may ask for */
+    uint32_t max_files;        /* limit of requests for files */
+    uint32_t timeout_s;        /* limit of CPU seconds and of wall seconds */
+    uint64_t max_output_bytes; /* limit of each file that the process writes */
     /* Hook of struct umbs_import_options; may be NULL. */
     enum umb_status (*shut_in)(void *user, const struct umbs_importer *importer,
                                struct umb_error *error);
@@ -32,11 +32,11 @@ struct umbs_process {
 
 /* Outcome of a process. */
 struct umbs_process_end {
-    int timed_out;       /* it was killed at the wall-clock limit */
-    int asked_too_often; /* it was killed because it asked more than max_files times */
-    int exit_code;       /* 0..255, or -1 if a signal ended it */
-    int signal;          /* or 0 */
-    char talk[UMBS_PROCESS_TALK_BYTES]; /* first line it wrote to stderr, clean text */
+    int timed_out;       /* 1: killed at the wall-clock limit */
+    int asked_too_often; /* 1: killed because it asked for more than max_files files */
+    int exit_code;       /* 0..255; -1: a signal ended the process */
+    int signal;          /* signal that ended the process, or 0 */
+    char talk[UMBS_PROCESS_TALK_BYTES]; /* first line of its stderr, as clean text */
 };
 
 #define UMBS_PROCESS_EXIT_NOT_STARTED 127
@@ -50,14 +50,5 @@ struct umbs_process_end {
  */
 UMB_CHECKED enum umb_status umbs_process_run(const struct umbs_process *process,
                                              struct umbs_process_end *end, struct umb_error *error);
-
-/* Makes an empty memfd that can be sealed. Fails: E_IO. */
-UMB_CHECKED enum umb_status umbs_memfd_create(int *fd, struct umb_error *error);
-
-/* Seals a memfd against every change. Fails: E_IO (it is still mapped for writing). */
-UMB_CHECKED enum umb_status umbs_memfd_seal(int fd, struct umb_error *error);
-
-/* Opens a folder only to look names up in it. Fails: E_NO_INPUT. */
-UMB_CHECKED enum umb_status umbs_folder_open(const char *path, int *fd, struct umb_error *error);
 
 #endif

@@ -17,11 +17,10 @@
 #include "tool/output.h"
 #include "tool/threads.h"
 #include "study/picture.h"
+#include "study/setup.h"
 #include "study/shading.h"
-#include "study/study_vec.h"
-#include "study/view_options.h"
+#include "study/study_math.h"
 #include "umbrage/aliasing.h"
-#include "tool/exit_code.h"
 
 #define BINS     12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
 #define BIN_LOW  (-5)
@@ -40,13 +39,12 @@ struct summary {
 };
 
 struct aliasing {
-    const char *scene_path, *output;
-    struct umbt_view_options options;
-    uint64_t resolution, cascades, threads;
-    int json, quiet;
+    struct umbt_setup_options options;
+    uint64_t resolution, cascades;
     unsigned way_index;
     double weight;
-    struct umbt_view view;
+    struct umbt_scene scene;
+    struct umbt_setup setup;
     struct umbt_gbuffer buffer;
     struct umb_camera camera;            /* camera of the view */
     struct umb_cascade_plan plans[WAYS]; /* [0]: one frustum of the scene */
@@ -59,25 +57,19 @@ struct aliasing {
 #define AT(field) UMBU_AT(struct aliasing, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {UMBT_SCENE_ROW(struct aliasing, options.scene)},
     {"output", "FILE",
-     "a heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16; - is stdout", UMBU_TEXT,
-     AT(output), .letter = 'o'},
-    {"way", "WAY", "of the heat map: uniform, slice, scene or lispsm",
+     "heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16; - is stdout", UMBU_TEXT,
+     AT(options.output), .letter = 'o'},
+    {"way", "WAY", "way of the heat map to spend texels: uniform, slice, scene or lispsm",
      UMBU_CHOICE("uniform|slice|scene|lispsm"), AT(way_index), .standard = "uniform"},
     {"resolution", "N", "texels a side of each map, 16 to 16384", UMBU_COUNT(16, UMB_MAP_SIDE_MAX),
      AT(resolution), .standard = "1024"},
-    {"cascades", "N", "slices, 1 to 8", UMBU_COUNT(1, UMB_CASCADES_MAX), AT(cascades),
-     .standard = "4"},
-    {"weight", "W", "of logarithmic against uniform splits, 0 to 1", UMBU_NUMBER(0, 1), AT(weight),
-     .standard = "0.7"},
-    {UMBT_SUN_ROW(struct aliasing, options.sun)},
-    {UMBT_CAMERA_ROW(struct aliasing, options.camera)},
+    {"cascades", "N", "number of slices of the view, 1 to 8", UMBU_COUNT(1, UMB_CASCADES_MAX),
+     AT(cascades), .standard = "4"},
+    {"weight", "W", "weight of logarithmic against uniform splits, 0 to 1", UMBU_NUMBER(0, 1),
+     AT(weight), .standard = "0.7"},
     {UMBT_SIZE_ROW(struct aliasing, options.size, 4096, "1280x720")},
-    {UMBT_UP_ROW(struct aliasing, options.up)},
-    {UMBT_THREADS_ROW(struct aliasing)},
-    {UMBU_JSON_ROW(struct aliasing), .excludes = "output=-"},
-    {UMBU_QUIET_ROW(struct aliasing, "no table")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -90,7 +82,7 @@ static const struct umbu_command COMMAND = {
                "share (scene), and the same warped (lispsm).",
     .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
              "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct aliasing, options)},
 };
 
 static double view_depth(const struct umbt_camera *camera, const double position[3])
@@ -103,15 +95,12 @@ static double view_depth(const struct umbt_camera *camera, const double position
 /* Finds the view's pixels, and makes the four plans for them. */
 static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
 {
-    const struct umbt_camera *camera = &a->view.camera;
+    const struct umbt_camera *camera = &a->setup.camera;
     double near = INFINITY, far = 0.0;
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
         const double z = view_depth(camera, &a->buffer.positions[3 * i]);
         near = fmin(near, z);
         far = fmax(far, z);
-    }
-    if (!(far > 0.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--camera: sees nothing of the scene");
     }
     a->camera =
         umbt_camera_view(camera, fmin(fmax(near, NEAR_MIN * far), 0.999 * far), far * (1.0 + 1e-9));
@@ -119,24 +108,15 @@ static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
         settings.resolution[i] = (uint32_t)a->resolution;
     }
-    enum umb_status status = UMB_OK;
-    for (int way = 1; way < WAYS && status == UMB_OK; way++) {
+    for (int way = 1; way < WAYS; way++) {
         settings.fit = (enum umb_cascade_fit)(way - 1);
-        status = umb_cascades_plan(&a->camera, a->view.to_light, &a->view.scene.box, &settings,
-                                   &a->plans[way], error);
+        UMB__TRY(umb_cascades_plan(&a->camera, a->setup.to_light, &a->scene.box, &settings,
+                                   &a->plans[way], error));
     }
     a->plans[0] =
         (struct umb_cascade_plan){.count = 1, .splits = {a->camera.near_m, a->camera.far_m}};
-    return status == UMB_OK
-               ? umb_map_frustum_fit(a->view.to_light, &a->view.scene.box, settings.resolution[0],
-                                     settings.resolution[0], &a->plans[0].frusta[0], error)
-               : status;
-}
-
-static int compare_doubles(const void *x, const void *y)
-{
-    const double a = *(const double *)x, b = *(const double *)y;
-    return (a > b) - (a < b);
+    return umb_map_frustum_fit(a->setup.to_light, &a->scene.box, settings.resolution[0],
+                               settings.resolution[0], &a->plans[0].frusta[0], error);
 }
 
 /* Value below which the given share of the sorted numbers lies. */
@@ -159,7 +139,7 @@ static void summarise(double *lists[3], size_t count, struct summary *s)
     }
     s->under /= count > 0 ? (double)count : 1.0;
     for (int k = 0; k < 3; k++) {
-        qsort(lists[k], count, sizeof(double), compare_doubles);
+        qsort(lists[k], count, sizeof(double), umbt_compare_doubles);
     }
     s->median = quantile(lists[0], count, 0.5);
     s->p95 = quantile(lists[0], count, 0.95);
@@ -177,13 +157,11 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
     size_t count = 0;
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
         const double *position = &a->buffer.positions[3 * i];
-        const double z = view_depth(&a->view.camera, position);
+        const double z = view_depth(&a->setup.camera, position);
         double normal[3];
         struct umb_aliasing result;
         int slice = 0;
-        for (size_t k = 0; k < 3; k++) {
-            normal[k] = (double)a->buffer.normals[3 * i + k];
-        }
+        umbt_widen(&a->buffer.normals[3 * i], normal);
         while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
             slice++;
         }
@@ -203,20 +181,10 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
 
 static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
 {
-    enum umb_status status = umbt_view_open(&a->options, a->scene_path, &a->view, error);
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_init(&a->buffer, a->options.size[0], 1, a->options.size[1], error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_fill(&a->buffer, &a->view.scene, &a->view.camera, a->options.size[1],
-                                   0, a->options.size[1], (unsigned)a->threads, error);
-    }
-    if (status == UMB_OK) {
-        status = plans_make(a, error);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbt_setup_open(&a->options, &a->scene, &a->setup, error));
+    UMB__TRY(umbt_gbuffer_view(&a->buffer, &a->scene, &a->setup.camera, a->options.size,
+                               (unsigned)a->options.threads, error));
+    UMB__TRY(plans_make(a, error));
     const size_t count = a->buffer.receiver_count;
     a->most = malloc(count * sizeof *a->most);
     a->sorted = malloc(3 * count * sizeof *a->sorted);
@@ -232,7 +200,8 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Blue below 1, white at 1, red above; full colour at a factor of 16. Grey: no value. */
+/* Colours a number of pixels a texel: blue below 1, white at 1, red above; full colour at a factor
+ * of 16. NaN is grey. */
 static void heat_color(float most, uint8_t out[3])
 {
     if (isnan(most)) {
@@ -257,7 +226,7 @@ static enum umb_status heat_write(const struct aliasing *a, struct umb_error *er
             heat_color(a->most[slot], &picture.pixels[3 * i]);
         }
     }
-    enum umb_status status = umbt_picture_write(&picture, a->output, error);
+    enum umb_status status = umbt_picture_write(&picture, a->options.output, error);
     umbt_picture_finish(&picture);
     return status;
 }
@@ -272,7 +241,7 @@ static void line_text(FILE *to, const char *name, const struct summary *s, uint6
 static void report_text(FILE *to, const struct aliasing *a)
 {
     fprintf(to, "%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n",
-            a->scene_path, a->options.size[0], a->options.size[1], a->buffer.receiver_count,
+            a->options.scene, a->options.size[0], a->options.size[1], a->buffer.receiver_count,
             a->resolution);
     fprintf(to, "%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median",
             "95%", "99%", "persp.", "proj.", "texels*");
@@ -299,17 +268,15 @@ static void report_text(FILE *to, const struct aliasing *a)
     }
 }
 
-/* A light that grazes more than the share of points has no resolution that would do: null. */
+/* resolution_for_p99 is null where no resolution suffices: the light grazes more than 1 % of the
+ * points. */
 static void put_summary(struct umbu_json *json, const struct summary *s, uint64_t resolution)
 {
     umbu_json_integer(json, "points", s->count);
-    umbu_json_rounded(json, "undersampled", s->under, 9);
-    umbu_json_rounded(json, "median", s->median, 9);
-    umbu_json_rounded(json, "p95", s->p95, 9);
-    umbu_json_rounded(json, "p99", s->p99, 9);
-    umbu_json_rounded(json, "perspective", s->perspective, 9);
-    umbu_json_rounded(json, "projection", s->projection, 9);
-    umbu_json_rounded(json, "resolution_for_p99", ceil((double)resolution * s->p99), 9);
+    UMBU_JSON_VALUES(json, 9, {"undersampled", s->under}, {"median", s->median}, {"p95", s->p95},
+                     {"p99", s->p99}, {"perspective", s->perspective},
+                     {"projection", s->projection},
+                     {"resolution_for_p99", ceil((double)resolution * s->p99)});
 }
 
 static void put_way(struct umbu_json *json, const struct aliasing *a, int way)
@@ -336,7 +303,7 @@ static void report_json(const struct aliasing *a)
 {
     struct umbu_json json = {.file = stdout};
     umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "scene", a->scene_path);
+    umbu_json_text(&json, "scene", a->options.scene);
     umbu_json_integer(&json, "width", a->options.size[0]);
     umbu_json_integer(&json, "height", a->options.size[1]);
     umbu_json_integer(&json, "resolution", a->resolution);
@@ -352,33 +319,31 @@ static void report_json(const struct aliasing *a)
 int umbt_aliasing_command(int argc, char **argv)
 {
     struct umb_error error = {0};
+    struct umbu_parsed parsed;
     struct aliasing *a = calloc(1, sizeof *a); /* plans and summaries: too large for a stack */
     if (a == NULL) {
-        fputs("umbrage aliasing: out of memory\n", stderr);
-        return umbu_exit_code(UMB_E_NO_MEMORY);
+        (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory");
+        return umbu_end(&COMMAND, UMB_E_NO_MEMORY, &error);
     }
-    struct umbu_parsed parsed;
-    a->threads = umbu_processor_count();
+    a->options.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, a);
     if (code >= 0) {
         free(a);
         return code;
     }
     enum umb_status status = view_analyse(a, &error);
-    if (status == UMB_OK && a->output != NULL) {
+    if (status == UMB_OK && a->options.output != NULL) {
         status = heat_write(a, &error);
     }
-    if (status == UMB_OK && a->json) {
+    if (status == UMB_OK && a->options.json) {
         report_json(a);
-    } else if (status == UMB_OK && !a->quiet) {
-        report_text(umbu_output_talk(a->output), a);
-    } else if (status != UMB_OK) {
-        fprintf(stderr, "umbrage aliasing: %s\n", error.message);
+    } else if (status == UMB_OK && !a->options.quiet) {
+        report_text(umbu_output_talk(a->options.output), a);
     }
     free(a->most);
     free(a->sorted);
     umbt_gbuffer_finish(&a->buffer);
-    umbt_view_close(&a->view);
+    umbt_scene_finish(&a->scene);
     free(a);
-    return umbu_exit_code(status);
+    return umbu_end(&COMMAND, status, &error);
 }

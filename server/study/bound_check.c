@@ -1,19 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See bound_check.h. */
+/* Tests of the stated bound; see bound_check.h. */
 #include "study/bound_check.h"
 
 #include <math.h>
 #include <pthread.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "rays/verify_light_frame.h"
+#include "study/study_math.h"
 #include "tool/threads.h"
 
 enum {
     BLOCK = 256,
-    PLACES_FIRST = 48,     /* random places tried before the voxels' centres, */
-    PLACES_LAST = 2048,    /* and after them */
-    CENTRES_MAX = 1 << 18, /* most centres of a coarse cell's voxels */
+    PLACES_FIRST = 48,     /* random places to try before the voxels' centres */
+    PLACES_LAST = 2048,    /* random places to try after the voxels' centres */
+    CENTRES_MAX = 1 << 18, /* most voxel centres of a coarse cell to try */
 };
 
 struct check {
@@ -21,17 +23,17 @@ struct check {
     struct umb_query query;
     struct umb_light_info light;
     struct umb_frustum_info frustum;
-    double off_m; /* start of rays off a surface, metres: above the float resolution of the scene */
+    double off_m; /* distance in metres from a surface to the start of rays: above float rounding */
     pthread_mutex_t lock;
     struct umbt_bound_result result;
 };
 
-/* A point whose answer is examined. */
+/* A point whose answer is checked. */
 struct suspect {
     double at[3];
-    float normal[3]; /* towards the light */
-    int lit;         /* 1 if lit by a ray */
-    size_t number;
+    float normal[3]; /* normal, turned towards the light */
+    int lit;         /* 1: lit by a ray */
+    size_t number;   /* number of the point, seed of its random places */
 };
 
 /* Number k in [0, 1) of a point (splitmix64, Steele et al. 2014). */
@@ -43,32 +45,16 @@ static double unit(size_t number, unsigned k)
     return (double)((bits ^ bits >> 31) >> 11) * 0x1p-53;
 }
 
-/* Unit vector from a place to the light; returns the distance. */
-static double to_light(const struct umb_light_info *light, const double from[3], double way[3])
-{
-    double length = 0;
-    for (int k = 0; k < 3; k++) {
-        way[k] = light->kind == UMB_LIGHT_DIRECTIONAL ? -light->direction[k]
-                                                      : light->position[k] - from[k];
-        length += way[k] * way[k];
-    }
-    length = sqrt(length);
-    for (int k = 0; k < 3; k++) {
-        way[k] /= length > 0 ? length : 1;
-    }
-    return light->kind == UMB_LIGHT_DIRECTIONAL ? INFINITY : length;
-}
-
 static int is_lit(const struct check *check, const double from[3])
 {
-    double way[3];
-    const double distance = to_light(&check->light, from, way);
+    double way[3], distance;
+    umbr_towards_light(&check->light, from, way, &distance);
     return !umbr_occluded(check->job->scene->rays, from, way, 0, distance);
 }
 
 /*
- * 1 if a place within the bound has the other truth. Places in the dark behind the point's own
- * surface do not count, nor those inside closed parts, where the asset is undefined.
+ * 1 if a place within the bound has the other truth. Two kinds of places do not count: dark places
+ * behind the point's own surface, and places inside closed parts, where the asset is undefined.
  */
 static int tells(const struct check *check, const struct suspect *s, const double place[3])
 {
@@ -85,7 +71,7 @@ static int tells(const struct check *check, const struct suspect *s, const doubl
                                       umbt_point_is_inside(check->job->scene, place, NULL)));
 }
 
-/* Tests random places in the ball. */
+/* 1 if a random place in the ball of the bound has the other truth. */
 static int search_ball(const struct check *check, const struct suspect *s, unsigned first,
                        unsigned count)
 {
@@ -105,7 +91,8 @@ static int search_ball(const struct check *check, const struct suspect *s, unsig
     return 0;
 }
 
-/* Centre number i of the voxels of the answer, world space; 0 if it is behind the light. */
+/* Computes centre number i of the voxels of the answer, in world space. Returns 0 if it lies behind
+ * the light. */
 static int centre(const struct umbr_light_frame *frame, const struct umb_explanation *e, uint32_t i,
                   double place[3])
 {
@@ -120,8 +107,8 @@ static int centre(const struct umbr_light_frame *frame, const struct umb_explana
     return umbr_light_frame_world(frame, voxel, place);
 }
 
-/* Tests the voxels of the answer: 1 if one of their centres has the other truth; *inside: 1 if one
- * lies in a closed part. */
+/* 1 if a centre of the voxels of the answer has the other truth. Out: inside: 1 if a centre lies in
+ * a closed part. */
 static int search_centres(const struct check *check, const struct suspect *s,
                           const struct umb_explanation *e, int *inside)
 {
@@ -145,7 +132,7 @@ static int search_centres(const struct check *check, const struct suspect *s,
     return 0;
 }
 
-/* Examines an answer that differs from the truth: is a true boundary within the bound? */
+/* Searches for a true boundary within the bound of an answer that differs from the truth. */
 static void examine(const struct check *check, const struct suspect *s,
                     struct umbt_bound_result *result)
 {
@@ -170,32 +157,26 @@ static void examine(const struct check *check, const struct suspect *s,
     }
 }
 
-/* Takes point `number` if it can face the light: its normal is turned there on open parts. */
+/* Makes a suspect of point `number`; on open parts the normal is turned towards the light. Returns
+ * 0 if the point cannot face the light. */
 static int take_point(const struct check *check, size_t number, struct suspect *s)
 {
     const struct umbt_point_set *points = check->job->points;
-    double way[3], facing = 0, start[3];
+    double way[3], normal[3], start[3], ignored;
     memcpy(s->at, points->positions[number], sizeof s->at);
-    memcpy(s->normal, points->normals[number], sizeof s->normal);
+    umbt_widen(points->normals[number], normal);
     s->number = number;
-    (void)to_light(&check->light, s->at, way);
-    for (int k = 0; k < 3; k++) {
-        facing += (double)s->normal[k] * way[k];
-    }
+    umbr_towards_light(&check->light, s->at, way, &ignored);
+    const double facing = umb__dot(normal, way);
     if (fabs(facing) < 0.01) { /* a ray along the surface is not reliable */
         return 0;
     }
-    if (facing < 0) {
-        for (int k = 0; k < 3; k++) {
-            s->normal[k] = -s->normal[k];
-            start[k] = s->at[k] + (double)s->normal[k] * check->off_m;
-        }
-        if (umbt_point_is_inside(check->job->scene, start, NULL)) {
-            return 0;
-        }
-    }
     for (int k = 0; k < 3; k++) {
+        s->normal[k] = (float)(facing < 0 ? -normal[k] : normal[k]);
         start[k] = s->at[k] + (double)s->normal[k] * check->off_m;
+    }
+    if (facing < 0 && umbt_point_is_inside(check->job->scene, start, NULL)) {
+        return 0;
     }
     s->lit = is_lit(check, start);
     return 1;
@@ -241,20 +222,14 @@ enum umb_status umbt_bound_check(const struct umbt_bound_job *job, struct umbt_b
 {
     struct check check = {.job = job, .off_m = 1e-6 * job->scene->diagonal_m};
     memset(result, 0, sizeof *result);
-    enum umb_status status = umb_query_prepare(job->asset, &job->settings, &check.query, error);
-    if (status == UMB_OK) {
-        status = umb_asset_get_light(job->asset, job->settings.light, &check.light);
-    }
-    if (status == UMB_OK) {
-        status = umb_asset_get_frustum(job->asset, check.light.first_frustum, &check.frustum);
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umb_query_prepare(job->asset, &job->settings, &check.query, error));
+    UMB__TRY(umb_asset_get_light(job->asset, job->settings.light, &check.light));
+    UMB__TRY(umb_asset_get_frustum(job->asset, check.light.first_frustum, &check.frustum));
     if (pthread_mutex_init(&check.lock, NULL) != 0) {
         return umb_fail(error, UMB_E_NO_MEMORY, "bounds: no lock");
     }
-    status = umbu_range_run(job->threads, job->points->count, BLOCK, check_block, &check, error);
+    const enum umb_status status =
+        umbu_range_run(job->threads, job->points->count, BLOCK, check_block, &check, error);
     (void)pthread_mutex_destroy(&check.lock);
     *result = check.result;
     return status;

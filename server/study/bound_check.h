@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
 #define UMBRAGE_SERVER_STUDY_BOUND_CHECK_H
 /*
- * Test of the stated bound. Points on the scene's surfaces are answered by a query with a setting
- * and by a ray each. Where the two differ, another ray must find the other truth within the bound.
- * It is tried at places around the point and at the centres of the voxels of the answer.
+ * Test of the stated bound. Each point on the scene's surfaces is answered by a query and by a ray.
+ * Where the two differ, another ray must find the other truth within the bound. These rays start at
+ * places around the point and at the centres of the voxels of the answer.
  *
  * A window that reaches into a closed solid is undefined; the bound promises nothing there.
  */
@@ -12,18 +12,19 @@
 #include "umbrage/curve.h"
 
 struct umbt_bound_result {
-    uint64_t points;       /* points compared: those that face the light */
-    uint64_t differ;       /* answers that differ from the ray's */
-    uint64_t undefined;    /* part of these with an undefined window, where no boundary was found */
-    uint64_t beyond;       /* part of these without a true boundary within the bound: must be 0 */
-    double worst_point[3]; /* one of the last kind */
+    uint64_t points;    /* number of points compared: all that face the light */
+    uint64_t differ;    /* number of answers that differ from the ray */
+    uint64_t undefined; /* number of differing answers with an undefined window and no boundary */
+    /* Number of differing answers without a true boundary within the bound; must be 0. */
+    uint64_t beyond;
+    double worst_point[3]; /* an example of the points counted in `beyond` */
 };
 
 struct umbt_bound_job {
     const struct umbt_scene *scene;
     const struct umb_asset *asset;
-    const struct umbt_point_set *points; /* on surfaces, with normals */
-    struct umb_query_settings settings;  /* automatic bias, box filter */
+    const struct umbt_point_set *points; /* points on surfaces, with normals */
+    struct umb_query_settings settings;  /* settings with automatic bias and the box filter */
     double bound_m;
     unsigned threads;
 };

@@ -11,14 +11,15 @@
 
 #include <math.h>
 #include <string.h>
-#include "study/study_vec.h"
+#include "base/try.h"
+#include "study/study_math.h"
 #include "tool/keys.h"
 
 #define PI              3.14159265358979323846
 #define DEFAULT_FOV     35.0
-#define DEFAULT_TURN    80.0 /* to either side of the sun's azimuth */
+#define DEFAULT_TURN    80.0 /* degrees to either side of the sun's azimuth */
 #define DEFAULT_ABOVE   35.0
-#define DEFAULT_AZIMUTH 215.0 /* under a sun straight overhead */
+#define DEFAULT_AZIMUTH 215.0 /* degrees, for a sun straight overhead */
 #define FOV_MIN         1.0
 #define FOV_MAX         150.0
 #define COORDINATE_MAX  1e12
@@ -62,16 +63,11 @@ enum umb_status umbt_camera_parse(const char *text, struct umbt_camera_request *
         {"az", &parsed.has_azimuth, &parsed.azimuth_deg, 1, 360.0},
         {"el", &parsed.has_elevation, &parsed.elevation_deg, 1, 90.0},
     };
-    enum umb_status status =
-        umbu_read_keys("--camera", text, "eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", keys,
-                       sizeof keys / sizeof keys[0], error);
-    if (status == UMB_OK) {
-        status = request_check(&parsed, has_fov, error);
-    }
-    if (status == UMB_OK) {
-        *request = parsed;
-    }
-    return status;
+    UMB__TRY(umbu_read_keys("--camera", text, "eye=X,Y,Z target=X,Y,Z fov=DEG az=DEG el=DEG", keys,
+                            sizeof keys / sizeof keys[0], error));
+    UMB__TRY(request_check(&parsed, has_fov, error));
+    *request = parsed;
+    return UMB_OK;
 }
 
 void umbt_compass_vector(double azimuth_deg, double elevation_deg, int z_up, double out[3])
@@ -97,7 +93,7 @@ double umbt_compass_azimuth(const double direction[3], int z_up, double otherwis
     return degrees < 0.0 ? degrees + 360.0 : degrees;
 }
 
-/* Computes right and up from forward, so that the picture stands upright; looking straight up or
+/* Computes right and up from forward, so that the picture stands upright. In a view straight up or
  * down, north is at the top. */
 static void axes_make(struct umbt_camera *camera, int z_up)
 {
@@ -133,7 +129,7 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     }
     double back =
         fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
-    /* One point, or points in a line with the view, would put the eye on the geometry. */
+    /* A single point, or points in a line with the view, would put the eye on the geometry. */
     back = fmin(back, nearest - fmax(1e-3 * sqrt(size), 1e-6));
     umbt_along(centre, back, camera->forward, camera->eye);
     for (int k = 0; k < 2; k++) {
@@ -142,7 +138,7 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     return -back;
 }
 
-/* Makes a camera from a compass direction, fitted; returns its distance as eye_fit does. */
+/* Fits a camera in a compass direction to the subject. Returns its distance as eye_fit does. */
 static double compass_fit(const struct umbt_camera_subject *subject, const double centre[3],
                           double azimuth_deg, double elevation_deg, struct umbt_camera *camera)
 {

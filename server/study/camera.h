@@ -19,7 +19,7 @@
 #include "umbrage/geom.h"
 #include "umbrage/status.h"
 
-/* The request of --camera; zeroed means the default view. */
+/* A camera as --camera states it; zeroed means the default view. */
 struct umbt_camera_request {
     bool has_eye, has_target, has_azimuth, has_elevation;
     double eye[3], target[3];
@@ -43,7 +43,7 @@ double umbt_camera_fov_deg(const struct umbt_camera *camera);
 /* The geometry a camera is fitted to. */
 struct umbt_camera_subject {
     const double (*points)[3]; /* [count], borrowed */
-    size_t count;              /* at least 1 */
+    size_t count;              /* number of points, at least 1 */
     struct umb_box box;        /* bounds of the points */
     int z_up;
     double to_light[3]; /* unit, from the scene to the sun */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `deep`: deep shadow maps of a scene with translucent casters, compared with brute-force products
- * of traced rays; the gain of neighbour links; and maps of moments beside them.
+ * `deep`: deep shadow maps of a scene with translucent casters, and maps of moments, compared with
+ * products over traced hits; and the speed-up by links between neighbours.
  */
 #include "study/study_command.h"
 
@@ -13,58 +13,79 @@
 #include "base/try.h"
 #include "tool/json.h"
 #include "study/light_hits.h"
-#include "study/moment_rows.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "study/technique_view.h"
-#include "study/view_options.h"
-#include "tool/exit_code.h"
 
 #define REPEATS 3
-#define COLUMNS 5U /* columns of the picture */
-#define GAP     4U /* pixels between tiles */
+
+#define LIGHT(count) .settings.technique = UMB_MAP_MOMENTS, .settings.terms = (count)
+#define LOGS(count)  .settings.technique = UMB_MAP_ABSORBANCE, .settings.terms = (count)
+
+/* The maps of moments; the parameter of each family grows down the table. */
+static const struct moment_row {
+    const char *name;
+    struct umb_map_settings settings; /* without blur */
+} MOMENTS[] = {
+    {"moments-4", LIGHT(4)},
+    {"moments-6", LIGHT(6)},
+    {"moments-8", LIGHT(8)},
+    {"moments-8-u16", LIGHT(8), .settings.format = UMB_MAP_U16},
+    {"moments-4-over", LIGHT(4), .settings.overestimate = 0.25},
+    {"moments-8-over", LIGHT(8), .settings.overestimate = 0.25},
+    {"absorbance-4", LOGS(4)},
+    {"absorbance-6", LOGS(6)},
+    {"absorbance-8", LOGS(8)},
+    {"absorbance-8-u16", LOGS(8), .settings.format = UMB_MAP_U16},
+    {"absorbance-4-over", LOGS(4), .settings.overestimate = 0.25},
+    {"absorbance-8-over", LOGS(8), .settings.overestimate = 0.25},
+};
+
+#define MOMENT_COUNT (sizeof MOMENTS / sizeof MOMENTS[0])
+
+/* One map: built, queried a few times, best time kept. */
+struct result {
+    struct umb_map_info info;
+    double build_s, ns; /* CPU time of the whole build; of a point */
+    /* Difference from the products: mean of |answer - truth|, its two parts, the largest. */
+    double mean, lighter, darker, most;
+};
 
 struct deep {
-    const char *scene_path, *output;
-    struct umbt_view_options options;
-    uint64_t resolution, taps, threads;
+    struct umbt_setup_options options;
+    uint64_t resolution, taps;
     double alpha, epsilon;
-    int json, quiet;
-    struct umbt_view view;
-    struct umbt_gbuffer buffer;
-    struct umb_map_frustum frustum;
+    struct umbt_scene scene;
+    struct umbt_technique_view view; /* setup, size, frustum and buffer only */
     struct umbt_light_hits hits;
     float *values, *other; /* [receivers] */
     /* [receivers] products over a box of texels; products over the boxes around the four nearest
      * texels, weighted as in bilinear filtering. */
     double *box, *between;
-    struct umbt_picture sheet;
+    struct umbt_sheet sheet;
+    struct result exact, searched, linked, streamed, moments[MOMENT_COUNT];
+    int linked_same, streamed_same; /* 1: the same bits as the search */
 };
 
 #define AT(field) UMBU_AT(struct deep, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {UMBT_SCENE_ROW(struct deep, options.scene)},
     {"output", "FILE",
-     "one view by each, side by side, PNG: the products over the window of a deep map, the deep "
-     "map, the products over that of the others, then these in the order of the table, five a "
-     "row; - is stdout",
-     UMBU_TEXT, AT(output), .letter = 'o'},
-    {"alpha", "A", "of BLEND surfaces, 0 to 1", UMBU_NUMBER(0, 1), AT(alpha), .standard = "0.5"},
-    {"resolution", "N", "texels a side, 16 to 2048", UMBU_COUNT(16, 2048), AT(resolution),
-     .standard = "512"},
-    {"taps", "N", "width of the filter", UMBU_ODD(1, 17), AT(taps), .standard = "7"},
-    {"epsilon", "E", "a list ends when less is left, 0 to 1", UMBU_NUMBER(0, 1), AT(epsilon),
-     .standard = "0.001"},
-    {UMBT_SUN_ROW(struct deep, options.sun)},
-    {UMBT_CAMERA_ROW(struct deep, options.camera)},
+     "PNG file with one view by each map, side by side, five a row: the products over the window "
+     "of a deep map, the deep map, the products over the window of the other maps, then the other "
+     "maps in the order of the table; - is stdout",
+     UMBU_TEXT, AT(options.output), .letter = 'o'},
+    {"alpha", "A", "share of the light that a BLEND surface absorbs, 0 to 1", UMBU_NUMBER(0, 1),
+     AT(alpha), .standard = "0.5"},
+    {"resolution", "N", "texels a side of each map, 16 to 2048", UMBU_COUNT(16, 2048),
+     AT(resolution), .standard = "512"},
+    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, 17), AT(taps), .standard = "7"},
+    {"epsilon", "E", "share of the light, 0 to 1, below which the list of a texel ends",
+     UMBU_NUMBER(0, 1), AT(epsilon), .standard = "0.001"},
     {UMBT_SIZE_ROW(struct deep, options.size, 2048, "320x200")},
-    {UMBT_UP_ROW(struct deep, options.up)},
-    {UMBT_THREADS_ROW(struct deep)},
-    {UMBU_JSON_ROW(struct deep), .excludes = "output=-"},
-    {UMBU_QUIET_ROW(struct deep, "print nothing but errors")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -74,104 +95,109 @@ static const struct umbu_command COMMAND = {
                "products over traced hits. A surface whose material is BLEND takes --alpha of\n"
                "the light, or its own constant alpha where that is less than 1; every other\n"
                "surface takes all.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct deep, options)},
 };
 
-/* Lifts points off their surfaces, towards the light, by half of the wider window: a plane then
+/* Moves points off their surfaces, towards the light, by half of the wider window. A plane then
  * does not shadow itself, as with bias_normal 1. Maps and products use the same points. */
 static void points_lift(struct deep *d)
 {
-    for (size_t i = 0; i < d->buffer.receiver_count; i++) {
-        const float *n = &d->buffer.normals[3 * i];
-        const double normal[3] = {(double)n[0], (double)n[1], (double)n[2]};
-        double shift = 0.0;
+    for (size_t i = 0; i < d->view.buffer.receiver_count; i++) {
+        double normal[3], shift = 0.0;
+        umbt_widen(&d->view.buffer.normals[3 * i], normal);
         for (int axis = 0; axis < 2; axis++) {
-            const double *g = d->frustum.world_to_map[axis];
+            const double *g = d->view.frustum.world_to_map[axis];
             shift += 0.5 * ((double)d->taps + 1.0) * fabs(umb__dot(normal, g)) / umb__dot(g, g);
         }
-        shift = copysign(shift, umb__dot(normal, d->view.to_light));
+        shift = copysign(shift, umb__dot(normal, d->view.setup.to_light));
         for (int k = 0; k < 3; k++) {
-            d->buffer.positions[3 * i + (size_t)k] += shift * normal[k];
+            d->view.buffer.positions[3 * i + (size_t)k] += shift * normal[k];
         }
     }
 }
 
 static enum umb_status scene_open(struct deep *d, struct umb_error *error)
 {
-    enum umb_status status = umbt_view_open(&d->options, d->scene_path, &d->view, error);
-    if (status == UMB_OK) {
-        status = umb_map_frustum_fit(d->view.to_light, &d->view.scene.box, (uint32_t)d->resolution,
-                                     (uint32_t)d->resolution, &d->frustum, error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_init(&d->buffer, d->options.size[0], 1, d->options.size[1], error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_fill(&d->buffer, &d->view.scene, &d->view.camera, d->options.size[1],
-                                   0, d->options.size[1], (unsigned)d->threads, error);
-    }
-    if (status == UMB_OK && d->buffer.receiver_count == 0) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "--camera: sees nothing of the scene");
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
+    struct umbt_setup *setup = &d->view.setup;
+    const uint32_t side = (uint32_t)d->resolution;
+    UMB__TRY(umbt_setup_open(&d->options, &d->scene, setup, error));
+    memcpy(d->view.size, d->options.size, sizeof d->view.size);
+    UMB__TRY(
+        umb_map_frustum_fit(setup->to_light, &d->scene.box, side, side, &d->view.frustum, error));
+    UMB__TRY(umbt_gbuffer_view(&d->view.buffer, &d->scene, &setup->camera, d->view.size,
+                               (unsigned)d->options.threads, error));
+    const size_t count = d->view.buffer.receiver_count;
     points_lift(d);
-    d->values = calloc(d->buffer.receiver_count, sizeof *d->values);
-    d->other = calloc(d->buffer.receiver_count, sizeof *d->other);
-    d->box = calloc(d->buffer.receiver_count, sizeof *d->box);
-    d->between = calloc(d->buffer.receiver_count, sizeof *d->between);
+    d->values = calloc(count, sizeof *d->values);
+    d->other = calloc(count, sizeof *d->other);
+    d->box = calloc(count, sizeof *d->box);
+    d->between = calloc(count, sizeof *d->between);
     if (d->values == NULL || d->other == NULL || d->box == NULL || d->between == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory",
-                        d->buffer.receiver_count);
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     }
-    return umbt_light_hits_trace(&d->view.scene, &d->frustum, d->alpha, (unsigned)d->threads,
-                                 &d->hits, error);
+    return umbt_light_hits_trace(&d->scene, &d->view.frustum, d->alpha,
+                                 (unsigned)d->options.threads, &d->hits, error);
 }
 
-/* The points, without normals: a hair's own strands shadow it by their depth alone. */
-static struct umb_points points_of(const struct deep *d)
+/* Bias of all filters in metres: a step of 16 bits. */
+static double bias_of(const struct deep *d)
 {
-    return (struct umb_points){.positions = d->buffer.positions,
-                               .format = UMB_POINT_F64,
-                               .count = d->buffer.receiver_count};
+    return d->view.frustum.depth_m / 65536.0;
 }
 
-static struct umb_map_filter filter_of(const struct deep *d)
+/* Queries a map and compares its answers; best time of a few runs. values: out, [receivers]. */
+static enum umb_status map_ask(const struct deep *d, const struct umb_map *map, double width,
+                               const double *truth, float *values, struct result *result,
+                               struct umb_error *error)
 {
-    return (struct umb_map_filter){.width = (double)d->taps,
-                                   .bias_m = d->frustum.depth_m / 65536.0};
-}
-
-/* Result of one map: built, queried a few times, best time kept. */
-struct result {
-    struct umb_map_info info;
-    double query_ns;
-};
-
-static enum umb_status map_ask(struct deep *d, const struct umb_map_deep_settings *settings,
-                               float *values, struct result *result, struct umb_error *error)
-{
-    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
-    const struct umb_points points = points_of(d);
-    const struct umb_map_filter filter = filter_of(d);
-    struct umb_map *map;
+    /* Without normals: a hair's own strands shadow it by their depth alone. */
+    const struct umb_points points = {.positions = d->view.buffer.positions,
+                                      .format = UMB_POINT_F64,
+                                      .count = d->view.buffer.receiver_count};
+    const struct umb_map_filter filter = {.width = width, .bias_m = bias_of(d)};
     struct umb_map_query query;
-    UMB__TRY(umb_map_build_deep(&d->frustum, &in, settings, NULL, &map, error));
-    enum umb_status status = umb_map_prepare(map, &filter, &query, error);
-    result->query_ns = INFINITY;
-    for (int i = 0; i < REPEATS && status == UMB_OK; i++) {
+    UMB__TRY(umb_map_prepare(map, &filter, &query, error));
+    umb_map_get_info(map, &result->info);
+    result->ns = INFINITY;
+    for (int i = 0; i < REPEATS; i++) {
         const double start = umbu_thread_cpu_s();
         umb_map_run(&query, &points, 0, points.count, values);
-        result->query_ns =
-            fmin(result->query_ns, 1e9 * (umbu_thread_cpu_s() - start) / (double)points.count);
+        result->ns = fmin(result->ns, 1e9 * (umbu_thread_cpu_s() - start) / (double)points.count);
     }
-    umb_map_get_info(map, &result->info);
+    for (size_t i = 0; i < points.count; i++) {
+        const double difference = (double)values[i] - truth[i];
+        result->lighter += fmax(difference, 0.0) / (double)points.count;
+        result->darker += fmax(-difference, 0.0) / (double)points.count;
+        result->most = fmax(result->most, fabs(difference));
+    }
+    result->mean = result->lighter + result->darker;
+    return UMB_OK;
+}
+
+/* Builds a deep map, or with `moments` a map of moments, and queries it. */
+static enum umb_status map_run(const struct deep *d, const struct umb_map_deep_settings *settings,
+                               const struct moment_row *moments, float *values,
+                               struct result *result, struct umb_error *error)
+{
+    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
+    struct umb_map *map;
+    const double start = umbu_thread_cpu_s();
+    if (moments != NULL) {
+        struct umb_map_settings blurred = moments->settings;
+        blurred.blur = (uint32_t)d->taps;
+        UMB__TRY(umb_map_build_translucent(&d->view.frustum, &in, &blurred, NULL, &map, error));
+    } else {
+        UMB__TRY(umb_map_build_deep(&d->view.frustum, &in, settings, NULL, &map, error));
+    }
+    *result = (struct result){.build_s = umbu_thread_cpu_s() - start};
+    const enum umb_status status =
+        moments != NULL ? map_ask(d, map, 0.0, d->between, values, result, error)
+                        : map_ask(d, map, (double)d->taps, d->box, values, result, error);
     umb_map_destroy(map);
     return status;
 }
 
-/* Light left at a depth behind a texel's own fragments: a product in long double. */
+/* Transmittance of a texel at a depth: the product over its fragments before that depth. */
 static long double texel_left(const struct deep *d, int64_t x, int64_t y, double depth)
 {
     const int64_t side = (int64_t)d->resolution;
@@ -188,8 +214,8 @@ static long double texel_left(const struct deep *d, int64_t x, int64_t y, double
     return left;
 }
 
-/* Mean over a box of texels around (x, y). Its middle may lie between texels: those at its ends
- * then count by their share. */
+/* Mean transmittance over a box of texels around (x, y). If the middle lies between texels, the
+ * outer texels count by their share. */
 static double brute_force(const struct deep *d, double x, double y, double depth)
 {
     const int64_t taps = (int64_t)d->taps;
@@ -208,139 +234,62 @@ static double brute_force(const struct deep *d, double x, double y, double depth
     return (double)(sum / (long double)(taps * taps));
 }
 
-static enum umb_status truth_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void truth_item(void *user, size_t i)
 {
     struct deep *d = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        double p[3], at[3];
-        umb__subtract(&d->buffer.positions[3 * i], d->frustum.origin, p);
-        for (int k = 0; k < 3; k++) {
-            at[k] = umb__dot(d->frustum.world_to_map[k], p) + d->frustum.world_to_map[k][3];
-        }
-        const double depth = at[2] - filter_of(d).bias_m / d->frustum.depth_m;
-        d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
-        d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
+    double p[3], at[3];
+    umb__subtract(&d->view.buffer.positions[3 * i], d->view.frustum.origin, p);
+    for (int k = 0; k < 3; k++) {
+        at[k] = umb__dot(d->view.frustum.world_to_map[k], p) + d->view.frustum.world_to_map[k][3];
     }
-    return UMB_OK;
-}
-
-static double worst_difference(const struct deep *d, const float *values)
-{
-    double worst = 0.0;
-    for (size_t i = 0; i < d->buffer.receiver_count; i++) {
-        worst = fmax(worst, fabs((double)values[i] - d->box[i]));
-    }
-    return worst;
-}
-
-static void tile_draw(struct deep *d, size_t tile, const float *values)
-{
-    const struct umbt_technique_view view = {
-        .scene = &d->view.scene,
-        .camera = d->view.camera,
-        .to_light = {d->view.to_light[0], d->view.to_light[1], d->view.to_light[2]},
-        .z_up = d->view.z_up,
-        .width = d->options.size[0],
-        .height = d->options.size[1],
-        .buffer = d->buffer};
-    if (d->output != NULL) {
-        umbt_technique_draw(&view, values, &d->sheet,
-                            (uint32_t)(tile % COLUMNS) * (d->options.size[0] + GAP),
-                            (uint32_t)(tile / COLUMNS) * (d->options.size[1] + GAP));
-    }
+    const double depth = at[2] - bias_of(d) / d->view.frustum.depth_m;
+    d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
+    d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
 }
 
 /* Draws the truths as floats; the difference is invisible. */
 static void truth_draw(struct deep *d, size_t tile, const double *truth)
 {
-    for (size_t i = 0; i < d->buffer.receiver_count; i++) {
+    for (size_t i = 0; i < d->view.buffer.receiver_count; i++) {
         d->other[i] = (float)truth[i];
     }
-    tile_draw(d, tile, d->other);
+    umbt_sheet_draw(&d->sheet, tile, &d->view, d->other);
 }
 
 #define TILES_BEFORE 3U /* two truths and the deep map */
 
-static enum umb_status sheet_begin(struct deep *d, struct umb_error *error)
+/* Runs all maps of moments. */
+static enum umb_status moments_run(struct deep *d, struct umb_error *error)
 {
-    const size_t tiles = TILES_BEFORE + umbt_moment_row_count;
-    const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
-    return d->output == NULL
-               ? UMB_OK
-               : umbt_picture_init(&d->sheet, COLUMNS * (d->options.size[0] + GAP) - GAP,
-                                   rows * (d->options.size[1] + GAP) - GAP, error);
-}
-
-/* Runs all maps of moments. results: [umbt_moment_row_count]. */
-static enum umb_status moments_run(struct deep *d, struct umbt_moment_result *results,
-                                   struct umb_error *error)
-{
-    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
-    const struct umb_points points = points_of(d);
-    const struct umbt_moment_question question = {.frustum = &d->frustum,
-                                                  .fragments = &in,
-                                                  .points = &points,
-                                                  .taps = (uint32_t)d->taps,
-                                                  .bias_m = filter_of(d).bias_m,
-                                                  .truth = d->between};
-    enum umb_status status = UMB_OK;
     truth_draw(d, 2, d->between);
-    for (size_t i = 0; i < umbt_moment_row_count && status == UMB_OK; i++) {
-        status = umbt_moment_row_run(&umbt_moment_rows[i], &question, d->other, &results[i], error);
-        tile_draw(d, TILES_BEFORE + i, d->other);
+    for (size_t i = 0; i < MOMENT_COUNT; i++) {
+        UMB__TRY(map_run(d, NULL, &MOMENTS[i], d->other, &d->moments[i], error));
+        umbt_sheet_draw(&d->sheet, TILES_BEFORE + i, &d->view, d->other);
     }
-    if (status == UMB_OK && d->output != NULL) {
-        status = umbt_picture_write(&d->sheet, d->output, error);
-    }
-    return status;
+    return umbt_sheet_write(&d->sheet, error);
 }
 
-/* Results of the command. */
-struct findings {
-    struct result exact, searched, linked, streamed;
-    /* Largest difference from the products: without truncation; with epsilon. */
-    double exact_error, error;
-    int linked_same, streamed_same;     /* 1: the same bits as the search */
-    struct umbt_moment_result *moments; /* [umbt_moment_row_count] */
-};
-
-static enum umb_status deep_run(struct deep *d, struct findings *f, struct umb_error *error)
+static enum umb_status deep_run(struct deep *d, struct umb_error *error)
 {
-    struct umb_map_deep_settings settings = {.epsilon = d->epsilon, .way = UMB_MAP_DEEP_SEARCH};
-    enum umb_status status = scene_open(d, error);
-    if (status == UMB_OK) {
-        status = umbu_range_run((unsigned)d->threads, d->buffer.receiver_count, 1024, truth_block,
-                                d, error);
-    }
-    if (status == UMB_OK) {
-        status = sheet_begin(d, error);
-    }
-    if (status == UMB_OK) {
-        status = map_ask(d, &(struct umb_map_deep_settings){0}, d->values, &f->exact, error);
-    }
-    if (status == UMB_OK) {
-        f->exact_error = worst_difference(d, d->values);
-        status = map_ask(d, &settings, d->other, &f->searched, error);
-    }
-    const size_t bytes = d->buffer.receiver_count * sizeof *d->values;
-    if (status == UMB_OK) {
-        f->error = worst_difference(d, d->other);
-        settings.way = UMB_MAP_DEEP_LINKS;
-        status = map_ask(d, &settings, d->values, &f->linked, error);
-        f->linked_same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
-    }
-    if (status == UMB_OK) {
-        settings.way = UMB_MAP_DEEP_STREAM;
-        status = map_ask(d, &settings, d->values, &f->streamed, error);
-        f->streamed_same = status == UMB_OK && memcmp(d->values, d->other, bytes) == 0;
-    }
-    if (status == UMB_OK) {
-        tile_draw(d, 1, d->values);
-        truth_draw(d, 0, d->box);
-        status = moments_run(d, f->moments, error);
-    }
-    return status;
+    struct umb_map_deep_settings settings = {0};
+    UMB__TRY(scene_open(d, error));
+    const size_t count = d->view.buffer.receiver_count, bytes = count * sizeof *d->values;
+    UMB__TRY(umbu_range_each((unsigned)d->options.threads, count, 1024, truth_item, d, error));
+    UMB__TRY(umbt_sheet_begin(&d->sheet, d->options.output, &d->view, TILES_BEFORE + MOMENT_COUNT,
+                              error));
+    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->exact, error));
+    settings.epsilon = d->epsilon;
+    settings.way = UMB_MAP_DEEP_SEARCH;
+    UMB__TRY(map_run(d, &settings, NULL, d->other, &d->searched, error));
+    settings.way = UMB_MAP_DEEP_LINKS;
+    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->linked, error));
+    d->linked_same = memcmp(d->values, d->other, bytes) == 0;
+    settings.way = UMB_MAP_DEEP_STREAM;
+    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->streamed, error));
+    d->streamed_same = memcmp(d->values, d->other, bytes) == 0;
+    umbt_sheet_draw(&d->sheet, 1, &d->view, d->values);
+    truth_draw(d, 0, d->box);
+    return moments_run(d, error);
 }
 
 /* Prints the cost of a way, compared with a search of every list. */
@@ -348,32 +297,31 @@ static void way_print(FILE *to, const char *name, const struct result *way,
                       const struct result *searched, int same)
 {
     fprintf(to, "%-18s %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n", name,
-            way->info.bytes, way->query_ns, searched->query_ns / way->query_ns,
-            same ? "the same" : "OTHER");
+            way->info.bytes, way->ns, searched->ns / way->ns, same ? "the same" : "OTHER");
 }
 
-static void print_text(FILE *to, const struct deep *d, const struct findings *f)
+static void print_text(FILE *to, const struct deep *d)
 {
     fprintf(to,
             "%s: %" PRIu64 " texels a side, %" PRIu64
             " fragments in %zu lists, %zu points, %" PRIu64 " x %" PRIu64 " texels\n",
-            d->scene_path, d->resolution, d->hits.first[d->resolution * d->resolution],
-            d->hits.occupied, d->buffer.receiver_count, d->taps, d->taps);
+            d->options.scene, d->resolution, d->hits.first[d->resolution * d->resolution],
+            d->hits.occupied, d->view.buffer.receiver_count, d->taps, d->taps);
     fprintf(to, "nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
-            f->exact.info.fragments, f->exact.info.bytes, f->exact_error);
+            d->exact.info.fragments, d->exact.info.bytes, d->exact.most);
     fprintf(to, "epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
-            f->searched.info.fragments, f->error);
-    fprintf(to, "searched:          %" PRIu64 " bytes, %.0f ns a point\n", f->searched.info.bytes,
-            f->searched.query_ns);
-    way_print(to, "linked:", &f->linked, &f->searched, f->linked_same);
-    way_print(to, "streamed:", &f->streamed, &f->searched, f->streamed_same);
+            d->searched.info.fragments, d->searched.most);
+    fprintf(to, "searched:          %" PRIu64 " bytes, %.0f ns a point\n", d->searched.info.bytes,
+            d->searched.ns);
+    way_print(to, "linked:", &d->linked, &d->searched, d->linked_same);
+    way_print(to, "streamed:", &d->streamed, &d->searched, d->streamed_same);
     fprintf(to, "%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
             "most", "slack", "bytes", "build s", "ns/point");
-    for (size_t i = 0; i < umbt_moment_row_count; i++) {
-        const struct umbt_moment_result *r = &f->moments[i];
+    for (size_t i = 0; i < MOMENT_COUNT; i++) {
+        const struct result *r = &d->moments[i];
         fprintf(to, "%-18s %9.5f %9.5f %9.5f %9.5f %9.2g %11" PRIu64 " %8.3f %9.0f\n",
-                umbt_moment_rows[i].name, r->mean, r->lighter, r->darker, r->most, r->info.slack,
-                r->info.bytes, r->build_s, r->query_ns);
+                MOMENTS[i].name, r->mean, r->lighter, r->darker, r->most, r->info.slack,
+                r->info.bytes, r->build_s, r->ns);
     }
 }
 
@@ -382,47 +330,42 @@ static void put_map(struct umbu_json *json, const char *name, const struct resul
     umbu_json_begin(json, name, '{');
     umbu_json_integer(json, "nodes", map->info.fragments);
     umbu_json_integer(json, "bytes", map->info.bytes);
-    umbu_json_rounded(json, "ns_per_point", map->query_ns, 6);
+    umbu_json_rounded(json, "ns_per_point", map->ns, 6);
     umbu_json_end(json, '}');
 }
 
-static void put_moments(struct umbu_json *json, const char *name,
-                        const struct umbt_moment_result *r)
+static void put_moments(struct umbu_json *json, const char *name, const struct result *r)
 {
     umbu_json_begin(json, NULL, '{');
     umbu_json_text(json, "name", name);
-    umbu_json_rounded(json, "mean", r->mean, 9);
-    umbu_json_rounded(json, "lighter", r->lighter, 9);
-    umbu_json_rounded(json, "darker", r->darker, 9);
-    umbu_json_rounded(json, "most", r->most, 9);
-    umbu_json_rounded(json, "slack", r->info.slack, 9);
     umbu_json_integer(json, "bytes", r->info.bytes);
-    umbu_json_rounded(json, "build_s", r->build_s, 6);
-    umbu_json_rounded(json, "ns_per_point", r->query_ns, 6);
+    UMBU_JSON_VALUES(json, 9, {"mean", r->mean}, {"lighter", r->lighter}, {"darker", r->darker},
+                     {"most", r->most}, {"slack", r->info.slack});
+    UMBU_JSON_VALUES(json, 6, {"build_s", r->build_s}, {"ns_per_point", r->ns});
     umbu_json_end(json, '}');
 }
 
-static void print_json(const struct deep *d, const struct findings *f)
+static void print_json(const struct deep *d)
 {
     struct umbu_json json = {.file = stdout};
     umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "scene", d->scene_path);
+    umbu_json_text(&json, "scene", d->options.scene);
     umbu_json_integer(&json, "resolution", d->resolution);
     umbu_json_integer(&json, "taps", d->taps);
     umbu_json_rounded(&json, "epsilon", d->epsilon, 9);
     umbu_json_integer(&json, "fragments", d->hits.first[d->resolution * d->resolution]);
     umbu_json_integer(&json, "lists", d->hits.occupied);
-    umbu_json_integer(&json, "points", d->buffer.receiver_count);
-    umbu_json_rounded(&json, "exact_error", f->exact_error, 6);
-    umbu_json_rounded(&json, "error", f->error, 6);
-    put_map(&json, "exact", &f->exact);
-    put_map(&json, "searched", &f->searched);
-    put_map(&json, "linked", &f->linked);
-    put_map(&json, "streamed", &f->streamed);
-    umbu_json_bool(&json, "same_bits", f->linked_same && f->streamed_same);
+    umbu_json_integer(&json, "points", d->view.buffer.receiver_count);
+    umbu_json_rounded(&json, "exact_error", d->exact.most, 6);
+    umbu_json_rounded(&json, "error", d->searched.most, 6);
+    put_map(&json, "exact", &d->exact);
+    put_map(&json, "searched", &d->searched);
+    put_map(&json, "linked", &d->linked);
+    put_map(&json, "streamed", &d->streamed);
+    umbu_json_bool(&json, "same_bits", d->linked_same && d->streamed_same);
     umbu_json_begin(&json, "moments", '[');
-    for (size_t i = 0; i < umbt_moment_row_count; i++) {
-        put_moments(&json, umbt_moment_rows[i].name, &f->moments[i]);
+    for (size_t i = 0; i < MOMENT_COUNT; i++) {
+        put_moments(&json, MOMENTS[i].name, &d->moments[i]);
     }
     umbu_json_close(&json);
 }
@@ -430,36 +373,27 @@ static void print_json(const struct deep *d, const struct findings *f)
 int umbt_deep_command(int argc, char **argv)
 {
     struct deep d;
-    struct findings findings = {0};
     struct umb_error error = {0};
-    memset(&d, 0, sizeof d);
     struct umbu_parsed parsed;
-    d.threads = umbu_processor_count();
+    memset(&d, 0, sizeof d);
+    d.options.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &d);
     if (code >= 0) {
         return code;
     }
-    findings.moments = calloc(umbt_moment_row_count, sizeof *findings.moments);
-    const enum umb_status status =
-        findings.moments != NULL
-            ? deep_run(&d, &findings, &error)
-            : umb_fail(&error, UMB_E_NO_MEMORY, "results do not fit in memory");
-    if (status == UMB_OK && d.json) {
-        print_json(&d, &findings);
-    } else if (status == UMB_OK && !d.quiet) {
-        print_text(umbu_output_talk(d.output), &d, &findings);
+    const enum umb_status status = deep_run(&d, &error);
+    if (status == UMB_OK && d.options.json) {
+        print_json(&d);
+    } else if (status == UMB_OK && !d.options.quiet) {
+        print_text(umbu_output_talk(d.options.output), &d);
     }
     umbt_light_hits_finish(&d.hits);
     free(d.values);
     free(d.other);
     free(d.box);
     free(d.between);
-    free(findings.moments);
-    umbt_picture_finish(&d.sheet);
-    umbt_gbuffer_finish(&d.buffer);
-    umbt_view_close(&d.view);
-    if (status != UMB_OK) {
-        fprintf(stderr, "umbrage-study deep: %s\n", error.message);
-    }
-    return umbu_exit_code(status);
+    umbt_picture_finish(&d.sheet.picture);
+    umbt_gbuffer_finish(&d.view.buffer);
+    umbt_scene_finish(&d.scene);
+    return umbu_end(&COMMAND, status, &error);
 }

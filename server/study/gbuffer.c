@@ -5,8 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/try.h"
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 struct fill {
     struct umbt_gbuffer *buffer;
@@ -19,7 +20,7 @@ struct fill {
 enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, uint32_t aa,
                                   uint32_t rows, struct umb_error *error)
 {
-    /* Callers bound these by 16384, 3 and 16384, so that the product stays below 2^32. */
+    /* Callers bound width, aa and rows by 16384, 3 and 16384: the product fits into 64 bits. */
     const size_t capacity = (size_t)width * rows * aa * aa;
     memset(buffer, 0, sizeof *buffer);
     buffer->width = width;
@@ -29,11 +30,8 @@ enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, u
     buffer->positions = calloc(capacity, 3 * sizeof *buffer->positions);
     buffer->normals = calloc(capacity, 3 * sizeof *buffer->normals);
     buffer->triangles = calloc(capacity, sizeof *buffer->triangles);
-    buffer->raw_positions = calloc(capacity, 3 * sizeof *buffer->raw_positions);
-    buffer->raw_triangles = calloc(capacity, sizeof *buffer->raw_triangles);
     if (buffer->slots == NULL || buffer->positions == NULL || buffer->normals == NULL ||
-        buffer->triangles == NULL || buffer->raw_positions == NULL ||
-        buffer->raw_triangles == NULL) {
+        buffer->triangles == NULL) {
         umbt_gbuffer_finish(buffer);
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu picture samples do not fit in memory",
                         capacity);
@@ -47,8 +45,6 @@ void umbt_gbuffer_finish(struct umbt_gbuffer *buffer)
     free(buffer->positions);
     free(buffer->normals);
     free(buffer->triangles);
-    free(buffer->raw_positions);
-    free(buffer->raw_triangles);
     memset(buffer, 0, sizeof *buffer);
 }
 
@@ -62,15 +58,12 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
 /* Unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
-    double a[3], b[3];
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, normal);
+    umbt_triangle_cross(corners, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
-/* The distance at which a ray meets the triangle's plane, if it differs little from Embree's
- * answer; a plane seen edge on gives no reliable distance. */
+/* Distance at which a ray meets the triangle's plane. If that differs much from Embree's distance,
+ * as for a plane seen edge on, Embree's distance stays. */
 static double distance_refine(const double corners[3][3], const double normal[3],
                               const double eye[3], const double direction[3], double distance,
                               double tolerance)
@@ -81,8 +74,10 @@ static double distance_refine(const double corners[3][3], const double normal[3]
     return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
 }
 
-static void sample_trace(const struct fill *fill, size_t index)
+/* Traces a sub-sample; the hit stands at the sub-sample's own place until hits_gather. */
+static void sample_trace(void *user, size_t index)
 {
+    const struct fill *fill = user;
     struct umbt_gbuffer *buffer = fill->buffer;
     const uint32_t per_pixel = buffer->aa * buffer->aa;
     const size_t pixel = index / per_pixel;
@@ -94,7 +89,7 @@ static void sample_trace(const struct fill *fill, size_t index)
 
     struct umbr_hit hit = {.distance = -1.0};
     umbr_nearest(fill->scene->rays, fill->camera->eye, direction, 0.0, fill->far_m, &hit);
-    buffer->raw_triangles[index] = UMBT_SKY;
+    buffer->triangles[index] = UMBT_SKY;
     if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count) {
         return;
     }
@@ -105,17 +100,8 @@ static void sample_trace(const struct fill *fill, size_t index)
     }
     const double distance = distance_refine(corners, normal, fill->camera->eye, direction,
                                             hit.distance, 1e-5 * (hit.distance + fill->far_m));
-    umbt_along(fill->camera->eye, distance, direction, &buffer->raw_positions[3 * index]);
-    buffer->raw_triangles[index] = hit.triangle;
-}
-
-static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
-{
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        sample_trace(user, i);
-    }
-    return UMB_OK;
+    umbt_along(fill->camera->eye, distance, direction, &buffer->positions[3 * index]);
+    buffer->triangles[index] = hit.triangle;
 }
 
 /* Moves the hits to the front, in order, and gives them normals that face the camera. */
@@ -124,18 +110,17 @@ static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *sc
 {
     size_t n = 0;
     for (size_t i = 0; i < sample_count; i++) {
-        const uint32_t triangle = buffer->raw_triangles[i];
+        const uint32_t triangle = buffer->triangles[i];
         buffer->slots[i] = UMBT_SKY;
         if (triangle == UMBT_SKY) {
             continue;
         }
-        const double *position = &buffer->raw_positions[3 * i];
         double normal[3], to_eye[3];
+        memmove(&buffer->positions[3 * n], &buffer->positions[3 * i], 3 * sizeof(double));
         (void)triangle_normal((const double(*)[3])scene->corners[triangle], normal);
-        umb__subtract(eye, position, to_eye);
+        umb__subtract(eye, &buffer->positions[3 * n], to_eye);
         const double side = umb__dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
         for (int k = 0; k < 3; k++) {
-            buffer->positions[3 * n + (size_t)k] = position[k];
             buffer->normals[3 * n + (size_t)k] = (float)(side * normal[k]);
         }
         buffer->triangles[n] = triangle;
@@ -163,9 +148,22 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
     const size_t count = (size_t)buffer->width * row_count * buffer->aa * buffer->aa;
     buffer->first_row = first_row;
     buffer->row_count = row_count;
-    const enum umb_status status = umbu_range_run(threads, count, 4096, block_trace, &fill, error);
+    const enum umb_status status =
+        umbu_range_each(threads, count, 4096, sample_trace, &fill, error);
     if (status == UMB_OK) {
         hits_gather(buffer, scene, camera->eye, count);
     }
     return status;
+}
+
+enum umb_status umbt_gbuffer_view(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
+                                  const struct umbt_camera *camera, const uint32_t size[2],
+                                  unsigned threads, struct umb_error *error)
+{
+    UMB__TRY(umbt_gbuffer_init(buffer, size[0], 1, size[1], error));
+    UMB__TRY(umbt_gbuffer_fill(buffer, scene, camera, size[1], 0, size[1], threads, error));
+    return buffer->receiver_count > 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "--camera: no pixel of %ux%u sees the scene",
+                          size[0], size[1]);
 }

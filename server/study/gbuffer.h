@@ -18,14 +18,12 @@
 struct umbt_gbuffer {
     uint32_t width, aa; /* pixels a row; aa * aa sub-samples a pixel */
     uint32_t first_row, row_count;
-    size_t capacity;       /* room of each array, in sub-samples */
-    size_t receiver_count; /* hits of the band */
-    uint32_t *slots;       /* [row_count * width * aa * aa], receiver number or UMBT_SKY */
+    size_t capacity;       /* size of each array, in sub-samples */
+    size_t receiver_count; /* number of sub-samples of the band that hit the scene */
+    uint32_t *slots;       /* [row_count * width * aa * aa] number of the receiver, or UMBT_SKY */
     double *positions;     /* [3 * receiver_count], world space */
     float *normals;        /* [3 * receiver_count], unit */
     uint32_t *triangles;   /* [receiver_count] */
-    double *raw_positions; /* scratch, one a sub-sample */
-    uint32_t *raw_triangles;
 };
 
 /* Makes a buffer for bands of up to `rows` rows. Fails: E_NO_MEMORY. */
@@ -33,8 +31,8 @@ UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint3
                                               uint32_t aa, uint32_t rows, struct umb_error *error);
 void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
 
-/* Sub-pixel offset of sub-sample k of aa * aa: a grid turned so that no two share a row or column.
- */
+/* Offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no two
+ * sub-samples share a row or a column. */
 void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
 
 /*
@@ -47,5 +45,14 @@ UMB_CHECKED enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer,
                                               const struct umbt_camera *camera, uint32_t height,
                                               uint32_t first_row, uint32_t row_count,
                                               unsigned threads, struct umb_error *error);
+
+/* Makes and fills a buffer for a whole picture of size[0] x size[1] pixels, with one sample a
+ * pixel.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing). */
+UMB_CHECKED enum umb_status umbt_gbuffer_view(struct umbt_gbuffer *buffer,
+                                              const struct umbt_scene *scene,
+                                              const struct umbt_camera *camera,
+                                              const uint32_t size[2], unsigned threads,
+                                              struct umb_error *error);
 
 #endif

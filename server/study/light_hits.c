@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define STEP_SHARE 1e-7 /* step beyond a hit, to find the next, as a share of the depth range */
 
@@ -31,33 +31,36 @@ static float triangle_alpha(const struct trace *trace, uint32_t triangle)
     return own < 1.0F ? own : (float)trace->alpha;
 }
 
+double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
+                      double direction[3])
+{
+    const double x = (double)(texel % frustum->width) + 0.5;
+    const double y = (double)(texel / frustum->width) + 0.5;
+    double end[3];
+    if (umb_map_frustum_point(frustum, x, y, 0.0, start) != UMB_OK ||
+        umb_map_frustum_point(frustum, x, y, 1.0, end) != UMB_OK) {
+        return 0.0;
+    }
+    umb__subtract(end, start, direction);
+    return umbt_normalize(direction);
+}
+
 /* Finds all hits of a texel's ray, nearest first. */
-static enum umb_status texel_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void texel_item(void *user, size_t i)
 {
     const struct trace *trace = user;
-    const uint32_t width = trace->frustum->width;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        const double x = (double)(i % width) + 0.5, y = (double)(i / width) + 0.5;
-        double start[3], end[3], direction[3], reached = 0.0;
-        if (umb_map_frustum_point(trace->frustum, x, y, 0.0, start) != UMB_OK ||
-            umb_map_frustum_point(trace->frustum, x, y, 1.0, end) != UMB_OK) {
-            continue;
+    double start[3], direction[3], reached = 0.0;
+    const double length = umbt_texel_ray(trace->frustum, i, start, direction);
+    while (length > 0.0 && trace->counts[i] < UMBT_HITS_MAX) {
+        struct umbr_hit hit;
+        umbr_nearest(trace->scene->rays, start, direction, reached, length, &hit);
+        if (hit.distance < 0.0) {
+            break;
         }
-        umb__subtract(end, start, direction);
-        const double length = umbt_normalize(direction);
-        while (trace->counts[i] < UMBT_HITS_MAX) {
-            struct umbr_hit hit;
-            umbr_nearest(trace->scene->rays, start, direction, reached, length, &hit);
-            if (hit.distance < 0.0) {
-                break;
-            }
-            trace->found[i * UMBT_HITS_MAX + trace->counts[i]++] = (struct umb_map_fragment){
-                (float)fmin(hit.distance / length, 1.0), triangle_alpha(trace, hit.triangle)};
-            reached = hit.distance + STEP_SHARE * length;
-        }
+        trace->found[i * UMBT_HITS_MAX + trace->counts[i]++] = (struct umb_map_fragment){
+            (float)fmin(hit.distance / length, 1.0), triangle_alpha(trace, hit.triangle)};
+        reached = hit.distance + STEP_SHARE * length;
     }
-    return UMB_OK;
 }
 
 /* Joins the lists: list i begins at first[i]. */
@@ -90,7 +93,7 @@ enum umb_status umbt_light_hits_trace(const struct umbt_scene *scene,
     *hits = (struct umbt_light_hits){.first = calloc(texels + 1, sizeof *hits->first)};
     enum umb_status status =
         trace.found != NULL && trace.counts != NULL && hits->first != NULL
-            ? umbu_range_run(threads, texels, 1024, texel_block, &trace, error)
+            ? umbu_range_each(threads, texels, 1024, texel_item, &trace, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     if (status == UMB_OK) {
         hits_gather(&trace, texels, hits);

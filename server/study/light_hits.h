@@ -5,7 +5,16 @@
 #include "study/study_scene.h"
 #include "umbrage/maps.h"
 
-#define UMBT_HITS_MAX 64U /* hits of a ray; farther ones are left out */
+/*
+ * The ray of the light through a texel's centre, from depth 0 to depth 1.
+ *
+ * In:  texel: number in rows. Out: start, direction (unit).
+ * Returns its length in metres; 0 for a texel outside of the frustum.
+ */
+double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
+                      double direction[3]);
+
+#define UMBT_HITS_MAX 64U /* most hits of a ray; farther hits are left out */
 
 struct umbt_light_hits {
     struct umb_map_fragment *fragments; /* [first[texels]], nearest first in a texel */

@@ -5,11 +5,13 @@
  * A peer that is a sparse volume: NanoVDB's mask grid over the voxels of an asset, with the
  * look-ups that its users write.
  *
- * On means shadowed. Mixed blocks of 8^3 voxels are leaves of 64 bytes of mask; blocks and squares
- * of blocks that are shadowed throughout are tiles. It is written for speed. Points are transformed
- * in blocks of 64 by vectors; single taps go through the tree or through an accessor, whichever is
- * faster. Windows go through an accessor tap by tap or, with UMBT_NANOVDB_LEAVES, leaf by leaf with
- * a popcount a row. The library's interface has no such call, but its layout allows it.
+ * A voxel that is on is shadowed. Mixed blocks of 8^3 voxels are leaves with a mask of 64 bytes;
+ * blocks and squares of blocks that are shadowed throughout are tiles.
+ *
+ * The code is written for speed. Vectors transform points in blocks of 64. Single taps go through
+ * the tree or an accessor, whichever is faster. Windows go through an accessor tap by tap or, with
+ * UMBT_NANOVDB_LEAVES, leaf by leaf with a popcount a row: the library has no such call, but its
+ * layout allows it.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -28,21 +30,21 @@ int umbt_nanovdb_is_built(void);
 typedef int (*umbt_nanovdb_block_fn)(const void *user, uint32_t x, uint32_t y, uint32_t z,
                                      uint64_t slices[8]);
 
-/* A grid of 2^log2_size voxels a side; world: to voxels, from points relative to the asset's
- * origin. NULL if the grid could not be made. */
+/* Makes a grid of 2^log2_size voxels a side. world: transform to voxels of points relative to the
+ * asset's origin. Returns NULL if the grid could not be made. */
 struct umbt_nanovdb *umbt_nanovdb_make(uint32_t log2_size, const double world[3][4],
                                        umbt_nanovdb_block_fn block, const void *user);
 void umbt_nanovdb_destroy(struct umbt_nanovdb *peer);
 size_t umbt_nanovdb_bytes(const struct umbt_nanovdb *peer);
 
 enum umbt_nanovdb_way {
-    UMBT_NANOVDB_TREE = 0, /* from the root, for single taps */
-    UMBT_NANOVDB_ACCESSOR,
-    UMBT_NANOVDB_LEAVES, /* for windows */
+    UMBT_NANOVDB_TREE = 0, /* look-ups from the root; single taps only */
+    UMBT_NANOVDB_ACCESSOR, /* look-ups by the library's accessor */
+    UMBT_NANOVDB_LEAVES,   /* counts leaf by leaf; windows only */
     UMBT_NANOVDB_WAYS,
 };
 
-/* answers[i] = share of the taps x taps window around point i that is lit. */
+/* A query: answers[i] is the lit share of the taps x taps window around point i. */
 struct umbt_nanovdb_query {
     const struct umbt_nanovdb *peer;
     const float *points; /* [3 * count] */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * PNG files. libpng's simplified interface encodes into memory, so no longjmp crosses our frames
+ * Pictures and PNG files. libpng's simplified interface encodes into memory: it needs no longjmp,
  * and the file is written in one step.
  */
 #include "study/picture.h"

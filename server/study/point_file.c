@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/bytes.h"
+#include "base/try.h"
 #include "tool/output.h"
 
 #define POINT_BYTES_MAX 192U /* longest text of one point: six numbers of at most 25 characters */
@@ -61,10 +62,8 @@ enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
     uint8_t buffer[BUFFER_BYTES];
     size_t used = 0;
     *bytes = 0;
-    enum umb_status status = umbu_output_begin(file->path, UMBU_OUTPUT_COMMAND, &out, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(umbu_output_begin(file->path, UMBU_OUTPUT_COMMAND, &out, error));
     for (size_t i = 0; i < set->count && status == UMB_OK; i++) {
         double position[3];
         for (int k = 0; k < 3; k++) {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_POINT_FILE_H
 #define UMBRAGE_SERVER_STUDY_POINT_FILE_H
 /*
- * Point files as `umbrage query --points` reads them: raw little-endian floats or doubles, three a
- * point or six with normals, or text, a point a line.
+ * Point files for `umbrage query --points`: raw little-endian floats or doubles, three for a point
+ * or six with the normal, or text with a point a line.
  */
 #include "study/point_sampler.h"
 
@@ -23,7 +23,7 @@ struct umbt_point_file {
 /*
  * Writes a set; the file is replaced as a whole or stays as it was.
  *
- * Out:   bytes: of the file.
+ * Out:   bytes: size of the file.
  * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbt_point_file_write(const struct umbt_point_file *file,

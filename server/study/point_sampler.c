@@ -14,19 +14,19 @@
 #include "study/gbuffer.h"
 #include "tool/threads.h"
 #include "tool/progress.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define ROUND         262144U  /* candidates tried in one round */
 #define BLOCK         1024U    /* candidates a thread takes at a time */
-#define HOPELESS      1000000U /* candidates after which sampling ends if ... */
-#define HOPELESS_RATE 1000U    /* ... fewer than one in this many is accepted */
+#define HOPELESS      1000000U /* candidates after which too few accepted ones end the sampling */
+#define HOPELESS_RATE 1000U    /* candidates for each accepted one, at most */
 /* Distance off a surface before the inside test, as a share of the diagonal: ten times the ray
  * tracer's float rounding. */
 #define CLEARANCE  1e-6
 #define SIDE_MAX   16384U    /* pixels of a view */
 #define PIXELS_MAX 67108864U /* pixels of a view; 64 Mi, as for a picture */
 
-/* A generic direction: no axis, no diagonal, so that few edges of man-made scenes lie along it. */
+/* A direction along no axis and no diagonal: few edges of man-made scenes are parallel to it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
 
 struct candidate {
@@ -94,17 +94,19 @@ static int surface_point(const struct sampling *sampling, uint64_t *state, doubl
     const size_t t = triangle_at(sampling, uniform(state) * sampling->area_sums[scene->count - 1]);
     const double root = sqrt(uniform(state));
     const double share = uniform(state);
+    const double(*corners)[3] = (const double(*)[3])scene->corners[t];
     double a[3], b[3];
-    umb__subtract(scene->corners[t][1], scene->corners[t][0], a);
-    umb__subtract(scene->corners[t][2], scene->corners[t][0], b);
-    umbt_along(scene->corners[t][0], root * (1.0 - share), a, position);
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umbt_along(corners[0], root * (1.0 - share), a, position);
     umbt_along(position, root * share, b, position);
     umb__cross(a, b, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
-static void candidate_make(const struct sampling *sampling, size_t index)
+static void candidate_make(void *user, size_t index)
 {
+    const struct sampling *sampling = user;
     const struct umbt_point_request *request = sampling->request;
     const struct umbt_scene *scene = request->scene;
     struct candidate *candidate = &sampling->candidates[index];
@@ -130,15 +132,6 @@ static void candidate_make(const struct sampling *sampling, size_t index)
         umbt_along(candidate->position, CLEARANCE * scene->diagonal_m, candidate->normal, off);
     }
     candidate->good = !umbt_point_is_inside(scene, off, candidate->normal);
-}
-
-static enum umb_status block_make(void *user, size_t first, size_t count, struct umb_error *error)
-{
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        candidate_make(user, i);
-    }
-    return UMB_OK;
 }
 
 static enum umb_status set_init(struct umbt_point_set *set, size_t count, struct umb_error *error)
@@ -180,10 +173,8 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     }
     double sum = 0.0;
     for (size_t i = 0; i < scene->count; i++) {
-        double a[3], b[3], normal[3];
-        umb__subtract(scene->corners[i][1], scene->corners[i][0], a);
-        umb__subtract(scene->corners[i][2], scene->corners[i][0], b);
-        umb__cross(a, b, normal);
+        double normal[3];
+        umbt_triangle_cross((const double(*)[3])scene->corners[i], normal);
         sum += umb__length(normal);
         sampling->area_sums[i] = sum;
     }
@@ -193,8 +184,8 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     return UMB_OK;
 }
 
-/* Tries candidates in rounds until the set is full. It ends: unless one in HOPELESS_RATE candidates
- * so far was accepted, the round is the last. */
+/* Tries candidates in rounds until the set is full. A round is the last if fewer than one in
+ * HOPELESS_RATE candidates was accepted so far. */
 static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_set *set,
                                   struct umb_error *error)
 {
@@ -207,7 +198,7 @@ static enum umb_status rounds_run(struct sampling *sampling, struct umbt_point_s
         const size_t tried =
             missing + missing / 8 + BLOCK < ROUND ? missing + missing / 8 + BLOCK : ROUND;
         sampling->first = set->candidates;
-        status = umbu_range_run(request->threads, tried, BLOCK, block_make, sampling, error);
+        status = umbu_range_each(request->threads, tried, BLOCK, candidate_make, sampling, error);
         for (size_t i = 0; i < tried && set->count < request->count; i++) {
             if (sampling->candidates[i].good) {
                 point_add(set, sampling->candidates[i].position, sampling->candidates[i].normal);
@@ -233,10 +224,8 @@ enum umb_status umbt_points_sample(const struct umbt_point_request *request,
                                    struct umbt_point_set *set, struct umb_error *error)
 {
     struct sampling sampling = {.request = request};
-    enum umb_status status = set_init(set, request->count, error);
-    if (status == UMB_OK) {
-        status = areas_sum(&sampling, error);
-    }
+    UMB__TRY(set_init(set, request->count, error));
+    enum umb_status status = areas_sum(&sampling, error);
     if (status == UMB_OK) {
         status = rounds_run(&sampling, set, error);
     }
@@ -262,61 +251,46 @@ static enum umb_status hits_take(const struct umbt_gbuffer *buffer, size_t count
     return UMB_OK;
 }
 
-static enum umb_status view_trace(const struct umbt_point_view *view, uint32_t width,
-                                  uint32_t height, struct umbt_gbuffer *buffer,
-                                  struct umb_error *error)
+static enum umb_status view_trace(const struct umbt_pixel_request *view, const uint32_t size[2],
+                                  struct umbt_gbuffer *buffer, struct umb_error *error)
 {
     struct umbt_camera camera;
-    enum umb_status status =
-        umbt_camera_make(view->camera, view->subject, width, height, &camera, error);
-    if (status == UMB_OK && umbt_point_is_inside(view->scene, camera.eye, NULL)) {
-        status = umb_fail(error, UMB_E_ARGUMENT,
-                          "--camera: the eye at %.9g,%.9g,%.9g is inside a closed solid",
-                          camera.eye[0], camera.eye[1], camera.eye[2]);
+    UMB__TRY(umbt_camera_make(view->camera, view->subject, size[0], size[1], &camera, error));
+    if (umbt_point_is_inside(view->scene, camera.eye, NULL)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--camera: the eye at %.9g,%.9g,%.9g is inside a closed solid",
+                        camera.eye[0], camera.eye[1], camera.eye[2]);
     }
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_init(buffer, width, 1, height, error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_gbuffer_fill(buffer, view->scene, &camera, height, 0, height, view->threads,
-                                   error);
-    }
-    if (status == UMB_OK && buffer->receiver_count == 0) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "--camera: no pixel of %ux%u sees the scene",
-                          width, height);
-    }
-    return status;
+    return umbt_gbuffer_view(buffer, view->scene, &camera, size, view->threads, error);
 }
 
-enum umb_status umbt_points_view(const struct umbt_point_view *view, struct umbt_point_set *set,
-                                 struct umb_error *error)
+enum umb_status umbt_points_of_pixels(const struct umbt_pixel_request *view,
+                                      struct umbt_point_set *set, struct umb_error *error)
 {
-    uint32_t width = view->width, height = view->height;
+    uint32_t size[2] = {view->size[0], view->size[1]};
     memset(set, 0, sizeof *set);
     for (;;) { /* ends: each picture has more pixels than the last, up to SIDE_MAX */
         struct umbt_gbuffer buffer = {0};
-        enum umb_status status = view_trace(view, width, height, &buffer, error);
+        enum umb_status status = view_trace(view, size, &buffer, error);
         const size_t hits = buffer.receiver_count;
         const size_t count = view->count > 0 ? view->count : hits;
         if (status == UMB_OK && hits >= count) {
             status = hits_take(&buffer, count, set, error);
-            set->candidates = (uint64_t)width * height;
+            set->candidates = (uint64_t)size[0] * size[1];
             umbt_gbuffer_finish(&buffer);
             return status;
         }
         umbt_gbuffer_finish(&buffer);
-        if (status != UMB_OK) {
-            return status;
-        }
+        UMB__TRY(status);
         const double grow = sqrt((double)count / (double)hits) * 1.01;
-        const double wide = ceil((double)width * grow), tall = ceil((double)height * grow);
+        const double wide = ceil((double)size[0] * grow), tall = ceil((double)size[1] * grow);
         if (wide > SIDE_MAX || tall > SIDE_MAX || wide * tall > PIXELS_MAX) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "--camera: %ux%u pixels see only %zu points of the scene; %zu points "
                             "would need a picture above %u pixels a side or %u in all",
-                            width, height, hits, count, SIDE_MAX, PIXELS_MAX);
+                            size[0], size[1], hits, count, SIDE_MAX, PIXELS_MAX);
         }
-        width = (uint32_t)wide;
-        height = (uint32_t)tall;
+        size[0] = (uint32_t)wide;
+        size[1] = (uint32_t)tall;
     }
 }

@@ -51,12 +51,12 @@ UMB_CHECKED enum umb_status umbt_points_sample(const struct umbt_point_request *
                                                struct umbt_point_set *set, struct umb_error *error);
 
 /* A picture whose visible pixels become points. */
-struct umbt_point_view {
+struct umbt_pixel_request {
     const struct umbt_scene *scene;
     const struct umbt_camera_request *camera;
     const struct umbt_camera_subject *subject;
-    uint32_t width, height; /* size of the first picture; its shape is kept */
-    size_t count;           /* number of points wanted; 0 = every pixel that sees the scene */
+    uint32_t size[2]; /* width and height of the first picture; a larger one keeps its shape */
+    size_t count;     /* number of points wanted; 0 = every pixel that sees the scene */
     unsigned threads;
 };
 
@@ -67,8 +67,9 @@ struct umbt_point_view {
  * Fails: E_NO_MEMORY; E_ARGUMENT (the camera sees nothing, stands inside a closed part, or sees so
  *        little that the picture would be above 16384 pixels a side).
  */
-UMB_CHECKED enum umb_status umbt_points_view(const struct umbt_point_view *view,
-                                             struct umbt_point_set *set, struct umb_error *error);
+UMB_CHECKED enum umb_status umbt_points_of_pixels(const struct umbt_pixel_request *view,
+                                                  struct umbt_point_set *set,
+                                                  struct umb_error *error);
 
 void umbt_point_set_finish(struct umbt_point_set *set); /* a zeroed struct is allowed */
 

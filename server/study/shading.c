@@ -40,7 +40,7 @@ static struct umbt_rgb mix(struct umbt_rgb a, struct umbt_rgb b, double t)
 struct umbt_rgb umbt_surface_color(uint32_t key)
 {
     if (key == 0) {
-        return palette[0]; /* one material or one part: the whole scene is limestone */
+        return palette[0]; /* the main surface is limestone */
     }
     /* Knuth's multiplicative hash, so that neighbouring keys differ. */
     const uint32_t hash = key * 2654435761U;

@@ -20,8 +20,8 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
 /*
  * Light that leaves a surface, before the shoulder.
  *
- * In: visibility: of the sun, 0..1. cosine: of the angle to the sun, clamped at 0 here.
- *     upward: the normal's vertical component, -1..1.
+ * In: visibility: visible share of the sun, 0..1. cosine: cosine of the angle to the sun; below 0
+ *     counts as 0. upward: vertical component of the normal, -1..1.
  */
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);

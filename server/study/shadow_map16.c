@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Making and tuning the 16-bit shadow map; its queries are in shadow_map16_avx2.c. */
+/* Makes and tunes the 16-bit shadow map; its queries are in shadow_map16_avx2.c. */
 #define _GNU_SOURCE /* madvise: no POSIX name for large pages */
 #include "study/shadow_map16.h"
 
@@ -17,7 +17,7 @@ static size_t texels_of(const struct umbt_map16 *map)
     return (size_t)map->side * (size_t)map->side;
 }
 
-/* Allocates texels, all lit, in large pages if the system has them. NULL if out of memory. */
+/* Allocates lit texels, in large pages if the system has them. Returns NULL if out of memory. */
 static uint16_t *layout_make(const struct umbt_map16 *map)
 {
     void *memory = NULL;

@@ -51,7 +51,7 @@ UMB_CHECKED enum umb_status umbt_map16_init(struct umbt_map16 *map, uint32_t log
 /* Sets 8 x 8 texels, row by row, from texel (x, y) on, both multiples of 8. */
 void umbt_map16_put(struct umbt_map16 *map, uint32_t x, uint32_t y, const int32_t lit[64]);
 
-/* Frees a layout: the rest answers the other ways only. */
+/* Frees a layout; the map then answers the ways of the other layout. */
 void umbt_map16_drop(struct umbt_map16 *map, int tiles);
 
 /* Bytes of the layouts in memory. */
@@ -59,7 +59,7 @@ uint64_t umbt_map16_bytes(const struct umbt_map16 *map);
 
 void umbt_map16_finish(struct umbt_map16 *map);
 
-/* One query: answers[i] = share of the taps x taps window that is lit. */
+/* A query: answers[i] is the lit share of the taps x taps window around point i. */
 struct umbt_map16_query {
     const struct umbt_map16 *map;
     const float *points; /* [3 * count], relative to the asset's origin */
@@ -74,8 +74,8 @@ struct umbt_map16_query {
 
 void umbt_map16_run(const struct umbt_map16_query *query);
 
-/* Finds the fastest prefetch distance for a way by timing a part of the points, and sets both;
- * returns its seconds a point. */
+/* Times a part of the points with each prefetch distance, and sets the way and the fastest
+ * distance. Returns the seconds of a point. */
 double umbt_map16_tune(struct umbt_map16_query *query, enum umbt_map16_way way);
 
 #endif

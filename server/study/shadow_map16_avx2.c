@@ -50,7 +50,7 @@ static void transform_four(const struct umbt_map16 *map, const float *points, st
     const __m128 pz = _mm_shuffle_ps(z01, c, _MM_SHUFFLE(3, 0, 2, 0));
     const __m256d x = _mm256_cvtps_pd(px), y = _mm256_cvtps_pd(py), z = _mm256_cvtps_pd(pz);
     const double border = UMBT_MAP16_PAD / 2, size = (double)map->size;
-    /* From the middle of the padding on every window is lit, so far points may be clamped there. */
+    /* Windows around the middle of the padding are lit throughout: far points are clamped there. */
     _mm_storeu_si128((__m128i *)(void *)(ring->x + at),
                      cell(transform(map->m[0], x, y, z), -border, size + border, UMBT_MAP16_PAD));
     _mm_storeu_si128((__m128i *)(void *)(ring->y + at),
@@ -102,7 +102,7 @@ static inline int rows_count(const uint16_t *texel, size_t side, int taps, int32
     return row_lanes_sum(sum, taps) + more;
 }
 
-/* rows_count in plain C; the compiler turns the inner loop into vectors. */
+/* Counts as rows_count does, in plain C; the compiler turns the inner loop into vectors. */
 static inline int plain_count(const uint16_t *texel, size_t side, int taps, int32_t z)
 {
     const int16_t depth = (int16_t)z;

@@ -21,14 +21,14 @@ static int ends_with(const char *text, const char *end)
     return length >= end_length && strcmp(text + length - end_length, end) == 0;
 }
 
-int umbt_source_is_file(const char *argument)
+int umbt_shadow_source_is_file(const char *argument)
 {
     struct stat facts;
     return strchr(argument, '/') != NULL || ends_with(argument, ".umb") ||
            ends_with(argument, ".umbm") || stat(argument, &facts) == 0;
 }
 
-static enum umb_status file_open(struct umbt_source *source, struct umb_error *error)
+static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_error *error)
 {
     UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
     UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
@@ -38,20 +38,15 @@ static enum umb_status file_open(struct umbt_source *source, struct umb_error *e
     memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
     memcpy(source->origin, info.origin, sizeof source->origin);
     source->translucent = umbt_plan_has(info.plan, "transmittance");
-    enum umb_status status =
-        umb_asset_get_light(source->asset, source->settings.light, &source->light);
-    const uint32_t count = status == UMB_OK ? source->light.frustum_count : 0;
+    UMB__TRY(umb_asset_get_light(source->asset, source->settings.light, &source->light));
+    const uint32_t count = source->light.frustum_count;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
     if (source->frusta == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "no memory for %u frusta", count);
     }
-    for (uint32_t i = 0; i < count && status == UMB_OK; i++) {
-        status = umb_asset_get_frustum(source->asset, source->light.first_frustum + i,
-                                       &source->frusta[i]);
-    }
-    if (status != UMB_OK) {
-        return umb_fail(error, status, "%s: light %u has no frustum", source->name,
-                        source->settings.light);
+    for (uint32_t i = 0; i < count; i++) {
+        UMB__TRY(umb_asset_get_frustum(source->asset, source->light.first_frustum + i,
+                                       &source->frusta[i]));
     }
     source->frustum = source->frusta[0];
     return UMB_OK;
@@ -68,24 +63,16 @@ static size_t call_max(const struct umb_client_limits *limits)
     return most < SIZE_MAX ? (size_t)most : SIZE_MAX;
 }
 
-static enum umb_status daemon_open(struct umbt_source *source, const struct umbu_session *daemon,
-                                   struct umb_error *error)
+static enum umb_status daemon_open(struct umbt_shadow_source *source,
+                                   const struct umbu_session *daemon, struct umb_error *error)
 {
-    enum umb_status status = umbu_connect(daemon, &source->client, error);
-    if (status != UMB_OK) {
-        return status;
-    }
     struct umb_client_limits limits;
-    status = umb_client_get_limits(source->client, &limits, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    source->call_max = call_max(&limits);
     struct umb_client_description *description = NULL;
-    status = umb_client_describe(source->client, source->name, &description, NULL, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    enum umb_status status = UMB_OK;
+    UMB__TRY(umbu_connect(daemon, &source->client, error));
+    UMB__TRY(umb_client_get_limits(source->client, &limits, error));
+    source->call_max = call_max(&limits);
+    UMB__TRY(umb_client_describe(source->client, source->name, &description, NULL, error));
     if (source->settings.light >= description->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
                           source->settings.light, source->name, description->light_count);
@@ -99,22 +86,24 @@ static enum umb_status daemon_open(struct umbt_source *source, const struct umbu
     return status;
 }
 
-enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                 const struct umbu_session *daemon,
-                                 const struct umb_query_settings *settings, struct umb_error *error)
+enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source, const char *argument,
+                                        const struct umbu_session *daemon,
+                                        const struct umb_query_settings *settings,
+                                        struct umb_error *error)
 {
     memset(source, 0, sizeof *source);
     source->name = argument;
     source->settings = *settings;
-    enum umb_status status = umbt_source_is_file(argument) ? file_open(source, error)
-                                                           : daemon_open(source, daemon, error);
+    enum umb_status status = umbt_shadow_source_is_file(argument)
+                                 ? file_open(source, error)
+                                 : daemon_open(source, daemon, error);
     if (status != UMB_OK) {
-        umbt_source_finish(source);
+        umbt_shadow_source_close(source);
     }
     return status;
 }
 
-void umbt_source_finish(struct umbt_source *source)
+void umbt_shadow_source_close(struct umbt_shadow_source *source)
 {
     umb_asset_close(source->asset);
     free(source->frusta);
@@ -124,8 +113,8 @@ void umbt_source_finish(struct umbt_source *source)
     memset(source, 0, sizeof *source);
 }
 
-enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3], double pixel_rad,
-                                 struct umb_error *error)
+enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *source, const double eye[3],
+                                        double pixel_rad, struct umb_error *error)
 {
     memcpy(source->settings.eye, eye, sizeof source->settings.eye);
     source->settings.pixel_rad = pixel_rad;
@@ -135,7 +124,7 @@ enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3]
 }
 
 /* Queries the daemon in as many calls as needed. */
-static enum umb_status ask(const struct umbt_source *source, const struct umb_points *points,
+static enum umb_status ask(const struct umbt_shadow_source *source, const struct umb_points *points,
                            float *values, struct umb_query_stats *stats, struct umb_error *error)
 {
     struct umb_client_query_request request = {
@@ -144,24 +133,22 @@ static enum umb_status ask(const struct umbt_source *source, const struct umb_po
         .points = *points,
         .want_stats = 1,
     };
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < points->count; i += request.points.count) {
+    for (size_t i = 0; i < points->count; i += request.points.count) {
         struct umb_client_query_reply reply;
         const size_t left = points->count - i;
         request.points.positions = (const double *)points->positions + 3 * i;
         request.points.normals = (const float *)points->normals + 3 * i;
         request.points.count = left < source->call_max ? left : source->call_max;
-        status = umb_client_query(source->client, &request, values + i, &reply, error);
-        if (status == UMB_OK) {
-            umb_query_stats_add(stats, &reply.stats);
-        }
+        UMB__TRY(umb_client_query(source->client, &request, values + i, &reply, error));
+        umb_query_stats_add(stats, &reply.stats);
     }
-    return status;
+    return UMB_OK;
 }
 
-enum umb_status umbt_source_answer(const struct umbt_source *source, const double *positions,
-                                   const float *normals, size_t first, size_t count, float *values,
-                                   struct umb_query_stats *stats, struct umb_error *error)
+enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
+                                          const double *positions, const float *normals,
+                                          size_t first, size_t count, float *values,
+                                          struct umb_query_stats *stats, struct umb_error *error)
 {
     const struct umb_points points = {
         .positions = positions + 3 * first,
@@ -173,10 +160,8 @@ enum umb_status umbt_source_answer(const struct umbt_source *source, const doubl
         return ask(source, &points, values + first, stats, error);
     }
     struct umb_answers answers = {.values = values + first, .stats = *stats};
-    const enum umb_status status = umb_points_check(&points, error);
-    if (status == UMB_OK) {
-        umb_query_run(&source->query, &points, 0, count, &answers);
-        *stats = answers.stats;
-    }
-    return status;
+    UMB__TRY(umb_points_check(&points, error));
+    umb_query_run(&source->query, &points, 0, count, &answers);
+    *stats = answers.stats;
+    return UMB_OK;
 }

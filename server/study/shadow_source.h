@@ -8,18 +8,18 @@
  * An argument is a file if a file of that name exists, if it holds a '/', or if it ends in .umb or
  * .umbm. Else it names an asset of a daemon: at the given address, or UMBRAGE_ADDRESS, or
  * tcp:127.0.0.1:7420; with the token in the given file, or UMBRAGE_TOKEN, or none.
- * Threads: after init, umbt_source_answer may be called from any number of threads.
+ * Threads: after init, umbt_shadow_source_answer may be called from any number of threads.
  */
 #include "tool/session.h"
 #include "umbrage/query.h"
 
-struct umbt_source {
+struct umbt_shadow_source {
     const char *name;          /* file or asset as given, borrowed */
-    struct umb_asset *asset;   /* file, else NULL */
-    struct umb_client *client; /* daemon, else NULL */
+    struct umb_asset *asset;   /* the file's asset; NULL: a daemon's */
+    struct umb_client *client; /* connection to the daemon; NULL: a file */
     size_t call_max;           /* daemon: most points of a call */
     struct umb_query_settings settings;
-    struct umb_query query; /* file */
+    struct umb_query query; /* file: the prepared query */
     uint8_t id[UMB_ID_BYTES];
     uint8_t scene_hash[UMB_ID_BYTES];
     double origin[3]; /* file: origin of the transforms */
@@ -30,7 +30,7 @@ struct umbt_source {
 };
 
 /* 1 if the argument names a file by the rule above. */
-int umbt_source_is_file(const char *argument);
+int umbt_shadow_source_is_file(const char *argument);
 
 /*
  * Opens the source and checks the settings against it.
@@ -39,16 +39,18 @@ int umbt_source_is_file(const char *argument);
  * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe, E_NO_MEMORY; E_NO_INPUT,
  *        E_PERMISSION, E_IO or E_ARGUMENT (token file).
  */
-UMB_CHECKED enum umb_status umbt_source_init(struct umbt_source *source, const char *argument,
-                                             const struct umbu_session *daemon,
-                                             const struct umb_query_settings *settings,
-                                             struct umb_error *error);
-void umbt_source_finish(struct umbt_source *source); /* a zeroed struct is allowed */
+UMB_CHECKED enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source,
+                                                    const char *argument,
+                                                    const struct umbu_session *daemon,
+                                                    const struct umb_query_settings *settings,
+                                                    struct umb_error *error);
+void umbt_shadow_source_close(struct umbt_shadow_source *source); /* a zeroed struct is allowed */
 
 /* Sets the footprint filter for pixels of an angle, in radians, seen from an eye. Fails: as
  * umb_query_prepare. */
-UMB_CHECKED enum umb_status umbt_source_look(struct umbt_source *source, const double eye[3],
-                                             double pixel_rad, struct umb_error *error);
+UMB_CHECKED enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *source,
+                                                    const double eye[3], double pixel_rad,
+                                                    struct umb_error *error);
 
 /*
  * Answers points first .. first + count - 1.
@@ -58,10 +60,10 @@ UMB_CHECKED enum umb_status umbt_source_look(struct umbt_source *source, const d
  * Out:   values: float, written at the same indices. stats: added to.
  * Fails: file: E_ARGUMENT (not finite); daemon: as umb_client_query.
  */
-UMB_CHECKED enum umb_status umbt_source_answer(const struct umbt_source *source,
-                                               const double *positions, const float *normals,
-                                               size_t first, size_t count, float *values,
-                                               struct umb_query_stats *stats,
-                                               struct umb_error *error);
+UMB_CHECKED enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
+                                                      const double *positions, const float *normals,
+                                                      size_t first, size_t count, float *values,
+                                                      struct umb_query_stats *stats,
+                                                      struct umb_error *error);
 
 #endif

@@ -4,21 +4,23 @@
 /*
  * The study: what accuracy costs in time and bytes, for one scene and one light.
  *
- *     bake      bakes the scene at each resolution, open and closed     (study_resolutions.c)
- *     points    draws samples and traces the truth at them              (study_points.c)
- *     measure   queries every setting at the same points, interleaved   (study_measure.c)
- *     report    report.json, report.csv, report.html, the summary       (study_report.c,
- *                                                                       study_page.c)
+ *     bake        bakes the scene at each resolution, open and closed    study_resolutions.c
+ *     points      draws samples and traces the truth at them             study_points.c
+ *     measure     queries every setting at the same points, interleaved  study_measure.c
+ *     pictures    one view by each resolution                            study_pictures.c
+ *     techniques  the shadow maps of the literature on one view          study_techniques.c
+ *     report      report.json, report.csv, report.html                   study_report.c
  *
  * Data flows in that order; each step reads only the results of earlier ones.
  *
- * Two truths. *Hard*: one ray from the sample, lit or not; a user of the shadow wants this. *Area*:
- * the share of the filter's own footprint at the sample's depth that sees the light, from
- * truth_side^2 rays; an n-tap answer estimates this. The first gives errors in metres (distance of
- * the boundary where the answer is wrong), the second in visibility.
+ * The study has two truths. The *hard* truth is one ray from the sample, lit or not: what the user
+ * of a shadow wants. It gives errors in metres: the distance to the shadow boundary where an answer
+ * is wrong. The *area* truth is the share of the filter's own footprint, at the sample's depth,
+ * that sees the light, by truth_side^2 rays: what an n-tap answer estimates. It gives errors in
+ * visibility.
  */
-#include "study/camera.h"
-#include "study/study_scene.h"
+#include "study/setup.h"
+#include "tool/json.h"
 #include "umbrage/query.h"
 
 #define UMBT_STUDY_BAKES_MAX      24
@@ -26,15 +28,16 @@
 #define UMBT_STUDY_RUNS           7 /* timed runs, interleaved; the median counts */
 #define UMBT_STUDY_SPREAD_MAX     0.15
 #define UMBT_STUDY_NAME           32
+#define UMBT_STUDY_PATH           4096
 #define UMBT_STUDY_TECHNIQUES_MAX 64
 
 struct umbt_study_options {
     const char *scene, *folder, *light, *sun, *up;
-    char named[288];         /* name of `folder` if none was given */
-    uint64_t max_resolution; /* the highest one */
-    uint64_t points;         /* points of a set */
+    char named[288];         /* Default of `folder` */
+    uint64_t max_resolution; /* Highest resolution, voxels a side */
+    uint64_t points;         /* Number of samples of a set */
     uint64_t threads, seed;
-    uint64_t truth_side; /* rays a side of the area truth */
+    uint64_t truth_side; /* Rays a side of the area truth */
     int quick, json, quiet;
 };
 
@@ -42,9 +45,9 @@ struct umbt_study_options {
 struct umbt_study_bake {
     char name[UMBT_STUDY_NAME]; /* "4096-closed" */
     uint32_t resolution;
-    int closed;           /* 1: wanted closed; the result is in frustum.closed */
+    int closed;           /* 1: bake with closed solids; frustum.closed has the result */
     char reason[256];     /* reason why there is no asset, or empty */
-    double wall_s, cpu_s; /* time of the whole umbrage-bake, without its self-check */
+    double wall_s, cpu_s; /* times of umbrage-bake without its self-check */
     uint64_t packed_bytes;
     struct umb_asset *asset;
     struct umb_asset_info info;
@@ -65,11 +68,11 @@ extern const char *const umbt_study_set_names[UMBT_STUDY_SET_COUNT];
 struct umbt_study_points {
     size_t count;
     size_t first[UMBT_STUDY_SET_COUNT + 1]; /* set s is first[s] .. first[s + 1] - 1 */
-    double (*positions)[3];
-    float (*normals)[3]; /* zero for free points */
-    uint8_t *lit;        /* hard truth */
-    /* Distance along the surface to a change of the hard truth; infinite beyond reach_m, and for
-     * free points. */
+    double (*positions)[3];                 /* [count] world space, metres */
+    float (*normals)[3];                    /* [count] zero for free points */
+    uint8_t *lit;                           /* [count] the hard truth */
+    /* [count] Distance in metres along the surface to a change of the hard truth; infinite beyond
+     * reach_m, and for free points. */
     float *boundary_m;
     double reach_m;
     double to_light[3];
@@ -89,46 +92,47 @@ struct umbt_study_result {
     enum umbt_study_method method;
     const char *name;     /* name of the method: "dag", "penumbra", "depth map", ... */
     uint32_t bake;        /* index */
-    uint32_t taps, level; /* as in struct umb_query_settings */
-    uint64_t bytes;       /* resident */
-    double build_s;       /* DERIVED: CPU time besides the bake's */
-    /* Samples judged; samples left out because their window reaches into a solid. */
+    uint32_t taps, level; /* settings of the query, as in struct umb_query_settings */
+    uint64_t bytes;       /* size in memory */
+    double build_s;       /* DERIVED: CPU time after the bake */
+    /* Number of samples judged; number left out because their window reaches into a solid. */
     uint64_t judged, undefined;
-    double rms, worst; /* against the area truth */
-    double over_001, over_01, over_05;
-    double false_light, false_shadow;       /* shares: wrong side of 0.5 against the hard truth */
-    double undecided;                       /* share: 0.5, neither side (coarse levels) */
-    double off_p50_m, off_p95_m, off_max_m; /* distance to the true boundary where wrong */
-    double off_unknown;      /* share of the wrong ones with no boundary within reach */
-    double truth_error;      /* error of the area truth itself, estimated, RMS */
-    double ns_view, ns_free; /* a point, one thread, CPU time, median */
-    double ns_view_all;      /* a point, all threads, wall time, median */
-    /* (largest - least) / median of the runs of each time, without the outermost run on each side.
-     * A time with a spread above UMBT_STUDY_SPREAD_MAX is not reported. */
+    double rms, worst;                 /* errors of visibility against the area truth */
+    double over_001, over_01, over_05; /* shares of samples with an error above 0.01, 0.1, 0.5 */
+    double false_light, false_shadow;  /* shares of samples on the wrong side of the hard truth */
+    double undecided;                  /* share of answers of exactly 0.5 (coarse levels) */
+    /* Distance from a wrong answer to the true boundary: median, 95th percentile, largest. */
+    double off_p50_m, off_p95_m, off_max_m;
+    double off_unknown;      /* share of the wrong answers with no boundary within reach */
+    double truth_error;      /* estimated RMS error of the area truth itself */
+    double ns_view, ns_free; /* CPU time of a point on one thread, median */
+    double ns_view_all;      /* wall time of a point on all threads, median */
+    /* Spreads of the runs of each time, by umbt_median. A time with a spread above
+     * UMBT_STUDY_SPREAD_MAX is not reported. */
     double spread, spread_free, spread_all;
-    double nodes, bricks; /* nodes and bricks read a point, in the view; of assets */
-    /* From the asset's own curve: greatest distance of an answer from the truth, in space; cache
-     * lines read a point of its sample. NaN: no value. */
+    double nodes, bricks; /* nodes and bricks of an asset that a point of the view reads */
+    /* From the asset's own curve: greatest distance in space of an answer from the truth; cache
+     * lines that a point of the curve's sample reads. NaN: no value. */
     double bound_m, lines;
 };
 
 /* Times of rays, on the same points. */
 struct umbt_study_rays {
-    double ns_view, ns_free;  /* one ray a point */
-    double ns_view8;          /* one ray a point, eight points a call */
-    double ns_area, ns_area8; /* 81 rays a point, view: one a call, eight a call */
+    double ns_view, ns_free;  /* time of one ray */
+    double ns_view8;          /* time of one ray, eight rays a call */
+    double ns_area, ns_area8; /* time of 81 rays of a point: one a call, eight a call */
     double spread;            /* spread of ns_view */
-    int64_t stopped;          /* rays that hit a triangle, in all runs */
+    int64_t stopped;          /* number of rays that hit a triangle, in all runs */
 };
 
 /* A shadow map of the literature, or an asset's DAG, on one view (study_techniques.c). */
 struct umbt_study_technique {
     char name[UMBT_STUDY_NAME];
-    const char *truth; /* truth that its filter is compared with: box, point, disc */
+    const char *truth; /* kind of the traced truth: box, point, disc */
     int is_dag;
-    uint64_t bytes;                          /* in memory */
-    double build_s, ns, spread;              /* CPU time; a point, on one thread */
-    double mean, lighter, darker, over_half; /* as in struct umbt_technique_result */
+    uint64_t bytes;             /* size in memory */
+    double build_s, ns, spread; /* CPU time; time of a point on one thread; spread of its runs */
+    double mean, lighter, darker, over_half; /* fields of struct umbt_technique_result */
 };
 
 struct umbt_study {
@@ -140,12 +144,22 @@ struct umbt_study {
     struct umbt_study_result results[UMBT_STUDY_SETTINGS_MAX];
     uint32_t result_count;
     struct umbt_study_rays rays;
-    const char *missing; /* peers that could not be measured, in a sentence, or "" */
+    int z_up;
+    const char *missing; /* sentence about peers that could not be measured, or "" */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;
-    double started_s, seconds; /* times of the whole study, set before the report */
+    double started_s, seconds; /* begin and length of the study, set before the report */
 };
+
+/* Path of a file beneath FOLDER. Fails: E_ARGUMENT (too long). */
+UMB_CHECKED enum umb_status umbt_study_path(const struct umbt_study *study, const char *name,
+                                            char path[UMBT_STUDY_PATH], struct umb_error *error);
+
+/* Makes a folder beneath FOLDER, or FOLDER for "", unless it exists. Fails: E_ARGUMENT,
+ * E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbt_study_folder(const struct umbt_study *study, const char *name,
+                                              struct umb_error *error);
 
 /* Bakes each resolution into FOLDER/assets, or reuses an earlier run's asset. A resolution that
  * does not fit in memory is the last, and its reason says so. Fails: E_UNAVAILABLE,
@@ -161,10 +175,36 @@ void umbt_study_points_finish(struct umbt_study_points *points);
 /* Measures every setting. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *error);
 
+/* The view that `umbrage render` chooses for a picture of that size. Fails: as umbt_camera_make. */
+UMB_CHECKED enum umb_status umbt_study_camera(const struct umbt_study *study,
+                                              const uint32_t size[2], struct umbt_setup *setup,
+                                              struct umb_error *error);
+
+/* Draws all pictures, and pictures/traced.png. Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_study_pictures(struct umbt_study *study, struct umb_error *error);
+
+/* 1 if a result gets pictures: 1 and 9 taps. */
+int umbt_study_has_picture(const struct umbt_study_result *result);
+
+/* File name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */
+void umbt_study_picture_name(const struct umbt_study *study, const struct umbt_study_result *result,
+                             int difference, char *name, size_t size);
+
+/* Measures the techniques of technique_run.h on one view. Fails: E_NO_MEMORY, E_ARGUMENT (the
+ * camera sees nothing). */
+UMB_CHECKED enum umb_status umbt_study_techniques(struct umbt_study *study,
+                                                  struct umb_error *error);
+
+/* Writes their results as members of the open JSON object. */
+void umbt_study_techniques_json(struct umbu_json *json, const struct umbt_study *study);
+
 /* Writes FOLDER/report.json, report.csv and report.html, each as a whole. Fails: E_CANNOT_CREATE,
  * E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_report(const struct umbt_study *study,
                                               struct umb_error *error);
+
+/* Writes the whole study as one JSON object. A failed write shows in ferror(to). */
+void umbt_study_json(FILE *to, const struct umbt_study *study);
 
 /* Writes in words which setting to take for which error: at most size bytes with the NUL. */
 void umbt_study_summary(const struct umbt_study *study, char *text, size_t size);

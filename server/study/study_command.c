@@ -3,54 +3,43 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/output.h"
 #include "tool/threads.h"
 #include "study/study_command.h"
 #include "study/study.h"
-#include "study/study_pictures.h"
-#include "study/study_report.h"
-#include "study/study_techniques.h"
-#include "study/view_options.h"
 #include "tool/clock.h"
-#include "tool/exit_code.h"
 
 #define RESOLUTION_QUICK 4096
 #define RESOLUTION_FULL  16384
 #define POINTS_QUICK     12000
 #define POINTS_FULL      60000
-#define PATH_BYTES       4096
 
 #define AT(field) UMBU_AT(struct umbt_study_options, field)
 
-/* A folder's name: a report has many files. */
-static enum umb_status read_folder(const struct umbu_option *option, const char *text, void *field,
-                                   struct umb_error *error)
-{
-    if (text[0] == '\0' || umbu_output_is_stdout(text)) {
-        return umbu_refuse(option, text, error);
-    }
-    memcpy(field, &text, sizeof text);
-    return UMB_OK;
-}
-
 static const struct umbu_option OPTIONS[] = {
-    {"SCENE", NULL, "the scene file", UMBU_TEXT, AT(scene), .needed = true},
-    {"output", "DIR", "made if it is not there",
-     UMBU_READ(read_folder, "a folder's name (a report has many files: it cannot go to stdout; "
-                            "name a folder, ./- for one of that name)"),
+    {UMBT_SCENE_ROW(struct umbt_study_options, scene)},
+    {"output", "DIR", "folder of the report; the command makes it if it does not exist",
+     UMBU_NAME("a folder's name (a report has many files: it cannot go to stdout; "
+               "name a folder, ./- for one of that name)"),
      AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
-    {"quick", NULL, "up to 4096 voxels a side, 1, 3 and 9 taps, fewer points: minutes", UMBU_FLAG,
-     AT(quick)},
-    {"max-resolution", "N", "last of the resolutions from 512 on", UMBU_COUNT(512, 262144),
-     AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
-    {"sun", "AZ,EL", "the sun, as umbrage-bake takes it", UMBU_TEXT, AT(sun)},
-    {"light", "NAME", "the file's directional light of that name", UMBU_TEXT, AT(light)},
+    {"quick", NULL,
+     "takes minutes, not hours: at most 4096 voxels a side, filters of 1, 3 and 9 taps, fewer "
+     "samples",
+     UMBU_FLAG, AT(quick)},
+    {"max-resolution", "N",
+     "highest resolution in voxels a side, 512 to 262144; the study begins at 512 and doubles it",
+     UMBU_COUNT(512, 262144), AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
+    {"sun", "AZ,EL", "azimuth and elevation of the sun in degrees, as umbrage-bake takes them",
+     UMBU_TEXT, AT(sun)},
+    {"light", "NAME", "name of the directional light in the scene file to study", UMBU_TEXT,
+     AT(light)},
     {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
-    {"points", "N", "samples a set", UMBU_COUNT(1000, 10000000), AT(points),
-     .otherwise = "quick: 12000, else 60000"},
-    {"truth", "N", "rays a side of the area truth", UMBU_COUNT(2, 32), AT(truth_side),
-     .otherwise = "quick: 6, else 12"},
-    {"seed", "N", "of the random points", UMBU_COUNT(0, UINT64_MAX), AT(seed), .standard = "1"},
+    {"points", "N", "number of samples in each of the three sets, 1000 to 10000000",
+     UMBU_COUNT(1000, 10000000), AT(points), .otherwise = "quick: 12000, else 60000"},
+    {"truth", "N", "rays a side of the area truth, 2 to 32: N x N rays a sample", UMBU_COUNT(2, 32),
+     AT(truth_side), .otherwise = "quick: 6, else 12"},
+    {UMBT_SEED_ROW(struct umbt_study_options)},
     {UMBT_THREADS_ROW(struct umbt_study_options)},
     {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
     {UMBU_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
@@ -100,15 +89,12 @@ static void options_complete(struct umbt_study_options *options)
 }
 
 /* Draws the aliasing heat map of the same view, by the command `aliasing`. */
-static enum umb_status heat_draw(const struct umbt_study *study, struct umb_error *error)
+static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *error)
 {
-    char path[PATH_BYTES], threads[16];
+    char path[UMBT_STUDY_PATH], threads[16];
     char *arguments[17] = {(char *)(uintptr_t) "aliasing"};
     int count = 1;
-    if (snprintf(path, sizeof path, "%s/pictures/aliasing.png", study->options.folder) >=
-        (int)sizeof path) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
-    }
+    UMB__TRY(umbt_study_path(study, "pictures/aliasing.png", path, error));
     (void)snprintf(threads, sizeof threads, "%u", (unsigned)study->options.threads);
     const char *const words[][2] = {{"-o", path},
                                     {"--size", "480x270"},
@@ -129,25 +115,19 @@ static enum umb_status heat_draw(const struct umbt_study *study, struct umb_erro
                : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
 }
 
-static enum umb_status study_run(struct umbt_study *study, struct umb_error *error)
+static enum umb_status steps_run(struct umbt_study *study, struct umb_error *error)
 {
-    enum umb_status status = umbt_scene_init(&study->scene, study->options.scene, error);
-    enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
-        umbt_study_bake_all, umbt_study_points_make, umbt_study_measure};
-    for (size_t i = 0; status == UMB_OK && i < sizeof steps / sizeof steps[0]; i++) {
-        status = steps[i](study, error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_study_pictures(study, error);
-    }
-    if (status == UMB_OK) {
-        status = umbt_study_techniques(study, error);
-    }
-    if (status == UMB_OK) {
-        status = heat_draw(study, error);
+    static enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
+        umbt_study_bake_all, umbt_study_points_make, umbt_study_measure,
+        umbt_study_pictures, umbt_study_techniques,  heat_draw};
+    UMB__TRY(umbt_scene_init(&study->scene, study->options.scene, error));
+    study->z_up =
+        study->options.up != NULL ? study->options.up[0] == 'z' : study->scene.scene->view.z_up;
+    for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+        UMB__TRY(steps[i](study, error));
     }
     study->seconds = umbu_clock_s() - study->started_s;
-    return status == UMB_OK ? umbt_study_report(study, error) : status;
+    return umbt_study_report(study, error);
 }
 
 static void report(const struct umbt_study *study)
@@ -174,15 +154,12 @@ int umbt_study_command(int argc, char **argv)
         return code;
     }
     options_complete(&study.options);
-    const enum umb_status status = study_run(&study, &error);
+    const enum umb_status status = steps_run(&study, &error);
     if (status == UMB_OK) {
         report(&study);
     }
     umbt_study_points_finish(&study.points);
     umbt_study_bakes_finish(&study);
     umbt_scene_finish(&study.scene);
-    if (status != UMB_OK) {
-        fprintf(stderr, "umbrage study: %s\n", error.message);
-    }
-    return umbu_exit_code(status);
+    return umbu_end(&COMMAND, status, &error);
 }

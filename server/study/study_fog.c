@@ -4,7 +4,8 @@
 
 #include <math.h>
 #include <string.h>
-#include "study/study_vec.h"
+#include "base/try.h"
+#include "study/study_math.h"
 
 #define INTERVALS 256 /* most intervals of a view ray; a ray with more is halved */
 
@@ -12,9 +13,9 @@ enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, dou
                               struct umbt_fog *fog, struct umb_error *error)
 {
     fog->density = density;
-    enum umb_status status = umb_volume_prepare(asset, light, &fog->volume, error);
+    UMB__TRY(umb_volume_prepare(asset, light, &fog->volume, error));
     /* The falloff of a lamp's light is not known, and fog would mostly show that. */
-    return status == UMB_OK ? umb_volume_check_parallel(&fog->volume, error) : status;
+    return umb_volume_check_parallel(&fog->volume, error);
 }
 
 /* The lit integral over the part [from, to] of a ray. */

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage-study: all tools that need rays and a scene in addition to an asset. Dispatches
- * sub-commands. */
+/* umbrage-study: finds and runs its sub-commands, which need rays and a scene beside an asset. */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -38,7 +37,8 @@ static const struct command {
     {"deep", umbt_deep_command},
 };
 
-/* Fails if data could not be written to stdout: that must not look like success. */
+/* Flushes stdout. Returns code, or the code of a failed write: lost output must not look like
+ * success. */
 static int output_finish(int code)
 {
     if ((fflush(stdout) != 0 || ferror(stdout)) && code <= 1) {
@@ -52,7 +52,7 @@ int main(int argc, char **argv)
 {
     /* Makes a write to a closed pipe or connection fail, instead of ending the process. */
     (void)signal(SIGPIPE, SIG_IGN);
-    (void)signal(SIGXFSZ, SIG_IGN); /* the same for a file beyond the size limit */
+    (void)signal(SIGXFSZ, SIG_IGN); /* and a write beyond the file size limit */
     if (argc < 2) {
         fputs(help, stderr);
         return umbu_exit_code(UMB_E_ARGUMENT);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Measuring every setting on the same samples (study.h).
+ * Measures every setting on the same samples (study.h).
  *
  * The answers are the same bits in every run, and errors are summed in the order of the samples, so
  * a report's errors can be reproduced exactly.
@@ -9,19 +9,35 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "tool/progress.h"
 #include "study/study_errors.h"
 #include "study/study_probe.h"
-#include "study/study_truth.h"
 #include "umbrage/curve.h"
 
 #define BLOCK    64
 #define JUDGED_M 0.01F /* visibility error above which an answer is checked for undefined space */
+#define CHECKED  1000  /* samples that are also traced with twice the rays a side */
 
 static const uint32_t taps_quick[] = {1, 3, 9};
 static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
+
+/*
+ * The truth of a footprint, traced once. All settings with the same frustum and filter share it,
+ * also assets and peers.
+ */
+struct traced {
+    struct umbt_truth rays; /* parameters of the rays; `closed` does not matter */
+    float *values;          /* [surface samples] */
+    double error;           /* estimated RMS error, against twice the rays a side */
+};
+
+struct truths {
+    uint32_t count;
+    struct traced list[UMBT_STUDY_SETTINGS_MAX];
+};
 
 /* State that all settings share, and the truth of the current one. */
 struct judging {
@@ -31,26 +47,97 @@ struct judging {
     float *wrong;       /* [points], scratch */
     uint8_t *undefined; /* [points] */
     struct umbt_peers peers;
-    struct umbt_study_truths truths;
+    struct truths truths;
+    struct umbt_probe probes[UMBT_STUDY_SETTINGS_MAX];
 };
+
+/* ---- truths ---- */
+
+struct tracing {
+    const struct umbt_study_points *points;
+    const struct umbt_truth *truth;
+    float *values;
+};
+
+static float trace(const struct umbt_truth *truth, const struct umbt_study_points *points, size_t i)
+{
+    double normal[3];
+    umbt_study_normal(points, i, normal);
+    return umbt_truth_visibility(truth, points->positions[i], normal);
+}
+
+static void trace_item(void *user, size_t i)
+{
+    const struct tracing *tracing = user;
+    tracing->values[i] = trace(tracing->truth, tracing->points, i);
+}
+
+/* Estimates the error of a truth by a second truth with twice the rays a side. */
+static double own_error(const struct tracing *tracing)
+{
+    const size_t surface = tracing->points->first[UMBT_STUDY_FREE];
+    const size_t step = surface > CHECKED ? surface / CHECKED : 1;
+    struct umbt_truth finer = *tracing->truth;
+    double sum = 0.0, count = 0.0;
+    finer.samples *= 2;
+    for (size_t i = 0; i < surface; i += step) {
+        const double difference =
+            (double)trace(&finer, tracing->points, i) - (double)tracing->values[i];
+        sum += difference * difference;
+        count += 1.0;
+    }
+    return count > 0.0 ? sqrt(sum / count) : 0.0;
+}
+
+/* True if both trace the same rays. */
+static int is_same(const struct umbt_truth *a, const struct umbt_truth *b)
+{
+    return a->kind == b->kind && a->settings.taps == b->settings.taps &&
+           memcmp(a->frustum.world_to_voxel, b->frustum.world_to_voxel,
+                  sizeof a->frustum.world_to_voxel) == 0 &&
+           memcmp(a->frustum.voxel_step, b->frustum.voxel_step, sizeof a->frustum.voxel_step) ==
+               0 &&
+           memcmp(a->origin, b->origin, sizeof a->origin) == 0;
+}
+
+/* The truth of a probe's footprint, traced on first use. Fails: E_NO_MEMORY. */
+static enum umb_status truth_get(struct truths *truths, const struct umbt_probe *probe,
+                                 const struct traced **truth, struct umb_error *error)
+{
+    const size_t surface = probe->study->points.first[UMBT_STUDY_FREE];
+    for (uint32_t i = 0; i < truths->count; i++) {
+        if (is_same(&truths->list[i].rays, &probe->truth)) {
+            *truth = &truths->list[i];
+            return UMB_OK;
+        }
+    }
+    struct traced *made = &truths->list[truths->count]; /* one a setting at most */
+    made->rays = probe->truth;
+    made->values = malloc((surface + 1) * sizeof *made->values);
+    if (made->values == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "the truth of %zu samples does not fit in memory",
+                        surface);
+    }
+    truths->count++;
+    struct tracing tracing = {&probe->study->points, &made->rays, made->values};
+    const enum umb_status status = umbu_range_each((unsigned)probe->study->options.threads, surface,
+                                                   BLOCK, trace_item, &tracing, error);
+    made->error = own_error(&tracing);
+    *truth = made;
+    return status;
+}
 
 /* ---- errors ---- */
 
-static enum umb_status undefined_block(void *user, size_t first, size_t count,
-                                       struct umb_error *error)
+static void undefined_item(void *user, size_t i)
 {
     struct judging *judging = user;
     const struct umbt_study_points *points = &judging->probe->study->points;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        double normal[3];
-        umbt_study_normal(points, i, normal);
-        judging->undefined[i] =
-            (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
-                      umbt_truth_is_undefined(&judging->probe->truth, points->positions[i],
-                                              normal));
-    }
-    return UMB_OK;
+    double normal[3];
+    umbt_study_normal(points, i, normal);
+    judging->undefined[i] =
+        (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
+                  umbt_truth_is_undefined(&judging->probe->truth, points->positions[i], normal));
 }
 
 /* Counts what an asset reads for a point of the view. */
@@ -69,26 +156,22 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
 {
     const struct umbt_study_points *points = &probe->study->points;
     const size_t surface = points->first[UMBT_STUDY_FREE];
-    const struct umbt_study_truth *truth = NULL;
+    const struct traced *truth = NULL;
     if (probe->peer == NULL) {
         reads_count(probe, judging->answers);
     }
     umbt_probe_answer(probe, 0, points->count, judging->answers);
-    enum umb_status status = umbt_truths_get(&judging->truths, probe, &truth, error);
-    if (status == UMB_OK) {
-        judging->probe = probe;
-        judging->area = truth->values;
-        status = umbu_range_run((unsigned)probe->study->options.threads, surface, BLOCK,
-                                undefined_block, judging, error);
-    }
-    if (status == UMB_OK) {
-        const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
-                                           points->lit, points->boundary_m, judging->undefined};
-        umbt_errors_area(&judged, probe->result);
-        umbt_errors_edges(&judged, judging->wrong, probe->result);
-        probe->result->truth_error = truth->error;
-    }
-    return status;
+    UMB__TRY(truth_get(&judging->truths, probe, &truth, error));
+    judging->probe = probe;
+    judging->area = truth->values;
+    UMB__TRY(umbu_range_each((unsigned)probe->study->options.threads, surface, BLOCK,
+                             undefined_item, judging, error));
+    const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
+                                       points->lit, points->boundary_m, judging->undefined};
+    umbt_errors_area(&judged, probe->result);
+    umbt_errors_edges(&judged, judging->wrong, probe->result);
+    probe->result->truth_error = truth->error;
+    return UMB_OK;
 }
 
 /* ---- all settings ---- */
@@ -161,9 +244,8 @@ static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, co
     }
 }
 
-/* Lists all settings, those of assets first. Out: peer_of: the peer of each setting, or NULL. */
-static void list_settings(struct umbt_study *study, const struct umbt_peers *peers,
-                          const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX])
+/* Lists all settings, those of assets first, each with its probe. */
+static void list_settings(struct umbt_study *study, struct judging *judging)
 {
     const uint32_t *taps = study->options.quick ? taps_quick : taps_full;
     const size_t count = study->options.quick ? sizeof taps_quick / sizeof *taps_quick
@@ -174,74 +256,65 @@ static void list_settings(struct umbt_study *study, const struct umbt_peers *pee
             list_asset(study, b, taps, count);
         }
     }
-    memset(peer_of, 0, UMBT_STUDY_SETTINGS_MAX * sizeof(const struct umbt_peer *));
-    for (uint32_t p = 0; p < peers->count; p++) {
+    for (uint32_t p = 0; p < judging->peers.count; p++) {
         const uint32_t first = study->result_count;
-        list_peer(study, &peers->list[p], taps, count);
+        list_peer(study, &judging->peers.list[p], taps, count);
         for (uint32_t i = first; i < study->result_count; i++) {
-            peer_of[i] = &peers->list[p];
+            judging->probes[i].peer = &judging->peers.list[p];
         }
     }
     for (uint32_t i = 0; i < study->result_count; i++) {
         curve_read(study, &study->results[i]);
+        judging->probes[i].study = study;
+        judging->probes[i].result = &study->results[i];
+        judging->probes[i].peers = &judging->peers;
     }
 }
 
-static enum umb_status probes_run(struct umbt_study *study, struct umbt_probe *probes,
-                                  struct judging *judging, struct umb_error *error)
+static enum umb_status settings_judge(struct umbt_study *study, struct judging *judging,
+                                      struct umb_error *error)
 {
-    const struct umbt_peer *peer_of[UMBT_STUDY_SETTINGS_MAX];
+    const struct umb_points points = umbt_study_points_all(study);
     struct umbu_progress progress;
     enum umb_status status = UMB_OK;
-    list_settings(study, &judging->peers, peer_of);
+    judging->answers = calloc(points.count, sizeof *judging->answers);
+    judging->wrong = calloc(points.count, sizeof *judging->wrong);
+    judging->undefined = calloc(points.count, 1);
+    if (judging->answers == NULL || judging->wrong == NULL || judging->undefined == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", points.count);
+    }
+    UMB__TRY(umb_points_check(&points, error));
+    UMB__TRY(umbt_peers_make(study, &judging->peers, error));
+    list_settings(study, judging);
     umbu_progress_begin(&progress, "settings", study->options.quiet);
     for (uint32_t i = 0; status == UMB_OK && i < study->result_count; i++) {
-        probes[i] = (struct umbt_probe){.study = study,
-                                        .result = &study->results[i],
-                                        .peers = &judging->peers,
-                                        .peer = peer_of[i]};
-        status = umbt_probe_prepare(&probes[i], error);
+        status = umbt_probe_prepare(&judging->probes[i], error);
         if (status == UMB_OK) {
-            status = errors_find(judging, &probes[i], error);
+            status = errors_find(judging, &judging->probes[i], error);
         }
         umbu_progress_show(&progress, i + 1, (i + 1.0) / study->result_count);
     }
     umbu_progress_end(&progress);
-    return status == UMB_OK ? umbt_study_times(study, probes, error) : status;
+    return status == UMB_OK ? umbt_study_times(study, judging->probes, error) : status;
 }
 
 enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *error)
 {
-    const struct umb_points points = umbt_study_points_all(study);
-    struct umbt_probe *probes = calloc(UMBT_STUDY_SETTINGS_MAX, sizeof *probes);
     struct judging *judging = calloc(1, sizeof *judging);
-    enum umb_status status = umb_points_check(&points, error);
-    if (judging != NULL) {
-        judging->answers = calloc(points.count, sizeof *judging->answers);
-        judging->wrong = calloc(points.count, sizeof *judging->wrong);
-        judging->undefined = calloc(points.count, 1);
+    if (judging == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "the settings do not fit in memory");
     }
-    if (probes == NULL || judging == NULL || judging->answers == NULL || judging->wrong == NULL ||
-        judging->undefined == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", points.count);
+    const enum umb_status status = settings_judge(study, judging, error);
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        umbt_probe_finish(&judging->probes[i]);
     }
-    if (status == UMB_OK) {
-        status = umbt_peers_make(study, &judging->peers, error);
+    umbt_peers_finish(&judging->peers);
+    for (uint32_t i = 0; i < judging->truths.count; i++) {
+        free(judging->truths.list[i].values);
     }
-    if (status == UMB_OK) {
-        status = probes_run(study, probes, judging, error);
-    }
-    for (uint32_t i = 0; probes != NULL && i < study->result_count; i++) {
-        umbt_probe_finish(&probes[i]);
-    }
-    free(probes);
-    if (judging != NULL) {
-        umbt_peers_finish(&judging->peers);
-        umbt_truths_finish(&judging->truths);
-        free(judging->answers);
-        free(judging->wrong);
-        free(judging->undefined);
-        free(judging);
-    }
+    free(judging->answers);
+    free(judging->wrong);
+    free(judging->undefined);
+    free(judging);
     return status;
 }

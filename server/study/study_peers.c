@@ -9,7 +9,7 @@
 
 #include "base/try.h"
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "study/traced_shadow.h"
 #include "tool/clock.h"
 #include "umbrage/volume.h"
@@ -25,9 +25,7 @@
 static int faces_light(const struct umbt_study_points *points, size_t i)
 {
     double normal[3];
-    for (int k = 0; k < 3; k++) {
-        normal[k] = (double)points->normals[i][k];
-    }
+    umbt_widen(points->normals[i], normal);
     return umb__dot(normal, normal) == 0.0 || umb__dot(normal, points->to_light) > 0.0;
 }
 
@@ -67,9 +65,7 @@ float *umbt_peers_moved(const struct umbt_study *study, const struct umbt_peers 
     float(*moved)[3] = malloc(peers->facing_count * sizeof *moved + 16);
     for (size_t i = 0; moved != NULL && i < peers->facing_count; i++) {
         double normal[3], to[3];
-        for (int k = 0; k < 3; k++) {
-            normal[k] = (double)peers->normals[i][k];
-        }
+        umbt_widen(peers->normals[i], normal);
         if (umbt_normalize(normal) > 0.0) {
             const double way = BIAS_CLEARS * umbt_truth_bias(&settings, &bake->frustum, normal);
             umbt_along(peers->positions[i], way, normal, to);
@@ -92,7 +88,7 @@ struct columns {
     struct umbt_map16 *map;
 };
 
-/* Fills one block of 8 x 8 columns, queried at the centres of their texels on the first slice. */
+/* Fills one block of 8 x 8 columns by a query at the centres of their texels on the first slice. */
 static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
 {
     const struct umb_frustum_info *frustum = &columns->bake->frustum;
@@ -119,32 +115,23 @@ static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
     umbt_map16_put(columns->map, x, y, lit);
 }
 
-static enum umb_status rows_fill(void *user, size_t first, size_t count, struct umb_error *error)
+static void row_fill(void *user, size_t row)
 {
     const struct columns *columns = user;
-    (void)error;
-    for (size_t row = first; row < first + count; row++) {
-        for (uint32_t x = 0; x < (uint32_t)columns->map->size; x += 8) {
-            block_fill(columns, x, 8 * (uint32_t)row);
-        }
+    for (uint32_t x = 0; x < (uint32_t)columns->map->size; x += 8) {
+        block_fill(columns, x, 8 * (uint32_t)row);
     }
-    return UMB_OK;
 }
 
 static enum umb_status map_fill(const struct umbt_study *study, const struct umbt_study_bake *bake,
                                 struct umbt_map16 *map, struct umb_error *error)
 {
     struct columns columns = {.bake = bake, .map = map};
-    enum umb_status status = umb_volume_prepare(bake->asset, 0, &columns.volume, error);
-    if (status == UMB_OK) {
-        status = umb_volume_check_parallel(&columns.volume, error);
-    }
-    if (status == UMB_OK) {
-        status = umb_volume_check_columns(&columns.volume, error);
-    }
-    return status == UMB_OK ? umbu_range_run((unsigned)study->options.threads,
-                                             (size_t)map->size / 8, 4, rows_fill, &columns, error)
-                            : status;
+    UMB__TRY(umb_volume_prepare(bake->asset, 0, &columns.volume, error));
+    UMB__TRY(umb_volume_check_parallel(&columns.volume, error));
+    UMB__TRY(umb_volume_check_columns(&columns.volume, error));
+    return umbu_range_each((unsigned)study->options.threads, (size_t)map->size / 8, 4, row_fill,
+                           &columns, error);
 }
 
 /* Keeps the layout that is faster for windows, and frees the other. */
@@ -258,16 +245,14 @@ static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peer
     *peer = (struct umbt_peer){.method = UMBT_STUDY_DEPTH_MAP, .bake = bake, .name = "depth map"};
     UMB__TRY(umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error));
     peers->count++;
-    enum umb_status status = map_fill(study, &study->bakes[bake], &peer->map, error);
-    if (status == UMB_OK) {
-        status = map_tune(study, peers, peer, error);
-    }
-    if (status == UMB_OK && umbt_nanovdb_is_built() && frustum->log2_size <= VOLUME_LOG2_MAX) {
-        status = volume_add(study, peers, peer, error);
+    UMB__TRY(map_fill(study, &study->bakes[bake], &peer->map, error));
+    UMB__TRY(map_tune(study, peers, peer, error));
+    if (umbt_nanovdb_is_built() && frustum->log2_size <= VOLUME_LOG2_MAX) {
+        UMB__TRY(volume_add(study, peers, peer, error));
     }
     umbt_map16_drop(&peer->map, peer->way != UMBT_MAP16_TILES);
     peer->bytes = umbt_map16_bytes(&peer->map);
-    return status;
+    return UMB_OK;
 }
 
 /* ---- maps for GPUs ---- */
@@ -283,8 +268,7 @@ static enum umb_status derived_add(const struct umbt_study *study, struct umbt_p
                 {"derived esm", UMB_MAP_ESM},
                 {"derived evsm", UMB_MAP_EVSM},
                 {"derived msm", UMB_MAP_MSM}};
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < sizeof rows / sizeof rows[0]; i++) {
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct umbt_peer *peer = &peers->list[peers->count];
         *peer =
             (struct umbt_peer){.method = UMBT_STUDY_DERIVED, .bake = bake, .name = rows[i].name};
@@ -296,15 +280,13 @@ static enum umb_status derived_add(const struct umbt_study *study, struct umbt_p
         };
         struct umb_map_info info;
         const double start = umbu_thread_cpu_s();
-        status = umb_derive(study->bakes[bake].asset, &settings, NULL, &peer->derived, error);
-        if (status == UMB_OK) {
-            peer->build_s = umbu_thread_cpu_s() - start;
-            umb_map_get_info(peer->derived->maps[0], &info);
-            peer->bytes = info.bytes;
-            peers->count++;
-        }
+        UMB__TRY(umb_derive(study->bakes[bake].asset, &settings, NULL, &peer->derived, error));
+        peer->build_s = umbu_thread_cpu_s() - start;
+        umb_map_get_info(peer->derived->maps[0], &info);
+        peer->bytes = info.bytes;
+        peers->count++;
     }
-    return status;
+    return UMB_OK;
 }
 
 /* ---- all ---- */
@@ -320,7 +302,7 @@ static void say_missing(struct umbt_study *study)
     }
 }
 
-/* The resolution whose maps are derived: fit for a GPU, and below the finest. */
+/* Resolution of the derived maps: a usual one for GPUs, below the highest of the study. */
 static uint32_t derived_resolution(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;
@@ -337,21 +319,20 @@ static enum umb_status resolutions_add(const struct umbt_study *study, struct um
                                        struct umb_error *error)
 {
     const uint32_t derived = derived_resolution(&study->options);
-    enum umb_status status = UMB_OK;
-    for (uint32_t b = 0; status == UMB_OK && b < study->bake_count; b++) {
+    for (uint32_t b = 0; b < study->bake_count; b++) {
         const struct umbt_study_bake *bake = &study->bakes[b];
         if (bake->asset == NULL || bake->closed ||
             peers->count + PEERS_OF_RESOLUTION > UMBT_PEERS_MAX) {
             continue;
         }
         if (umbt_map16_supported() && bake->frustum.log2_size <= MAP_LOG2_MAX) {
-            status = maps_add(study, peers, b, error);
+            UMB__TRY(maps_add(study, peers, b, error));
         }
-        if (status == UMB_OK && bake->resolution == derived) {
-            status = derived_add(study, peers, b, error);
+        if (bake->resolution == derived) {
+            UMB__TRY(derived_add(study, peers, b, error));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
@@ -362,8 +343,8 @@ enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *pee
     if (!study->options.quiet) {
         fprintf(stderr, "umbrage study: shadow maps and volumes of the same resolutions\n");
     }
-    enum umb_status status = facing_gather(study, peers, error);
-    return status == UMB_OK ? resolutions_add(study, peers, error) : status;
+    UMB__TRY(facing_gather(study, peers, error));
+    return resolutions_add(study, peers, error);
 }
 
 void umbt_peers_finish(struct umbt_peers *peers)

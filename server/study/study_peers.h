@@ -7,9 +7,9 @@
  * (shadow_map16.h), a NanoVDB mask grid of the voxels (nanovdb_peer.h, if the build has it), and
  * the maps that `umbrage derive` makes for GPUs.
  *
- * The first two get an advantage. Samples that face away are left out of their time and shadowed
- * for free; the others were moved off their surface and converted to floats before. An asset's time
- * includes all of that.
+ * The map and the grid get an advantage: samples that face away are not part of their time, and the
+ * others are moved off their surface and converted to floats before. An asset's time includes all
+ * of that.
  */
 #include "study/nanovdb_peer.h"
 #include "study/shadow_map16.h"
@@ -19,12 +19,12 @@
 #define UMBT_PEERS_MAX         32
 #define UMBT_PEER_DERIVED_TAPS 9 /* filter width of derived maps */
 
-/* One of them. */
+/* One peer of one bake. */
 struct umbt_peer {
     enum umbt_study_method method;
-    uint32_t bake; /* bake whose voxels it has */
+    uint32_t bake; /* number of the bake whose voxels the peer has */
     uint64_t bytes;
-    double build_s;              /* DERIVED: of umb_derive, CPU time */
+    double build_s;              /* DERIVED: CPU time of umb_derive */
     enum umbt_map16_way way;     /* DEPTH_MAP */
     struct umbt_map16 map;       /* DEPTH_MAP */
     struct umbt_nanovdb *volume; /* NANOVDB */
@@ -43,16 +43,15 @@ struct umbt_peers {
 };
 
 /*
- * Makes the peers for the resolutions that allow it; study->missing names those that could not be
- * made, with the reason. Fails: E_NO_MEMORY, and as umb_derive.
+ * Makes the peers of all resolutions that they can have. study->missing names the other peers and
+ * the reason. Fails: E_NO_MEMORY, and as umb_derive.
  */
 UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
                                             struct umb_error *error);
 void umbt_peers_finish(struct umbt_peers *peers);
 
-/* The facing samples for a filter of `taps`: moved off their surface, relative to the asset's
- * origin.
- * Out: float[3 * facing_count], malloc; NULL if out of memory. */
+/* Moves the facing samples off their surface for a filter of `taps`, relative to the asset's
+ * origin. Returns float[3 * facing_count] for free(); NULL if out of memory. */
 float *umbt_peers_moved(const struct umbt_study *study, const struct umbt_peers *peers,
                         const struct umbt_study_bake *bake, uint32_t taps);
 

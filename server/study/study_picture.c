@@ -9,17 +9,18 @@
 #include "base/try.h"
 #include "tool/threads.h"
 #include "study/shading.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "tool/clock.h"
 #include "tool/progress.h"
 
-#define BAND_SAMPLES ((size_t)1 << 19) /* about 50 MB of samples at a time */
-#define BAND_TRACED  ((size_t)1 << 16) /* so that the progress line moves during ray tracing */
-#define QUERY_BLOCK  16384             /* points a request: well under the daemon's usual limit */
+#define BAND_SAMPLES ((size_t)1 << 19) /* samples of a band: about 50 MB */
+#define BAND_TRACED  ((size_t)1 << 16) /* samples of a traced band: the progress line moves often */
+#define QUERY_BLOCK  16384             /* points in a request: less than a daemon's usual limit */
 #define TRACE_BLOCK  512
 #define FIXED_ONE    4294967296.0
 
-/* Sums over receivers that face the light; visibilities in 2^-32, so the order does not matter. */
+/* Sums over receivers that face the light. Visibilities are integers in units of 2^-32: the order
+ * of the sum does not matter. */
 struct differences {
     uint64_t facing, undefined, over_half, over_half_defined;
     uint64_t lighter, darker, defined;
@@ -43,20 +44,13 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
 {
     struct frame *frame = user;
     struct umb_query_stats stats = {0};
-    const enum umb_status status =
-        umbt_source_answer(frame->request->source, frame->buffer.positions, frame->buffer.normals,
-                           first, count, frame->answers, &stats, error);
+    const enum umb_status status = umbt_shadow_source_answer(
+        frame->request->source, frame->buffer.positions, frame->buffer.normals, first, count,
+        frame->answers, &stats, error);
     pthread_mutex_lock(&frame->mutex);
     umb_query_stats_add(&frame->result->stats, &stats);
     pthread_mutex_unlock(&frame->mutex);
     return status;
-}
-
-static void receiver_normal(const struct frame *frame, size_t i, double normal[3])
-{
-    for (size_t k = 0; k < 3; k++) {
-        normal[k] = (double)frame->buffer.normals[3 * i + k];
-    }
 }
 
 static enum umb_status block_trace(void *user, size_t first, size_t count, struct umb_error *error)
@@ -65,7 +59,7 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        receiver_normal(frame, i, normal);
+        umbt_widen(&frame->buffer.normals[3 * i], normal);
         frame->truths[i] =
             umbt_truth_visibility(frame->request->truth, &frame->buffer.positions[3 * i], normal);
     }
@@ -77,13 +71,13 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
 {
     const struct umbt_picture_request *request = frame->request;
     double towards[3];
-    (void)umbt_towards_light(request->lamp, request->to_light, &frame->buffer.positions[3 * slot],
-                             towards);
+    (void)umbt_towards_light(request->lamp, request->setup->to_light,
+                             &frame->buffer.positions[3 * slot], towards);
     return umb__dot(normal, towards);
 }
 
-/* Largest error of the truth's share: an edge through s x s rays misses up to s of them. The other
- * kinds are exact. */
+/* Largest error of a truth's share: an edge through s x s rays misses up to s rays. Kinds without a
+ * window of rays are exact. */
 static double truth_error(const struct umbt_truth *truth)
 {
     return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
@@ -111,7 +105,7 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        receiver_normal(frame, i, normal);
+        umbt_widen(&frame->buffer.normals[3 * i], normal);
         const double facing = receiver_cosine(frame, i, normal);
         if (!(facing > 0.0)) {
             continue;
@@ -156,10 +150,11 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, 
 {
     const struct umbt_picture_request *request = frame->request;
     double normal[3];
-    receiver_normal(frame, slot, normal);
-    const uint32_t key = umbt_scene_surface_key(request->scene, frame->buffer.triangles[slot]);
+    umbt_widen(&frame->buffer.normals[3 * (size_t)slot], normal);
+    const uint32_t key =
+        umbt_scene_surface_key(request->setup->scene, frame->buffer.triangles[slot]);
     return umbt_shade(umbt_surface_color(key), (double)visibility,
-                      receiver_cosine(frame, slot, normal), normal[request->z_up ? 2 : 1]);
+                      receiver_cosine(frame, slot, normal), normal[request->setup->z_up ? 2 : 1]);
 }
 
 /* The direction through a pixel's centre. */
@@ -167,7 +162,7 @@ static void pixel_direction(const struct frame *frame, size_t pixel, double dire
 {
     const uint32_t width = frame->buffer.width;
     const double row = (double)(frame->buffer.first_row + pixel / width);
-    umbt_camera_ray(frame->request->camera, ((double)(pixel % width) + 0.5) / (double)width,
+    umbt_camera_ray(&frame->request->setup->camera, ((double)(pixel % width) + 0.5) / (double)width,
                     (row + 0.5) / (double)frame->height, direction);
 }
 
@@ -184,9 +179,9 @@ static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32
         memcpy(end, &frame->buffer.positions[3 * (size_t)slot], sizeof end);
     } else {
         pixel_direction(frame, pixel, direction);
-        umbt_along(request->camera->eye, request->scene->diagonal_m, direction, end);
+        umbt_along(request->setup->camera.eye, request->setup->scene->diagonal_m, direction, end);
     }
-    umbt_fog_look(request->fog, request->camera->eye, end, &through, &lit);
+    umbt_fog_look(request->fog, request->setup->camera.eye, end, &through, &lit);
     return umbt_fog_shade(color, through, lit);
 }
 
@@ -254,7 +249,7 @@ static struct umbt_rgb pixel_sky(const struct frame *frame, size_t pixel)
 {
     double direction[3];
     pixel_direction(frame, pixel, direction);
-    return umbt_sky(direction[frame->request->z_up ? 2 : 1]);
+    return umbt_sky(direction[frame->request->setup->z_up ? 2 : 1]);
 }
 
 /* Shades a run of pixels; the picture difference is summed in integers, so in any order. */
@@ -300,28 +295,22 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
 {
     const struct umbt_picture_request *request = frame->request;
     struct umbt_picture_result *result = frame->result;
+    double shade_s = 0.0;
     const double start = umbu_clock_s();
-    enum umb_status status =
-        umbt_gbuffer_fill(&frame->buffer, request->scene, request->camera, frame->height, first_row,
-                          row_count, request->threads, error);
+    UMB__TRY(umbt_gbuffer_fill(&frame->buffer, request->setup->scene, &request->setup->camera,
+                               frame->height, first_row, row_count, request->threads, error));
     result->gbuffer_s += umbu_clock_s() - start;
     const size_t receivers = frame->buffer.receiver_count;
-    if (status == UMB_OK && request->source != NULL) {
-        status = stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error);
+    if (request->source != NULL) {
+        UMB__TRY(stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error));
     }
-    if (status == UMB_OK && request->truth != NULL) {
-        status = stage_run(frame, receivers, TRACE_BLOCK, block_trace, &result->trace_s, error);
+    if (request->truth != NULL) {
+        UMB__TRY(stage_run(frame, receivers, TRACE_BLOCK, block_trace, &result->trace_s, error));
     }
-    if (status == UMB_OK) {
-        result->receivers += receivers;
-        status = stage_run(frame, receivers, TRACE_BLOCK, block_compare, &result->compare_s, error);
-    }
-    if (status == UMB_OK) {
-        double shade_s = 0.0;
-        status = stage_run(frame, (size_t)frame->buffer.width * row_count, 4096, block_shade,
-                           &shade_s, error);
-    }
-    return status;
+    result->receivers += receivers;
+    UMB__TRY(stage_run(frame, receivers, TRACE_BLOCK, block_compare, &result->compare_s, error));
+    return stage_run(frame, (size_t)frame->buffer.width * row_count, 4096, block_shade, &shade_s,
+                     error);
 }
 
 static void result_finish(struct frame *frame)

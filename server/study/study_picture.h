@@ -15,6 +15,7 @@
 #include "study/study_fog.h"
 #include "study/traced_shadow.h"
 #include "study/gbuffer.h"
+#include "study/setup.h"
 
 /* Cosine between normal and light below which receivers are not judged. There a texel's edge
  * reaches so far along the surface that shadows cannot be right; such receivers are also hardly
@@ -22,15 +23,12 @@
 #define UMBT_JUDGED_FACING 0.2
 
 struct umbt_picture_request {
-    const struct umbt_scene *scene;
-    const struct umbt_camera *camera;
-    const struct umbt_source *source;  /* NULL: no shadows from an asset */
-    const struct umbt_truth *truth;    /* NULL: no traced shadows; at least one of both */
+    const struct umbt_setup *setup;          /* to_light: of parallel light */
+    const struct umbt_shadow_source *source; /* NULL: no shadows from an asset */
+    const struct umbt_truth *truth;          /* NULL: no traced shadows; at least one of both */
     const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
-    double to_light[3];                /* parallel light */
     const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
-    int z_up;
-    uint32_t aa; /* 1..3 */
+    uint32_t aa;                       /* sub-samples a side of a pixel, 1..3 */
     unsigned threads;
     struct umbt_picture *asset;  /* out, made by the caller; NULL to leave out */
     struct umbt_picture *traced; /* out, made by the caller; NULL to leave out */
@@ -40,26 +38,27 @@ struct umbt_picture_request {
 };
 
 struct umbt_picture_result {
-    /* Sub-samples; those that hit a surface; part of these that faces the light. */
+    /* Numbers of sub-samples: all, those on a surface, and of these those that face the light. */
     uint64_t samples, receivers, facing;
     struct umb_query_stats stats;
     double gbuffer_s, query_s, trace_s, compare_s; /* wall seconds of the stages */
-    /* With source and truth, over receivers facing the light: */
+    /* With source and truth, over receivers that face the light: */
     double mean_difference;           /* mean of |asset - traced| */
-    double mean_lighter, mean_darker; /* its two parts: asset lighter (leaks), darker (acne) */
-    double over_half;                 /* share with |asset - traced| > 0.5 */
-    /* The mean without receivers whose window reaches into closed solids (unspecified answers): */
-    uint64_t undefined; /* such receivers among those that differ */
+    double mean_lighter, mean_darker; /* parts of the mean: asset lighter (leaks), darker (acne) */
+    double over_half;                 /* share of receivers with |asset - traced| > 0.5 */
+    /* Number of differing receivers whose window reaches into closed solids, where answers are
+     * unspecified; mean and share without these. */
+    uint64_t undefined;
     double mean_defined, over_half_defined;
-    /* Receivers with N.L above UMBT_JUDGED_FACING, without windows into closed solids. The shares
-     * count those where the asset is below 0.5 and the truth above 0.5 by more than its own error,
-     * and the reverse. */
+    /* Number of receivers with a cosine above UMBT_JUDGED_FACING and no window into closed solids.
+     * False shadow: share where the asset is below 0.5 and the truth above 0.5 by more than its own
+     * error; false light: the reverse. */
     uint64_t judged;
     double false_shadow, false_light;
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */
 };
 
-/* Renders. Fails: E_NO_MEMORY, or as umbt_source_answer. */
+/* Renders. Fails: E_NO_MEMORY, or as umbt_shadow_source_answer. */
 UMB_CHECKED enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
                                                 struct umbt_picture_result *result,
                                                 struct umb_error *error);

@@ -13,16 +13,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "tool/threads.h"
 #include "study/point_sampler.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define DIRECTIONS   16
 #define RINGS        12   /* rings from reach / 2^11 to reach */
 #define HALVINGS     6    /* halvings: a boundary's distance to 1.6 % */
 #define REACH_SHARE  0.02 /* share of the scene's diagonal */
 #define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
-#define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary are the border set */
+#define BORDER_SHARE 0.1  /* share of the reach: points closer to a boundary form the border set */
 #define BORDER_DRAWS 8    /* surface points drawn for each border point wanted */
 #define BLOCK        256
 #define VIEWS        3
@@ -55,7 +56,7 @@ static void tangents(const double normal[3], double u[3], double v[3])
     umb__cross(normal, u, v);
 }
 
-/* Truth at a distance from a surface point, along a direction of its tangent plane. */
+/* Hard truth at a distance from a surface point, along a direction of its tangent plane. */
 static int lit_at(const struct umbt_study *study, const double from[3], const double along[3],
                   double distance)
 {
@@ -91,9 +92,7 @@ static double distance_along(const struct umbt_study *study, const double from[3
 static void trace_point(const struct umbt_study *study, struct umbt_study_points *points, size_t i)
 {
     double normal[3], from[3], u[3], v[3];
-    for (int k = 0; k < 3; k++) {
-        normal[k] = (double)points->normals[i][k];
-    }
+    umbt_widen(points->normals[i], normal);
     points->boundary_m[i] = INFINITY;
     if (!(umbt_normalize(normal) > 0.0)) {
         points->lit[i] = (uint8_t)sees_light(study, points->positions[i]);
@@ -118,22 +117,18 @@ static void trace_point(const struct umbt_study *study, struct umbt_study_points
     points->boundary_m[i] = (float)nearest;
 }
 
-static enum umb_status trace_block(void *user, size_t first, size_t count, struct umb_error *error)
+static void trace_item(void *user, size_t i)
 {
     struct tracing *tracing = user;
-    (void)error;
-    for (size_t i = first; i < first + count; i++) {
-        trace_point(tracing->study, tracing->points, tracing->first + i);
-    }
-    return UMB_OK;
+    trace_point(tracing->study, tracing->points, tracing->first + i);
 }
 
 static enum umb_status trace_range(struct umbt_study *study, size_t first, size_t count,
                                    struct umb_error *error)
 {
     struct tracing tracing = {study, &study->points, first};
-    return umbu_range_run((unsigned)study->options.threads, count, BLOCK, trace_block, &tracing,
-                          error);
+    return umbu_range_each((unsigned)study->options.threads, count, BLOCK, trace_item, &tracing,
+                           error);
 }
 
 static enum umb_status room_make(struct umbt_study_points *points, size_t count,
@@ -161,14 +156,8 @@ static void append(struct umbt_study_points *points, const struct umbt_point_set
  * out. */
 static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
 {
-    const struct umbs_scene_view *scene = &study->scene.scene->view;
-    struct umbt_camera_subject subject = {
-        .points = (const double(*)[3])study->scene.corners,
-        .count = 3 * study->scene.count,
-        .box = study->scene.box,
-        .z_up = study->options.up != NULL ? study->options.up[0] == 'z' : scene->z_up,
-    };
-    memcpy(subject.to_light, study->points.to_light, sizeof subject.to_light);
+    const struct umbt_camera_subject subject =
+        umbt_subject(&study->scene, study->points.to_light, study->z_up);
     const double base = umbt_compass_azimuth(subject.to_light, subject.z_up, 0.0);
     enum umb_status status = UMB_E_BAD_SCENE;
     for (int i = 0; i < VIEWS; i++) {
@@ -177,17 +166,16 @@ static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struc
                                                        fmod(base + 80.0 + 120.0 * i, 360.0),
                                                    .has_elevation = 1,
                                                    .elevation_deg = 25.0 + 20.0 * i};
-        const struct umbt_point_view view = {
+        const struct umbt_pixel_request view = {
             .scene = &study->scene,
             .camera = &camera,
             .subject = &subject,
-            .width = 320,
-            .height = 180,
+            .size = {320, 180},
             .count = wanted / VIEWS,
             .threads = (unsigned)study->options.threads,
         };
         struct umbt_point_set set = {0};
-        const enum umb_status seen = umbt_points_view(&view, &set, error);
+        const enum umb_status seen = umbt_points_of_pixels(&view, &set, error);
         if (seen == UMB_OK) {
             append(&study->points, &set, set.count < wanted / VIEWS ? set.count : wanted / VIEWS);
             status = UMB_OK;
@@ -239,29 +227,16 @@ static void border_keep(struct umbt_study_points *points, size_t first, size_t w
 static enum umb_status sets_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
 {
     struct umbt_study_points *points = &study->points;
-    enum umb_status status = views_draw(study, wanted, error);
-    points->first[UMBT_STUDY_BORDER] = points->count;
-    if (status == UMB_OK) {
-        status = trace_range(study, 0, points->count, error);
-    }
-    if (status == UMB_OK) {
-        status = random_draw(study, UMBT_POINT_SURFACE, BORDER_DRAWS * wanted, error);
-    }
-    const size_t border = points->first[UMBT_STUDY_BORDER];
-    if (status == UMB_OK) {
-        status = trace_range(study, border, points->count - border, error);
-    }
+    UMB__TRY(views_draw(study, wanted, error));
+    UMB__TRY(trace_range(study, 0, points->count, error));
+    const size_t border = points->first[UMBT_STUDY_BORDER] = points->count;
+    UMB__TRY(random_draw(study, UMBT_POINT_SURFACE, BORDER_DRAWS * wanted, error));
+    UMB__TRY(trace_range(study, border, points->count - border, error));
     border_keep(points, border, wanted);
-    points->first[UMBT_STUDY_FREE] = points->count;
-    if (status == UMB_OK) {
-        status = random_draw(study, UMBT_POINT_FREE, wanted, error);
-    }
-    const size_t free_first = points->first[UMBT_STUDY_FREE];
-    if (status == UMB_OK) {
-        status = trace_range(study, free_first, points->count - free_first, error);
-    }
+    const size_t free_first = points->first[UMBT_STUDY_FREE] = points->count;
+    UMB__TRY(random_draw(study, UMBT_POINT_FREE, wanted, error));
     points->first[UMBT_STUDY_SET_COUNT] = points->count;
-    return status;
+    return trace_range(study, free_first, points->count - free_first, error);
 }
 
 enum umb_status umbt_study_points_make(struct umbt_study *study, struct umb_error *error)
@@ -273,8 +248,8 @@ enum umb_status umbt_study_points_make(struct umbt_study *study, struct umb_erro
     for (int k = 0; k < 3; k++) {
         points->to_light[k] = -study->bakes[0].light.direction[k];
     }
-    enum umb_status status = room_make(points, (2 + BORDER_DRAWS) * wanted, error);
-    return status == UMB_OK ? sets_draw(study, wanted, error) : status;
+    UMB__TRY(room_make(points, (2 + BORDER_DRAWS) * wanted, error));
+    return sets_draw(study, wanted, error);
 }
 
 void umbt_study_points_finish(struct umbt_study_points *points)

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define AHEAD       16U /* prefetch distance in points if there are too few for tuning */
 #define TUNE_POINTS 256U
@@ -22,9 +22,7 @@ struct umb_points umbt_study_points_all(const struct umbt_study *study)
 
 void umbt_study_normal(const struct umbt_study_points *points, size_t i, double normal[3])
 {
-    for (int k = 0; k < 3; k++) {
-        normal[k] = (double)points->normals[i][k];
-    }
+    umbt_widen(points->normals[i], normal);
     (void)umbt_normalize(normal);
 }
 
@@ -68,7 +66,7 @@ static void peer_run(const struct umbt_probe *probe, size_t first, size_t count,
     }
 }
 
-void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values)
+void umbt_probe_query(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
     if (probe->peer == NULL) {
         asset_run(probe, first, count, values);
@@ -80,7 +78,7 @@ void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, 
 
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
-    umbt_probe_run(probe, first, count, values);
+    umbt_probe_query(probe, first, count, values);
     if (probe->peer == NULL) {
         return;
     }

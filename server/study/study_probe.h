@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_PROBE_H
 #define UMBRAGE_SERVER_STUDY_STUDY_PROBE_H
-/* Probes: settings of a study, made and judged in study_measure.c, timed in study_times.c. */
+/* Probes: settings of a study that are ready to query. study_measure.c judges them, study_times.c
+ * times them. */
 #include "study/traced_shadow.h"
 #include "study/study.h"
 #include "study/study_peers.h"
@@ -32,9 +33,10 @@ struct umb_points umbt_study_points_all(const struct umbt_study *study);
  *      (umbt_probe_answer puts them in their places).
  * Threads: any.
  */
-void umbt_probe_run(const struct umbt_probe *probe, size_t first, size_t count, float *values);
+void umbt_probe_query(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* umbt_probe_run with an answer for each sample, values[0] that of sample `first`. */
+/* Queries as umbt_probe_query, with an answer for each sample; values[0] is that of sample `first`.
+ * */
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
 /* Prepares a setting for queries. Fails: E_NO_MEMORY, as umb_query_prepare. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* report.json, report.csv and the summary of a study (study.h). */
-#include "study/study_report.h"
+/* The files of a study's report: report.json, report.csv, report.html (study.h). */
+#include "study/study.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -8,12 +8,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <openssl/evp.h>
+
 #include "base/try.h"
 #include "tool/output.h"
-#include "study/study_techniques.h"
+#include "tool/report.h"
 #include "umbrage/version.h"
 
-#define PATH_BYTES 4096
+#define BLOCK_BYTES 3072 /* a multiple of 3: base64 of blocks is base64 of the whole */
+
+extern const unsigned char umbu_page_study_page[];
+extern const size_t umbu_page_study_page_size;
 
 static void json_bake(struct umbu_json *json, const struct umbt_study_bake *bake)
 {
@@ -29,17 +34,10 @@ static void json_bake(struct umbu_json *json, const struct umbt_study_bake *bake
     umbu_json_text(json, "reason", bake->reason);
     umbu_json_integer(json, "packed_bytes", bake->packed_bytes);
     umbu_json_integer(json, "memory_bytes", bake->info.memory_bytes);
-    umbu_json_rounded(json, "voxel_m", bake->voxel_m, 6);
-    umbu_json_rounded(json, "bake_s", bake->wall_s, 6);
-    umbu_json_rounded(json, "bake_cpu_s", bake->cpu_s, 6);
+    UMBU_JSON_VALUES(json, 6, {"voxel_m", bake->voxel_m}, {"bake_s", bake->wall_s},
+                     {"bake_cpu_s", bake->cpu_s});
     umbu_json_end(json, '}');
 }
-
-/* A column: a number of a result, by name. */
-struct column {
-    const char *name;
-    double value;
-};
 
 #define COLUMNS 24
 
@@ -49,9 +47,10 @@ static double told(double ns, double spread)
     return spread <= UMBT_STUDY_SPREAD_MAX ? ns : (double)NAN;
 }
 
-static void columns_of(const struct umbt_study_result *r, struct column columns[COLUMNS])
+/* The numbers of a result, by name. */
+static void columns_of(const struct umbt_study_result *r, struct umbu_json_value columns[COLUMNS])
 {
-    const struct column all[COLUMNS] = {
+    const struct umbu_json_value all[COLUMNS] = {
         {"rms", r->rms},
         {"worst", r->worst},
         {"over_001", r->over_001},
@@ -82,7 +81,7 @@ static void columns_of(const struct umbt_study_result *r, struct column columns[
 
 static void json_result(struct umbu_json *json, const struct umbt_study_result *result)
 {
-    struct column columns[COLUMNS];
+    struct umbu_json_value columns[COLUMNS];
     columns_of(result, columns);
     umbu_json_begin(json, NULL, '{');
     umbu_json_text(json, "method", result->name);
@@ -92,9 +91,7 @@ static void json_result(struct umbu_json *json, const struct umbt_study_result *
     umbu_json_integer(json, "judged", result->judged);
     umbu_json_integer(json, "memory_bytes", result->bytes);
     umbu_json_rounded(json, "build_s", result->build_s, 6);
-    for (int i = 0; i < COLUMNS; i++) {
-        umbu_json_rounded(json, columns[i].name, columns[i].value, 6);
-    }
+    umbu_json_values(json, 6, columns, COLUMNS);
     umbu_json_end(json, '}');
 }
 
@@ -107,9 +104,8 @@ static void json_head(struct umbu_json *json, const struct umbt_study *study)
     umbu_json_integer(json, "seed", study->options.seed);
     umbu_json_integer(json, "threads", study->options.threads);
     umbu_json_vector(json, "light", study->bakes[0].light.direction);
-    umbu_json_rounded(json, "diagonal_m", study->scene.diagonal_m, 6);
-    umbu_json_rounded(json, "reach_m", points->reach_m, 6);
-    umbu_json_rounded(json, "study_s", study->seconds, 6);
+    UMBU_JSON_VALUES(json, 6, {"diagonal_m", study->scene.diagonal_m}, {"reach_m", points->reach_m},
+                     {"study_s", study->seconds});
     umbu_json_integer(json, "truth_rays", study->options.truth_side * study->options.truth_side);
     umbu_json_integer(json, "runs", UMBT_STUDY_RUNS);
     umbu_json_begin(json, "samples", '{');
@@ -120,24 +116,25 @@ static void json_head(struct umbu_json *json, const struct umbt_study *study)
     umbu_json_text(json, "plan", study->bakes[0].info.plan);
 }
 
-static void json_rays(struct umbu_json *json, const struct umbt_study *study)
+static void json_rays(struct umbu_json *json, const struct umbt_study_rays *rays)
 {
-    const double spread = study->rays.spread;
+    const double spread = rays->spread;
     umbu_json_integer(json, "rays", 1);
-    umbu_json_rounded(json, "ns_view", told(study->rays.ns_view, spread), 6);
-    umbu_json_rounded(json, "ns_view8", told(study->rays.ns_view8, spread), 6);
-    umbu_json_rounded(json, "ns_free", told(study->rays.ns_free, spread), 6);
-    umbu_json_rounded(json, "ns_area81", told(study->rays.ns_area, spread), 6);
-    umbu_json_rounded(json, "ns_area81_8", told(study->rays.ns_area8, spread), 6);
-    umbu_json_rounded(json, "spread", spread, 6);
+    UMBU_JSON_VALUES(json, 6, {"ns_view", told(rays->ns_view, spread)},
+                     {"ns_view8", told(rays->ns_view8, spread)},
+                     {"ns_free", told(rays->ns_free, spread)},
+                     {"ns_area81", told(rays->ns_area, spread)},
+                     {"ns_area81_8", told(rays->ns_area8, spread)}, {"spread", spread});
 }
 
-void umbt_study_put(struct umbu_json *json, const struct umbt_study *study)
+/* Writes the members of report.json; also the data of report.html. */
+static void put_members(struct umbu_json *json, const void *user)
 {
+    const struct umbt_study *study = user;
     char summary[4096];
     json_head(json, study);
     umbu_json_begin(json, "rays", '{');
-    json_rays(json, study);
+    json_rays(json, &study->rays);
     umbu_json_end(json, '}');
     umbu_json_begin(json, "techniques", '{');
     umbt_study_techniques_json(json, study);
@@ -161,17 +158,17 @@ void umbt_study_json(FILE *to, const struct umbt_study *study)
 {
     struct umbu_json json = {.file = to};
     umbu_json_begin(&json, NULL, '{');
-    umbt_study_put(&json, study);
+    put_members(&json, study);
     umbu_json_close(&json);
 }
 
-static void csv(FILE *to, const struct umbt_study *study)
+static void print_csv(FILE *to, const struct umbt_study *study)
 {
-    struct column columns[COLUMNS];
+    struct umbu_json_value columns[COLUMNS];
     columns_of(&study->results[0], columns);
     fputs("method,bake,resolution,closed,taps,level,voxel_m,packed_bytes,memory_bytes,bake_s", to);
     for (int i = 0; i < COLUMNS; i++) {
-        fprintf(to, ",%s", columns[i].name);
+        fprintf(to, ",%s", columns[i].key);
     }
     fputs("\n", to);
     for (uint32_t r = 0; r < study->result_count; r++) {
@@ -190,16 +187,65 @@ static void csv(FILE *to, const struct umbt_study *study)
     }
 }
 
+/* Writes a picture file as an <img>; nothing if the file is missing. */
+static void image(FILE *to, const struct umbt_study *study, const char *name, const char *label)
+{
+    char path[UMBT_STUDY_PATH];
+    unsigned char block[BLOCK_BYTES], digits[BLOCK_BYTES / 3 * 4 + 1];
+    FILE *file = umbt_study_path(study, name, path, NULL) == UMB_OK ? fopen(path, "rb") : NULL;
+    if (file == NULL) {
+        return;
+    }
+    fprintf(to, "<figure><img alt=\"%s\" src=\"data:image/png;base64,", label);
+    size_t got;
+    while ((got = fread(block, 1, sizeof block, file)) > 0) {
+        (void)fwrite(digits, 1, (size_t)EVP_EncodeBlock(digits, block, (int)got), to);
+    }
+    (void)fclose(file);
+    fprintf(to, "\"><figcaption>%s</figcaption></figure>\n", label);
+}
+
+static void put_pictures(FILE *to, const void *user)
+{
+    const struct umbt_study *study = user;
+    char name[128], label[160];
+    image(to, study, "pictures/traced.png", "traced: one ray a sample");
+    image(to, study, "pictures/aliasing.png",
+          "aliasing of one map of 4096 texels a side: blue 1/16 pixel a texel and less, white 1, "
+          "red 16; grey faces away");
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        const struct umbt_study_result *result = &study->results[i];
+        for (int difference = 0; umbt_study_has_picture(result) && difference < 2; difference++) {
+            umbt_study_picture_name(study, result, difference, name, sizeof name);
+            (void)snprintf(label, sizeof label, "%s, %u x %u taps%s",
+                           study->bakes[result->bake].name, result->taps, result->taps,
+                           difference ? ", difference to the traced one" : "");
+            image(to, study, name, label);
+        }
+    }
+}
+
+static void print_page(FILE *to, const struct umbt_study *study)
+{
+    const struct umbu_report report = {
+        .title = "umbrage: what accuracy costs",
+        .page = umbu_page_study_page,
+        .page_size = umbu_page_study_page_size,
+        .data = put_members,
+        .pictures = put_pictures,
+        .user = study,
+    };
+    umbu_report_print(to, &report);
+}
+
 /* Writes the output of `print` as one file. */
 static enum umb_status print_file(const struct umbt_study *study, const char *name,
                                   void (*print)(FILE *to, const struct umbt_study *study),
                                   struct umb_error *error)
 {
     struct umbu_output output;
-    char path[PATH_BYTES];
-    if (snprintf(path, sizeof path, "%s/%s", study->options.folder, name) >= (int)sizeof path) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes", PATH_BYTES);
-    }
+    char path[UMBT_STUDY_PATH];
+    UMB__TRY(umbt_study_path(study, name, path, error));
     UMB__TRY(umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error));
     print(output.file, study);
     return umbu_output_commit(&output, error);
@@ -211,10 +257,9 @@ enum umb_status umbt_study_report(const struct umbt_study *study, struct umb_err
         const char *name;
         void (*print)(FILE *to, const struct umbt_study *study);
     } files[] = {
-        {"report.json", umbt_study_json}, {"report.csv", csv}, {"report.html", umbt_study_page}};
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; status == UMB_OK && i < sizeof files / sizeof files[0]; i++) {
-        status = print_file(study, files[i].name, files[i].print, error);
+        {"report.json", umbt_study_json}, {"report.csv", print_csv}, {"report.html", print_page}};
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        UMB__TRY(print_file(study, files[i].name, files[i].print, error));
     }
-    return status;
+    return UMB_OK;
 }

@@ -22,32 +22,52 @@
 #include <unistd.h>
 
 #include "base/try.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "tool/clock.h"
 #include "tool/exit_code.h"
 
-#define PATH_BYTES   4096
+#define PATH_BYTES   UMBT_STUDY_PATH
 #define LOWEST       512
 #define ARGS_MAX     32
 #define TALK_BYTES   200
 #define EXIT_NO_ROOM 75 /* umbrage-bake's exit code for memory and limits */
+
+enum umb_status umbt_study_path(const struct umbt_study *study, const char *name,
+                                char path[UMBT_STUDY_PATH], struct umb_error *error)
+{
+    return snprintf(path, PATH_BYTES, "%s/%s", study->options.folder, name) < PATH_BYTES
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes",
+                          PATH_BYTES - 1);
+}
+
+enum umb_status umbt_study_folder(const struct umbt_study *study, const char *name,
+                                  struct umb_error *error)
+{
+    char path[PATH_BYTES];
+    UMB__TRY(umbt_study_path(study, name, path, error));
+    return mkdir(path, 0777) == 0 || errno == EEXIST
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "-o: folder '%.200s'", path);
+}
 
 /* Files of one asset. */
 struct asset_paths {
     char asset[PATH_BYTES], times[PATH_BYTES], talk[PATH_BYTES];
 };
 
-static enum umb_status paths_make(const struct umbt_study *study, const char *name,
+static enum umb_status paths_make(const struct umbt_study *study, const char *bake,
                                   struct asset_paths *paths, struct umb_error *error)
 {
-    const char *folder = study->options.folder;
-    if (strlen(folder) > PATH_BYTES - 64) {
-        return umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes",
-                        PATH_BYTES - 64);
+    const struct {
+        const char *ending;
+        char *path;
+    } files[] = {{"umb", paths->asset}, {"times", paths->times}, {"log", paths->talk}};
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        char name[UMBT_STUDY_NAME + 16];
+        (void)snprintf(name, sizeof name, "assets/%s.%s", bake, files[i].ending);
+        UMB__TRY(umbt_study_path(study, name, files[i].path, error));
     }
-    (void)snprintf(paths->asset, PATH_BYTES, "%.4000s/assets/%s.umb", folder, name);
-    (void)snprintf(paths->times, PATH_BYTES, "%.4000s/assets/%s.times", folder, name);
-    (void)snprintf(paths->talk, PATH_BYTES, "%.4000s/assets/%s.log", folder, name);
     return UMB_OK;
 }
 
@@ -133,10 +153,7 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
     const char *arguments[ARGS_MAX];
     int status = 0;
     struct rusage usage;
-    enum umb_status result = find_bake(program, error);
-    if (result != UMB_OK) {
-        return result;
-    }
+    UMB__TRY(find_bake(program, error));
     fill_arguments(study, bake, paths, numbers, arguments);
     const double start = umbu_clock_s();
     pid_t ended, child = fork();
@@ -184,18 +201,14 @@ static enum umb_status resolution_open(struct umbt_study_bake *bake, const char 
     UMB__TRY(umb_asset_open_file(path, NULL, &bake->asset, error));
     umb_asset_get_info(bake->asset, &bake->info);
     bake->packed_bytes = bake->info.packed_bytes;
-    enum umb_status status = umb_asset_get_light(bake->asset, 0, &bake->light);
-    if (status == UMB_OK) {
-        status = umb_asset_get_frustum(bake->asset, bake->light.first_frustum, &bake->frustum);
+    UMB__TRY(umb_asset_get_light(bake->asset, 0, &bake->light));
+    UMB__TRY(umb_asset_get_frustum(bake->asset, bake->light.first_frustum, &bake->frustum));
+    if (bake->light.kind != UMB_LIGHT_DIRECTIONAL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "--light: the study knows directional lights");
     }
-    if (status == UMB_OK && bake->light.kind != UMB_LIGHT_DIRECTIONAL) {
-        status = umb_fail(error, UMB_E_UNSUPPORTED, "--light: the study knows directional lights");
-    }
-    if (status == UMB_OK) {
-        bake->voxel_m = 0.5 * (umb__length(bake->frustum.voxel_step[0]) +
-                               umb__length(bake->frustum.voxel_step[1]));
-    }
-    return status;
+    bake->voxel_m =
+        0.5 * (umb__length(bake->frustum.voxel_step[0]) + umb__length(bake->frustum.voxel_step[1]));
+    return UMB_OK;
 }
 
 static void resolution_close(struct umbt_study_bake *bake)
@@ -260,17 +273,6 @@ static enum umb_status resolution_bake(const struct umbt_study *study, struct um
     return UMB_OK;
 }
 
-static enum umb_status folders_make(const char *folder, struct umb_error *error)
-{
-    char assets[PATH_BYTES];
-    (void)snprintf(assets, sizeof assets, "%.4000s/assets", folder);
-    if ((mkdir(folder, 0777) != 0 && errno != EEXIST) ||
-        (mkdir(assets, 0777) != 0 && errno != EEXIST)) {
-        return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "-o: folder '%.200s'", folder);
-    }
-    return UMB_OK;
-}
-
 /* Adds one resolution, open or closed. Out: 0 if it is the last. */
 static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution, int closed,
                                       int *more, struct umb_error *error)
@@ -295,18 +297,18 @@ static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolut
 
 enum umb_status umbt_study_bake_all(struct umbt_study *study, struct umb_error *error)
 {
-    enum umb_status status = folders_make(study->options.folder, error);
+    UMB__TRY(umbt_study_folder(study, "", error));
+    UMB__TRY(umbt_study_folder(study, "assets", error));
     const int any_closed = study->scene.parts.closed_triangles > 0;
-    for (int closed = any_closed; status == UMB_OK && closed >= 0; closed--) {
+    for (int closed = any_closed; closed >= 0; closed--) {
         int more = 1;
-        for (uint64_t resolution = LOWEST;
-             status == UMB_OK && more && resolution <= study->options.max_resolution &&
-             study->bake_count < UMBT_STUDY_BAKES_MAX;
+        for (uint64_t resolution = LOWEST; more && resolution <= study->options.max_resolution &&
+                                           study->bake_count < UMBT_STUDY_BAKES_MAX;
              resolution *= 2) {
-            status = resolution_add(study, (uint32_t)resolution, closed, &more, error);
+            UMB__TRY(resolution_add(study, (uint32_t)resolution, closed, &more, error));
         }
     }
-    return status;
+    return UMB_OK;
 }
 
 void umbt_study_bakes_finish(struct umbt_study *study)

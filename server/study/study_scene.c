@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/study_vec.h"
+#include "base/try.h"
+#include "study/study_math.h"
 
 static void box_measure(struct umbt_scene *scene)
 {
@@ -34,10 +35,8 @@ static uint32_t surface_group(const struct umbt_scene *scene, size_t triangle)
 
 static double triangle_area(const double corners[3][3])
 {
-    double a[3], b[3], normal[3];
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, normal);
+    double normal[3];
+    umbt_triangle_cross(corners, normal);
     return 0.5 * umb__length(normal);
 }
 
@@ -68,44 +67,36 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
-/* Loads a scene. In: whole: treats triangles with holes as whole; through: rays pass translucent
- * ones. */
-static enum umb_status scene_load(struct umbt_scene *scene, const char *path, int whole,
-                                  int through, struct umb_error *error)
+static enum umb_status scene_load(struct umbt_scene *scene, int whole, int through,
+                                  struct umb_error *error)
 {
     const struct umbs_import_options options = {0};
-    memset(scene, 0, sizeof *scene);
-    scene->path = path;
-    enum umb_status status = umbs_scene_import(path, &options, &scene->scene, error);
-    if (status == UMB_OK) {
-        umbs_scene_hash(&scene->scene->view, scene->hash);
-        status = umbs_scene_flatten(&scene->scene->view, &scene->corners, &scene->materials,
-                                    &scene->count, error);
+    const struct umbr_rays_options traced = {.cuts = &scene->cuts};
+    UMB__TRY(umbs_scene_import(scene->path, &options, &scene->scene, error));
+    const struct umbs_scene_view *view = &scene->scene->view;
+    umbs_scene_hash(view, scene->hash);
+    UMB__TRY(umbs_scene_flatten(view, &scene->corners, &scene->materials, &scene->count, error));
+    UMB__TRY(umbs_cuts_find(view, &scene->cuts, error));
+    umbs_cuts_take_as_opaque(&scene->cuts, whole, !through);
+    if (scene->count == 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", scene->path);
     }
-    if (status == UMB_OK) {
-        status = umbs_cuts_find(&scene->scene->view, &scene->cuts, error);
-    }
-    if (status == UMB_OK) {
-        umbs_cuts_take_as_opaque(&scene->cuts, whole, !through);
-    }
-    if (status == UMB_OK && scene->count == 0) {
-        status = umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", path);
-    }
-    if (status == UMB_OK) {
-        status = umbs_parts_find((const double(*)[3][3])scene->corners, scene->count, &scene->parts,
-                                 error);
-    }
-    if (status == UMB_OK) {
-        umbs_cuts_open_parts(&scene->cuts, &scene->parts, scene->count);
-        umbs_parts_orient(&scene->parts, scene->corners, scene->count);
-        box_measure(scene);
-        status = surfaces_find(scene, error);
-    }
-    if (status == UMB_OK) {
-        const struct umbr_rays_options traced = {.cuts = &scene->cuts};
-        status = umbr_rays_build((const double(*)[3][3])scene->corners, scene->count, &traced,
-                                 &scene->rays, error);
-    }
+    const double(*corners)[3][3] = (const double(*)[3][3])scene->corners;
+    UMB__TRY(umbs_parts_find(corners, scene->count, &scene->parts, error));
+    umbs_cuts_open_parts(&scene->cuts, &scene->parts, scene->count);
+    umbs_parts_orient(&scene->parts, scene->corners, scene->count);
+    box_measure(scene);
+    UMB__TRY(surfaces_find(scene, error));
+    return umbr_rays_build(corners, scene->count, &traced, &scene->rays, error);
+}
+
+/* Loads a scene. In: whole: treats triangles with holes as whole; through: rays pass translucent
+ * ones. */
+static enum umb_status scene_init(struct umbt_scene *scene, const char *path, int whole,
+                                  int through, struct umb_error *error)
+{
+    *scene = (struct umbt_scene){.path = path};
+    const enum umb_status status = scene_load(scene, whole, through, error);
     if (status != UMB_OK) {
         umbt_scene_finish(scene);
     }
@@ -114,13 +105,13 @@ static enum umb_status scene_load(struct umbt_scene *scene, const char *path, in
 
 enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
 {
-    return scene_load(scene, path, 0, 0, error);
+    return scene_init(scene, path, 0, 0, error);
 }
 
 enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
                                        struct umb_error *error)
 {
-    return scene_load(scene, path, 0, 1, error);
+    return scene_init(scene, path, 0, 1, error);
 }
 
 int umbt_plan_has(const char *plan, const char *effect)
@@ -139,7 +130,7 @@ int umbt_plan_has(const char *plan, const char *effect)
 enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                         const char *plan, struct umb_error *error)
 {
-    return scene_load(scene, path, !umbt_plan_has(plan, "cut-out"),
+    return scene_init(scene, path, !umbt_plan_has(plan, "cut-out"),
                       umbt_plan_has(plan, "transmittance"), error);
 }
 

@@ -14,9 +14,9 @@
 struct umbt_scene {
     const char *path; /* borrowed */
     struct umbs_scene *scene;
-    double (*corners)[3][3]; /* [count], world space, metres, closed parts outward */
-    uint32_t *materials;     /* [count] */
-    size_t count;            /* at least 1 */
+    double (*corners)[3][3]; /* [count] world space, metres; closed parts are wound outwards */
+    uint32_t *materials;     /* [count] number of each triangle's material */
+    size_t count;            /* number of triangles, at least 1 */
     struct umbs_parts parts;
     /* Triangles with holes, or translucent; rays pass through those places. */
     struct umbs_cuts cuts;

@@ -2,8 +2,8 @@
 /*
  * The study in words: for errors of 1, 5, 20 cm and so on, the cheapest setting that stays below.
  *
- * A setting stays below an error if, where its answers are on the wrong side, 95 % of the true
- * boundaries are nearer than that (and hardly any is out of reach).
+ * A setting stays below an error if 95 % of its wrong answers have a true boundary nearer than
+ * that, and hardly any has no boundary within reach.
  */
 #include "study/study.h"
 
@@ -39,7 +39,8 @@ static int stays_below(const struct umbt_study_result *result, double error_m)
     return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
 }
 
-/* Whether a's time is known and less than b's; if both are unknown, whether a reads less. */
+/* 1 if the time of a is known and shorter than that of b; if both times are unknown, 1 if a reads
+ * fewer nodes. */
 static int is_faster(const struct umbt_study_result *a, const struct umbt_study_result *b)
 {
     const int a_known = a->spread <= UMBT_STUDY_SPREAD_MAX;
@@ -88,7 +89,7 @@ struct choice {
     const struct umbt_study_result *hard, *soft; /* any filter; 9 taps and more, or NULL */
 };
 
-/* Writes which settings stay below an error, unless the sentence before named the same ones. */
+/* Writes the settings that stay below an error, unless they are those of the sentence before. */
 static void say_error(struct writer *writer, const struct umbt_study *study, double error_m,
                       struct choice *last)
 {
@@ -201,8 +202,7 @@ static void say_peer(struct writer *writer, const struct umbt_study *study,
     }
 }
 
-/* Names the times that are left out; only those of all threads, because the summary needs no
- * others. */
+/* Writes the numbers of times that are left out because their runs differ too much. */
 static void say_unsteady(struct writer *writer, const struct umbt_study *study)
 {
     uint32_t one = 0, all = 0;

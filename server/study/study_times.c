@@ -11,14 +11,14 @@
 
 #include "base/try.h"
 #include "tool/threads.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "tool/clock.h"
 
 #define AREA_RAYS   9 /* rays a side: 81 rays a point */
 #define AREA_POINTS 2000
 #define ALL_BLOCK   4096
-/* Work of a run with all threads: so much that starting them hardly counts, but limited in points,
- * views and seconds of one thread. */
+/* Limits of a run with all threads: points, views, and seconds of one thread. They are high enough
+ * that the start of the threads hardly counts. */
 #define ALL_POINTS 1000000U
 #define ALL_PASSES 32U
 #define ALL_S      0.02
@@ -29,26 +29,6 @@ struct times {
     double view[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS], all[UMBT_STUDY_RUNS];
 };
 
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double values[UMBT_STUDY_RUNS])
-{
-    qsort(values, UMBT_STUDY_RUNS, sizeof *values, compare_doubles);
-    return values[UMBT_STUDY_RUNS / 2];
-}
-
-/* After median: the values are in order. */
-static double spread(const double values[UMBT_STUDY_RUNS])
-{
-    const double middle = values[UMBT_STUDY_RUNS / 2];
-    /* The outermost run on each side is attributed to the machine, not to the setting. */
-    return middle > 0.0 ? (values[UMBT_STUDY_RUNS - 2] - values[1]) / middle : 0.0;
-}
-
 static enum umb_status all_block(void *user, size_t first, size_t count, struct umb_error *error)
 {
     const struct umbt_probe *probe = user;
@@ -58,7 +38,7 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     while (count > 0) { /* repeats the view */
         const size_t at = first % view;
         const size_t room = view - at < count ? view - at : count;
-        umbt_probe_run(probe, at, room, values);
+        umbt_probe_query(probe, at, room, values);
         first += room;
         count -= room;
     }
@@ -81,10 +61,10 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     const size_t view = points->first[UMBT_STUDY_BORDER];
     const size_t first_free = points->first[UMBT_STUDY_FREE];
     double start = umbu_thread_cpu_s();
-    umbt_probe_run(probe, 0, view, values);
+    umbt_probe_query(probe, 0, view, values);
     times->view[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)view;
     start = umbu_thread_cpu_s();
-    umbt_probe_run(probe, first_free, points->count - first_free, values);
+    umbt_probe_query(probe, first_free, points->count - first_free, values);
     times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
     const size_t passes = all_passes(view, times->view[run]);
     start = umbu_clock_s();
@@ -94,13 +74,23 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     return status;
 }
 
-/* Times of the rays, a run each. */
-struct ray_times {
-    double view[UMBT_STUDY_RUNS], eight[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS];
-    double area[UMBT_STUDY_RUNS], area8[UMBT_STUDY_RUNS];
+/* Ways to trace rays; in the order of the fields of struct umbt_study_rays. */
+enum {
+    RAYS_VIEW,
+    RAYS_FREE,
+    RAYS_VIEW8,
+    RAYS_AREA,
+    RAYS_AREA8,
+    RAYS_WAYS,
 };
 
-/* Eight samples a call; the last few are left out. Out: number of rays that hit. */
+/* Times of the rays, a run each. */
+struct ray_times {
+    double ns[RAYS_WAYS][UMBT_STUDY_RUNS];
+};
+
+/* Traces one ray a sample, eight a call; the last few samples are left out. Returns the number of
+ * rays that hit. */
 static int rays_by_eight(const struct umbt_study *study, size_t count, double reach)
 {
     const struct umbt_study_points *points = &study->points;
@@ -116,8 +106,8 @@ static int rays_by_eight(const struct umbt_study *study, size_t count, double re
     return sum;
 }
 
-/* Traces a window's rays of one sample, eight a call; the last call has fewer new ones. Out: number
- * of rays that hit. */
+/* Traces the rays of a window of one sample, eight a call; the last call repeats a ray. Returns the
+ * number of rays that hit. */
 static int window_by_eight(const struct umbt_study *study, const struct umbt_truth *window,
                            size_t i)
 {
@@ -153,49 +143,56 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
     return sum;
 }
 
-/* Times rays on the same samples: one a point, and a window of them. Out: number of rays that hit,
- * so that the compiler cannot remove them. */
-static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
-                     const struct umbt_truth *truth)
+/* Traces the rays of the first `count` samples of a set one way. Returns the number of hits. */
+static int trace(const struct umbt_study *study, const struct umbt_truth *window, int way,
+                 size_t count)
 {
     const struct umbt_study_points *points = &study->points;
-    const size_t counts[2] = {points->first[UMBT_STUDY_BORDER],
-                              points->count - points->first[UMBT_STUDY_FREE]};
-    const size_t firsts[2] = {0, points->first[UMBT_STUDY_FREE]};
     const double reach = 2.0 * study->scene.diagonal_m;
+    const size_t first = way == RAYS_FREE ? points->first[UMBT_STUDY_FREE] : 0;
     int sum = 0;
-    for (int set = 0; set < 2; set++) {
-        double start = umbu_thread_cpu_s();
-        for (size_t i = firsts[set]; i < firsts[set] + counts[set]; i++) {
+    if (way == RAYS_VIEW8) {
+        return rays_by_eight(study, count, reach);
+    }
+    for (size_t i = first; i < first + count; i++) {
+        if (way == RAYS_AREA) {
+            double normal[3];
+            umbt_study_normal(points, i, normal);
+            sum += umbt_truth_visibility(window, points->positions[i], normal) > 0.5F;
+        } else if (way == RAYS_AREA8) {
+            sum += window_by_eight(study, window, i);
+        } else {
             sum += umbr_occluded(study->scene.rays, points->positions[i], points->to_light,
                                  1e-5 * reach, reach);
         }
-        (set == 0 ? times->view : times->free)[run] =
-            1e9 * (umbu_thread_cpu_s() - start) / (double)counts[set];
     }
-    double start = umbu_thread_cpu_s();
-    sum += rays_by_eight(study, counts[0], reach);
-    times->eight[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)counts[0];
-    const size_t some = counts[0] < AREA_POINTS ? counts[0] : AREA_POINTS;
-    start = umbu_thread_cpu_s();
-    for (size_t i = 0; i < some; i++) {
-        double normal[3];
-        umbt_study_normal(points, i, normal);
-        sum += umbt_truth_visibility(truth, points->positions[i], normal) > 0.5F;
+    return sum;
+}
+
+/* Times rays on the same samples, each way once. Returns the number of rays that hit, so that the
+ * compiler cannot remove them. */
+static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
+                     const struct umbt_truth *window)
+{
+    const struct umbt_study_points *points = &study->points;
+    const size_t view = points->first[UMBT_STUDY_BORDER];
+    int sum = 0;
+    for (int way = 0; way < RAYS_WAYS; way++) {
+        const size_t count = way == RAYS_FREE ? points->count - points->first[UMBT_STUDY_FREE]
+                             : way < RAYS_AREA || view < AREA_POINTS ? view
+                                                                     : AREA_POINTS;
+        const double start = umbu_thread_cpu_s();
+        sum += trace(study, window, way, count);
+        times->ns[way][run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)count;
     }
-    times->area[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)some;
-    start = umbu_thread_cpu_s();
-    for (size_t i = 0; i < some; i++) {
-        sum += window_by_eight(study, truth, i);
-    }
-    times->area8[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)some;
     return sum;
 }
 
 /* Keeps a time if its runs are steadier than those of the time before. */
 static void keep_steadier(double runs[UMBT_STUDY_RUNS], double *ns, double *spread_kept)
 {
-    const double middle = median(runs), apart = spread(runs);
+    double apart;
+    const double middle = umbt_median(runs, UMBT_STUDY_RUNS, &apart);
     if (apart < *spread_kept) {
         *ns = middle;
         *spread_kept = apart;
@@ -211,14 +208,16 @@ static void setting_conclude(struct umbt_study_result *result, struct times *tim
 
 static void rays_conclude(struct umbt_study_rays *rays, struct ray_times *times)
 {
-    const double ns_view = median(times->view), view = spread(times->view);
-    if (view < rays->spread) {
-        rays->ns_view = ns_view;
-        rays->ns_view8 = median(times->eight);
-        rays->ns_free = median(times->free);
-        rays->ns_area = median(times->area);
-        rays->ns_area8 = median(times->area8);
-        rays->spread = view;
+    double *const ns[RAYS_WAYS] = {&rays->ns_view, &rays->ns_free, &rays->ns_view8, &rays->ns_area,
+                                   &rays->ns_area8};
+    double spread, ignored;
+    const double view = umbt_median(times->ns[RAYS_VIEW], UMBT_STUDY_RUNS, &spread);
+    if (spread < rays->spread) {
+        for (int way = RAYS_FREE; way < RAYS_WAYS; way++) {
+            *ns[way] = umbt_median(times->ns[way], UMBT_STUDY_RUNS, &ignored);
+        }
+        rays->ns_view = view;
+        rays->spread = spread;
     }
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The rows of the study of techniques; each family rises in its parameter. */
-#include "study/technique_rows.h"
+/* The techniques that the study compares; the parameter of each family grows down the table. */
+#include "study/technique_run.h"
 
 #define MAP(kind) .settings.technique = UMB_MAP_##kind
 

@@ -5,24 +5,29 @@
  * One view of a scene that all techniques answer: a layer of depths traced from the light, the
  * points that the camera sees, and their traced visibility by each kind of truth.
  *
- * Truths use the same box in light space as a filter of `width` texels, moved off the surface as
- * bias_normal = 1 does. So the remaining difference comes from the technique and its map.
+ * Truths use the same box in light space as a filter of `taps` texels, moved off the surface as
+ * bias_normal = 1 does. The remaining difference comes from the technique and its map.
  */
 #include "study/gbuffer.h"
 #include "study/picture.h"
-#include "study/steady_time.h"
-#include "study/technique_rows.h"
+#include "study/setup.h"
 #include "study/traced_shadow.h"
+#include "umbrage/maps.h"
+
+/* Kind of rays that a technique is compared with. */
+enum umbt_technique_truth {
+    UMBT_BOX = 0,  /* rays over the filter's box; with cascades, over that of the point's slice */
+    UMBT_POINT,    /* one ray from the point */
+    UMBT_PENUMBRA, /* rays to points of the light's disc */
+    UMBT_TECHNIQUE_TRUTHS
+};
 
 struct umbt_technique_view {
-    const struct umbt_scene *scene;
-    struct umbt_camera camera;
-    double to_light[3];
-    int z_up;
-    uint32_t width, height; /* pixels */
-    uint32_t resolution;    /* texels a side */
-    uint32_t taps;          /* width of the filter, odd */
-    double light_rad;       /* angular diameter */
+    struct umbt_setup setup;
+    uint32_t size[2];    /* pixels */
+    uint32_t resolution; /* texels a side */
+    uint32_t taps;       /* width of the filter, odd */
+    double light_rad;    /* angular diameter */
     unsigned threads;
     struct umb_map_frustum frustum;
     float *depth; /* [resolution^2] */
@@ -33,7 +38,7 @@ struct umbt_technique_view {
 /*
  * Traces layer, points and truths.
  *
- * In:    scene .. threads are set, the rest zero.
+ * In:    view: with the fields setup to threads; the rest is zero.
  * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing).
  */
 UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view *view,
@@ -45,7 +50,8 @@ UMB_CHECKED enum umb_status umbt_technique_layer(const struct umbt_technique_vie
                                                  const struct umb_map_frustum *frustum,
                                                  float *depth, struct umb_error *error);
 
-/* The truth of the view's filter on an affine frustum: rays over its box. */
+/* Makes the truth of the view's filter on an affine frustum: rays over its box. The map's texels
+ * stand for voxels. */
 void umbt_technique_truth(const struct umbt_technique_view *view,
                           const struct umb_map_frustum *frustum, struct umbt_truth *truth);
 
@@ -58,8 +64,9 @@ float umbt_technique_traced(const struct umbt_technique_view *view, const struct
 /* Result of one technique. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
-    double build_s; /* CPU time */
-    struct umbt_steady_time query;
+    double build_s;               /* CPU time */
+    double ns;                    /* CPU time of a point on one thread, median of the runs */
+    double spread;                /* spread of the runs (umbt_median) */
     double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
 };
@@ -69,22 +76,23 @@ struct umbt_technique_result {
 void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
                             const float *values, struct umbt_technique_result *result);
 
-/* The row's filter, completed with the view's values. */
-struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
-                                            const struct umbt_technique_row *row);
+/* A picture with many drawings of one view, side by side. */
+struct umbt_sheet {
+    const char *path; /* NULL: nothing is drawn */
+    struct umbt_picture picture;
+};
 
-/* The row's settings, completed with the view's values. */
-struct umb_map_settings umbt_technique_settings(const struct umbt_technique_view *view,
-                                                const struct umbt_technique_row *row);
+/* Makes a sheet for a number of drawings; umbt_picture_finish frees it. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const char *path,
+                                             const struct umbt_technique_view *view, size_t tiles,
+                                             struct umb_error *error);
 
-/* Builds, queries and compares one row. values: float[receivers], out. */
-UMB_CHECKED enum umb_status umbt_technique_run(const struct umbt_technique_view *view,
-                                               const struct umbt_technique_row *row, float *values,
-                                               struct umbt_technique_result *result,
-                                               struct umb_error *error);
+/* Draws the view as number `tile`, with these visibilities of its points. */
+void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
+                     const float *values);
 
-/* Draws the view into a picture at pixel (x0, y0), with the given visibilities of its points. */
-void umbt_technique_draw(const struct umbt_technique_view *view, const float *values,
-                         struct umbt_picture *picture, uint32_t x0, uint32_t y0);
+/* Writes the sheet. Fails: as umbt_picture_write. */
+UMB_CHECKED enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet,
+                                             struct umb_error *error);
 
 #endif

@@ -4,10 +4,10 @@
 
 #include <math.h>
 #include "rays/verify_light_frame.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
-/* Longest ray: no caster is farther than the diagonal from a point of the scene. */
+/* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
 
 double umbt_truth_bias(const struct umb_query_settings *settings,
@@ -171,10 +171,7 @@ static void across(const double w[3], double u[3], double v[3])
 {
     const double axis[3] = {fabs(w[0]) < 0.6, !(fabs(w[0]) < 0.6), 0};
     umb__cross(axis, w, u);
-    const double length = umb__length(u);
-    for (int k = 0; k < 3; k++) {
-        u[k] /= length;
-    }
+    (void)umbt_normalize(u);
     umb__cross(w, u, v);
 }
 
@@ -203,10 +200,7 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
                        2 * (i / truth->samples + 0.5) / side - 1, &x, &y);
         umbt_along(truth->to_light, radius * x, u, direction);
         umbt_along(direction, radius * y, v, direction);
-        const double length = umb__length(direction);
-        for (int k = 0; k < 3; k++) {
-            direction[k] /= length;
-        }
+        (void)umbt_normalize(direction);
         lit += umb__dot(direction, normal) > 0.0 &&
                !umbr_occluded(truth->rays, from, direction, 0.0, FAR_FACTOR * truth->diagonal_m);
     }

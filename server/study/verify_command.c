@@ -14,13 +14,11 @@
 #include "base/try.h"
 #include "rays/verify.h"
 #include "study/bound_check.h"
-#include "study/study_scene.h"
-#include "study/view_options.h"
+#include "study/setup.h"
 #include "tool/clock.h"
 #include "tool/json.h"
 #include "tool/progress.h"
 #include "tool/threads.h"
-#include "tool/exit_code.h"
 
 #define BOUND_POINTS_MAX 10000000U
 
@@ -28,7 +26,7 @@ struct verify {
     const char *file, *scene_path;
     enum umbr_verify_kind kind;
     uint64_t points, light, seed, threads;
-    int force, json, quiet, help, bounds;
+    int force, json, quiet, bounds;
     struct umbu_json bounds_json;
     struct umb_asset *asset;
     struct umb_asset_info info;
@@ -46,21 +44,21 @@ static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
 
 static const struct umbu_option OPTIONS[] = {
     {"FILE", NULL, "the asset file", UMBU_TEXT, AT(file), .needed = true},
-    {"scene", "SCENE", "the scene file", UMBU_TEXT, AT(scene_path), .needed = true},
+    {"scene", "SCENE", "scene file that the asset was baked from", UMBU_TEXT, AT(scene_path),
+     .needed = true},
     {"bounds", NULL,
-     "check the bound of every setting of the asset's accuracy curve instead: where an answer is "
-     "not what a ray says, a true boundary must lie within it",
+     "checks the asset's accuracy curve instead: where the answer of a setting differs from a ray, "
+     "a true boundary must lie within the setting's bound",
      UMBU_FLAG, AT(bounds)},
-    {"points", "N", "points a light; with --bounds at most 10000000", UMBU_COUNT(1, 1000000000),
-     AT(points), .otherwise = "1000000, with --bounds 100000"},
-    {"ask", "WHAT", "points, segments, columns or boxes: what is asked, as often as --points says",
+    {"points", "N", "number of points for each light, at most 1000000000; 10000000 with --bounds",
+     UMBU_COUNT(1, 1000000000), AT(points), .otherwise = "1000000, with --bounds 100000"},
+    {"ask", "WHAT", "kind of the queries, --points of them: points, segments, columns or boxes",
      UMBU_CHOICE("points|segments|columns|boxes"), AT(kind), .standard = "points"},
-    {"light", "N", "only this light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(light),
-     .otherwise = "all"},
-    {"seed", "N", "of the points; the same seed gives the same points", UMBU_COUNT(0, UINT64_MAX),
-     AT(seed), .standard = "1"},
+    {"light", "N", "number of the only light to verify", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1),
+     AT(light), .otherwise = "all"},
+    {UMBT_SEED_ROW(struct verify)},
     {UMBT_THREADS_ROW(struct verify)},
-    {"force", NULL, "even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
+    {"force", NULL, "goes on even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
     {UMBU_JSON_ROW(struct verify)},
     {UMBU_QUIET_ROW(struct verify, "print nothing")},
 };
@@ -77,7 +75,7 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-/* What the options say together. */
+/* Checks combinations of options. */
 static enum umb_status options_check(struct verify *verify, struct umb_error *error)
 {
     if (verify->points == 0) {
@@ -106,12 +104,10 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    enum umb_status status =
-        umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error);
-    if (status == UMB_OK && !verify->force) {
-        status = umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
-    }
-    return status;
+    UMB__TRY(umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error));
+    return verify->force
+               ? UMB_OK
+               : umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
 }
 
 /* 1 if the light's frusta were baked under the closed rule. */
@@ -158,7 +154,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
             .kind = verify->kind,
             .seed = verify->seed,
             .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
-            .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
+            .threads = (unsigned)verify->threads,
             .progress = show_compared,
             .progress_user = &compared,
         };
@@ -170,7 +166,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
     umbu_progress_end(&compared.progress);
     verify->seconds = umbu_clock_s() - start;
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
-        if (verify->results[i].points == 0) { /* no compared points must not pass for agreement */
+        if (verify->results[i].points == 0) { /* must not pass for agreement */
             status = umb_fail(error, UMB_E_BAD_SCENE,
                               "light %u: no point can be compared: all %" PRIu64
                               " drawn lie inside closed solids",
@@ -224,24 +220,22 @@ static void report_json(const struct verify *verify)
     umbu_json_begin(&json, NULL, '{');
     umbu_json_text(&json, "asset", id);
     umbu_json_text(&json, "scene", verify->scene_path);
-    umbu_json_integer(&json, "triangles", verify->scene.count);
-    umbu_json_integer(&json, "closed_triangles", verify->scene.parts.closed_triangles);
-    umbu_json_integer(&json, "seed", verify->seed);
+    UMBU_JSON_COUNTS(&json, {"triangles", verify->scene.count},
+                     {"closed_triangles", verify->scene.parts.closed_triangles},
+                     {"seed", verify->seed});
     umbu_json_rounded(&json, "seconds", verify->seconds, 6);
     umbu_json_bool(&json, "agrees", verify->outside_band == 0);
     umbu_json_begin(&json, "lights", '[');
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
         umbu_json_begin(&json, NULL, '{');
-        umbu_json_integer(&json, "light", verify->first_light + i);
-        umbu_json_integer(&json, "records", result->records);
-        umbu_json_integer(&json, "points", result->points);
-        umbu_json_integer(&json, "near_boundary", result->near_boundary);
-        umbu_json_integer(&json, "skipped_inside", result->skipped_inside);
-        umbu_json_integer(&json, "inside_band", result->inside_band);
-        umbu_json_integer(&json, "outside_band", result->outside_band);
-        umbu_json_rounded(&json, "inside_rate", rate(result->inside_band, result->points), 9);
-        umbu_json_rounded(&json, "outside_rate", rate(result->outside_band, result->points), 9);
+        UMBU_JSON_COUNTS(&json, {"light", verify->first_light + i}, {"records", result->records},
+                         {"points", result->points}, {"near_boundary", result->near_boundary},
+                         {"skipped_inside", result->skipped_inside},
+                         {"inside_band", result->inside_band},
+                         {"outside_band", result->outside_band});
+        UMBU_JSON_VALUES(&json, 9, {"inside_rate", rate(result->inside_band, result->points)},
+                         {"outside_rate", rate(result->outside_band, result->points)});
         if (result->has_worst) {
             umbu_json_vector(&json, "worst_point", result->worst_point);
         }
@@ -254,14 +248,10 @@ static void put_row(struct umbu_json *json, uint32_t light, const struct umb_cur
                     const struct umbt_bound_result *result)
 {
     umbu_json_begin(json, NULL, '{');
-    umbu_json_integer(json, "light", light);
-    umbu_json_integer(json, "level", row->level);
-    umbu_json_integer(json, "taps", row->taps);
     umbu_json_rounded(json, "bound_m", row->bound_m, 9);
-    umbu_json_integer(json, "points", result->points);
-    umbu_json_integer(json, "differ", result->differ);
-    umbu_json_integer(json, "undefined", result->undefined);
-    umbu_json_integer(json, "beyond", result->beyond);
+    UMBU_JSON_COUNTS(json, {"light", light}, {"level", row->level}, {"taps", row->taps},
+                     {"points", result->points}, {"differ", result->differ},
+                     {"undefined", result->undefined}, {"beyond", result->beyond});
     umbu_json_end(json, '}');
 }
 
@@ -277,7 +267,7 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
         .points = points,
         .settings = {.light = light, .taps = row->taps, .level = row->level},
         .bound_m = row->bound_m,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
+        .threads = (unsigned)verify->threads,
     };
     UMB__TRY(umbt_bound_check(&job, &result, error));
     if (verify->json) {
@@ -297,7 +287,29 @@ static enum umb_status row_check(struct verify *verify, const struct umbt_point_
     return UMB_OK;
 }
 
-/* Runs --bounds: checks every row of every light's curve. */
+/* Checks every row of every light's curve. */
+static enum umb_status rows_check(struct verify *verify, const struct umbt_point_set *points,
+                                  struct umb_error *error)
+{
+    for (uint32_t i = 0; i < verify->light_count; i++) {
+        const uint32_t light = verify->first_light + i;
+        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+        size_t count;
+        (void)umb_asset_get_curve(verify->asset, light, rows, &count);
+        for (size_t k = 0; k < count; k++) {
+            UMB__TRY(row_check(verify, points, light, &rows[k], error));
+        }
+    }
+    if (verify->json) {
+        umbu_json_end(&verify->bounds_json, ']');
+        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
+    }
+    return verify->rows_done > 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
+}
+
+/* Runs --bounds. */
 static enum umb_status bounds_verify(struct verify *verify, struct umb_error *error)
 {
     const struct umbt_point_request request = {
@@ -305,69 +317,53 @@ static enum umb_status bounds_verify(struct verify *verify, struct umb_error *er
         .kind = UMBT_POINT_SURFACE,
         .count = (size_t)verify->points,
         .seed = verify->seed,
-        .threads = verify->threads > 0 ? (unsigned)verify->threads : umbu_processor_count(),
+        .threads = (unsigned)verify->threads,
         .quiet = verify->quiet,
     };
     struct umbt_point_set points = {0};
-    enum umb_status status = umbt_points_sample(&request, &points, error);
-    if (status == UMB_OK && verify->json) {
+    UMB__TRY(umbt_points_sample(&request, &points, error));
+    if (verify->json) {
         verify->bounds_json.file = stdout;
         umbu_json_begin(&verify->bounds_json, NULL, '{');
         umbu_json_begin(&verify->bounds_json, "bounds", '[');
     }
-    for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
-        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-        size_t count;
-        (void)umb_asset_get_curve(verify->asset, verify->first_light + i, rows, &count);
-        for (size_t k = 0; k < count && status == UMB_OK; k++) {
-            status = row_check(verify, &points, verify->first_light + i, &rows[k], error);
-        }
-    }
-    if (status == UMB_OK && verify->json) {
-        umbu_json_end(&verify->bounds_json, ']');
-        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
-    }
+    const enum umb_status status = rows_check(verify, &points, error);
     umbu_json_close(&verify->bounds_json);
     umbt_point_set_finish(&points);
-    if (status == UMB_OK && verify->rows_done == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
-    }
     return status;
+}
+
+static enum umb_status verify_run(struct verify *verify, struct umb_error *error)
+{
+    UMB__TRY(options_check(verify, error));
+    UMB__TRY(inputs_open(verify, error));
+    if (verify->bounds) {
+        return bounds_verify(verify, error); /* prints row by row */
+    }
+    UMB__TRY(lights_verify(verify, error));
+    if (verify->json) {
+        report_json(verify);
+    } else if (!verify->quiet) {
+        report_text(verify);
+    }
+    return UMB_OK;
 }
 
 int umbt_verify_command(int argc, char **argv)
 {
     struct verify verify;
     struct umb_error error = {0};
-    memset(&verify, 0, sizeof verify);
     struct umbu_parsed parsed;
+    memset(&verify, 0, sizeof verify);
     verify.light = UINT64_MAX;
+    verify.threads = umbu_processor_count();
     const int code = umbu_start(&parsed, &COMMAND, argc, argv, &verify);
     if (code >= 0) {
         return code;
     }
-    enum umb_status status = options_check(&verify, &error);
-    if (status == UMB_OK) {
-        status = inputs_open(&verify, &error);
-    }
-    if (status == UMB_OK && verify.bounds) {
-        status = bounds_verify(&verify, &error);
-    } else if (status == UMB_OK) {
-        status = lights_verify(&verify, &error);
-    }
-    if (status == UMB_OK && verify.bounds) {
-        /* already printed, row by row */
-    } else if (status == UMB_OK && verify.json) {
-        report_json(&verify);
-    } else if (status == UMB_OK && !verify.quiet) {
-        report_text(&verify);
-    }
+    const enum umb_status status = verify_run(&verify, &error);
     free(verify.results);
     umbt_scene_finish(&verify.scene);
     umb_asset_close(verify.asset);
-    if (status != UMB_OK) {
-        fprintf(stderr, "umbrage verify: %s\n", error.message);
-        return umbu_exit_code(status);
-    }
-    return verify.outside_band > 0 ? 1 : 0;
+    return status == UMB_OK && verify.outside_band > 0 ? 1 : umbu_end(&COMMAND, status, &error);
 }

@@ -99,6 +99,9 @@ static void dag(int plain_only)
         ask_dag(asset, "tent", taps,
                 &(struct umb_query_settings){.taps = taps, .filter = UMB_FILTER_TENT}, plain_only,
                 NULL);
+        ask_dag(asset, "gaussian", taps,
+                &(struct umb_query_settings){.taps = taps, .filter = UMB_FILTER_GAUSSIAN},
+                plain_only, NULL);
     }
     for (uint32_t level = 3; level <= umb_level_max(LOG2); level += 2) {
         ask_dag(asset, "level", level, &(struct umb_query_settings){.level = level}, plain_only,

@@ -111,6 +111,7 @@ with test.check("the daemon agrees on tents, penumbras and footprints"):
     some = ut.random_points(near.bounds_min, near.bounds_max, 4000, SEED)
     single = ut.floats(some)
     for words, fields in ((("--filter", "tent"), {"filter": M.FILTER_TENT}),
+                          (("--filter", "gaussian"), {"filter": M.FILTER_GAUSSIAN}),
                           (("--filter", "penumbra"), {"filter": M.FILTER_PENUMBRA}),
                           (("--filter", "penumbra", "--light-size", 11.25),
                            {"filter": M.FILTER_PENUMBRA,

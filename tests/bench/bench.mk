@@ -13,7 +13,7 @@ BENCH_VOLUME := $(BUILD)/tests/bench/bench_nanovdb.o
 $(BUILD)/tests/bench/bench_query.o: INC_tests += -DUMB_BENCH_NANOVDB
 endif
 BENCH_LIBS = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
-BENCH_SYS = -lembree3 -lassimp -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
+BENCH_SYS = -lembree3 -ljansson -lpng $(STUDY_LIBS) $(RPC_LIBS) $(COMMON_LIBS) $(CORE_LIBS)
 
 # The peers are compiled to win.
 $(BUILD)/tests/bench/place_floor_avx2.o: AVX2_FLAGS += -O3
@@ -53,10 +53,10 @@ $(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_core) -lcmocka -o $@
 
-# The same with one effect compiled out of queries (client/core/query/effect_switches.h); sources that
-# do not name the switches are the same either way. Compared by tests/system/test_effect_costs.sh.
-EFFECT_SWITCHES := $(shell sed -n 's/^.ifdef UMB_WITHOUT_//p' client/core/query/effect_switches.h)
-SWITCHED_SRC := $(shell grep -l '^.include "query/effect_switches.h"' client/core/query/*.c)
+# The same with one effect compiled out of queries, which are lists of stages and filters; the other
+# sources are the same either way. Compared by tests/system/test_effect_costs.sh.
+SWITCHED_SRC := client/core/query/query.c client/core/query/filter.c
+EFFECT_SWITCHES := $(sort $(shell sed -n 's/^.if.*def UMB_WITHOUT_//p' $(SWITCHED_SRC)))
 WITHOUT_BINS := $(EFFECT_SWITCHES:%=$(BUILD)/kernel_count_without_%)
 define without_effect
 WITHOUT_OBJ_$(1) := $$(SWITCHED_SRC:%.c=$$(BUILD)/without_$(1)/%.o)

@@ -9,7 +9,7 @@
 #include "study/gbuffer.h"
 #include "tool/threads.h"
 #include "study/point_sampler.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 #define PACKET_WIDE   4U
 #define PACKET_TALL   2U

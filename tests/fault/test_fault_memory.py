@@ -106,7 +106,7 @@ with test.check("umbrage pack ends right or with 75"):
     sweep_program(["umbrage", "pack", mapped, "-o", packed_out, "--quiet"], output=packed_out)
 with test.check("umbrage unpack ends right or with 75"):
     sweep_program(["umbrage", "unpack", asset, "-o", packed_out, "--quiet"], output=packed_out)
-for form in ("ply", "obj"):
+for form in ("ply", "obj", "glb"):
     with test.check(f"umbrage-bake --plan of {form} ends right or with 75"):
         sweep_program(["umbrage-bake", test.scene("city", 2, form=form), "--plan", "--quiet"])
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Files that `umbrage submit` collects for an untrusted scene, and the guard before the glTF
- * importer. The first byte picks: .obj with a material library (split at a zero byte), .gltf,
- * .glb, or the guard. Whatever the scene names, only regular files beneath its folder are sent.
+ * Files that `umbrage submit` collects for an untrusted scene, and the importer's checks of glTF as
+ * a whole. The first byte picks: .obj with a material library (split at a zero byte), .gltf, .glb,
+ * or the checks. Whatever the scene names, only regular files beneath its folder are sent.
  */
 #define _XOPEN_SOURCE 700 /* realpath, symlink */
 #include <limits.h>
@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "cli/cli_bundle.h"
-#include "bake/import/gltf_guard.h"
+#include "bake/import/gltf.h"
 #include "fuzz.h"
 #include "fuzz_folder.h"
 
@@ -106,15 +106,14 @@ static void gather_glb(const uint8_t *data, size_t size)
     free(file);
 }
 
-static void guard(const uint8_t *data, size_t size)
+static void open_gltf(const uint8_t *data, size_t size)
 {
     struct umb_error error = {0};
-    for (int glb = 0; glb < 2; glb++) {
-        struct umbb_import job = {.file = {.bytes = (const char *)data, .size = size}};
-        const enum umb_status status =
-            umbb_gltf_guard(&job, glb ? UMBB_KIND_GLB : UMBB_KIND_GLTF, &error);
-        FUZZ_DEMAND(status == UMB_OK || error.message[0] != '\0');
-    }
+    struct umbb_import job = {.file = {.bytes = (const char *)data, .size = size}};
+    struct umbb_gltf gltf;
+    const enum umb_status status = umbb_gltf_open(&gltf, &job, &error);
+    umbb_gltf_close(&gltf);
+    FUZZ_DEMAND(status == UMB_OK || error.message[0] != '\0');
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -137,7 +136,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         gather_glb(exact, size - 1);
         break;
     default:
-        guard(exact, size - 1);
+        open_gltf(exact, size - 1);
     }
     free(exact);
     return 0;

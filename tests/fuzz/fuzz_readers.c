@@ -21,6 +21,7 @@ static const struct umb_query_settings WAYS[] = {
     {.taps = 9},
     {.taps = 17, .bias_mode = UMB_BIAS_NONE},
     {.taps = 5, .filter = UMB_FILTER_TENT},
+    {.taps = 7, .filter = UMB_FILTER_GAUSSIAN},
 };
 
 /* What is asked of every reader. */

@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
-#include "bake/import/png_alpha.h"
+#include "bake/import/texture_table.h"
 #include "bake/import/texture_table.h"
 #include "common/open_beneath.h"
 #include "scene/scene_alpha.h"
@@ -113,7 +113,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     set_checksums(png, png_size);
     struct umbb_import job = {.folder = {open("/nonexistent", O_RDONLY), umbs_open_beneath},
                               .max_input_bytes = 1 << 20};
-    struct umbb_texture_table table;
+    struct umbb_texture_table table = {.job = &job};
     const struct umbb_image image = {.name = "*0",
                                      .name_length = 2,
                                      .bytes = png,
@@ -124,7 +124,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                                      .nearest = data[0] >> 5 & 1};
     uint32_t index;
     umbs_scene_builder_init(&job.scene, UMBS_FORMAT_GLTF, 0, 1 << 20);
-    umbb_texture_table_init(&table, &job);
     table.texels = UMBB_IMAGES_TEXELS_MAX - TEXELS_MAX;
     enum umb_status status = umbb_texture_get(&table, &image, &index, NULL);
     struct bytes buffer = {0};

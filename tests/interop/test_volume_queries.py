@@ -157,7 +157,7 @@ with test.check("a server that contradicts itself is told so, and nothing beyond
     done = ut.run("umbrage", "query", "city", "--segments", "-", "--address", f"tcp:127.0.0.1:{port}",
                   stdin=b"0 0 0 1 1 1\n", code=None)
     liar.stop(None)
-    assert done.returncode == 70 and b"64 stretches at most, and then 200000000" in done.stderr, \
+    assert done.returncode == 70 and b"at most 64 intervals, and then sent 200000000" in done.stderr, \
         (done.returncode, done.stderr)
 
 with test.check("a foreign client gets the same numbers, as arrays"):

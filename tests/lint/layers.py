@@ -44,13 +44,13 @@ PARTS = {
 
 LIBRARIES = {
     "embree3/*": ["server/rays/*", "server/bake/*", "server/study/*"],
-    "assimp/*": ["server/bake/import/*"],
+    "jansson.h": ["server/bake/import/*"],
     "png.h": ["server/bake/import/*", "server/study/*"],
     "curl/*": ["client/cli/*"],
     "uv.h": ["client/rpc/*", "server/daemon/*"],
     "nghttp2/*": ["client/rpc/*", "server/daemon/*"],
     "openssl/*": ["proto/net/*", "client/rpc/*", "server/common/*", "server/jobs/*", "server/daemon/*",
-                  "server/study/study_page.c"],  # base64
+                  "server/study/study_report.c"],  # base64
     "sqlite3.h": ["server/jobs/*"],
     "ini.h": ["server/daemon/*"],
     "intel-ipsec-mb*": ["server/common/sha256_lanes.c"],

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # An effect that is off costs a query nothing: instructions a point of umb_query_run over a sun's
 # asset without effects, counted by valgrind, with every effect in the program and with one of them
-# compiled out (client/core/query/effect_switches.h). More than 0.1 % apart fails. The counts of
+# compiled out (client/core/query/query.c). More than 0.1 % apart fails. The counts of
 # both come from one compiler, so that no figure is expected.
 set -eu
 : "${BUILD:=build/release}"

@@ -9,6 +9,12 @@ static inline double umb__dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/* Returns row . p + row[3]: one row of an affine transform. */
+static inline double umb__affine(const double row[4], const double p[3])
+{
+    return row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3];
+}
+
 /* Computes a x b. In: out: not a or b. */
 static inline void umb__cross(const double a[3], const double b[3], double out[3])
 {

@@ -13,17 +13,8 @@
 #include <math.h>
 
 #include "format/asset_parts.h"
-#include "base/vec.h"
 #include "query/query_parts.h"
 #include "umbrage/curve.h"
-
-uint32_t umb_level_max(uint32_t log2_size)
-{
-    const uint32_t least = log2_size > UMB__GRID_LOG2_MAX + UMB_LEVEL_BRICK
-                               ? log2_size - UMB__GRID_LOG2_MAX
-                               : UMB_LEVEL_BRICK;
-    return least | 1U;
-}
 
 /* Edges in metres of the box that a look-up reaches: the window across the light, one voxel along
  * it; or a cell. */
@@ -104,7 +95,7 @@ double umb_query_bound_m(const struct umb_asset *asset, const struct umb_query_s
 {
     const struct umb__content *content = &asset->canonical.content;
     struct umb_query query;
-    if (settings->filter == UMB_FILTER_PENUMBRA || settings->filter == UMB_FILTER_FOOTPRINT ||
+    if (!umb_filter_get_info(settings->filter)->is_window ||
         umb_query_prepare(asset, settings, &query, NULL) != UMB_OK) {
         return 0;
     }

@@ -7,21 +7,113 @@
  * the curve's points are. The costs are interpolated from easy to hard accordingly.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
-#include "curve/row_timer.h"
+#include "base/try.h"
 #include "format/asset_parts.h"
 #include "query/query_parts.h"
 #include "query/voxel_tree.h"
 #include "umbrage/curve.h"
 
 enum {
-    POINTS = 32768,    /* of each kind */
+    POINTS = 32768,    /* Number of points of each kind */
     COLUMN_STEPS = 64, /* Cubes visited along a ray before another ray is tried */
     HARDNESS_MAX = 2,  /* Limit of the extrapolation: surfaces may be harder than hard points, but
                           not much */
+    RUNS = 7,          /* Runs of each row */
+    INTERVALS = 8,     /* Intervals of a run */
+    INTERVAL = 1024,   /* Points of an interval, so many that a query's own start hardly counts */
+    REPEATS_MAX = 64,  /* Most queries of a run of few points */
 };
+
+/* What rows are timed with. */
+struct row_timer {
+    const struct umb_asset *asset;
+    uint32_t light;
+    const struct umb_curve_row *rows;
+    size_t count;                    /* Number of rows */
+    const struct umb_points *points; /* Points to query: at least one; finite */
+    double (*now_s)(void);
+};
+
+static int by_size(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Queries INTERVALS intervals, the `turn`th of each part of the points. Returns nanoseconds a
+ * point. */
+static double time_intervals(const struct row_timer *timer, const struct umb_query *query,
+                             size_t turn, float *answers)
+{
+    const struct umb_points *points = timer->points;
+    const size_t part = points->count / INTERVALS, turns = part / INTERVAL;
+    struct umb_answers out = {.values = answers};
+    size_t asked = 0;
+    const double start = timer->now_s();
+    if (turns > 0) {
+        for (size_t i = 0; i < INTERVALS; i++) {
+            const struct umb_points interval =
+                umb__some_points(points, i * part + turn % turns * INTERVAL, INTERVAL);
+            umb_query_run(query, &interval, 0, INTERVAL, &out);
+            asked += INTERVAL;
+        }
+    } else {
+        for (int i = 0; i < REPEATS_MAX && asked < INTERVALS * INTERVAL; i++) {
+            umb_query_run(query, points, 0, points->count, &out);
+            asked += points->count;
+        }
+    }
+    return 1e9 * (timer->now_s() - start) / (double)asked;
+}
+
+static enum umb_status time_runs(const struct row_timer *timer, double runs[][RUNS], float *answers,
+                                 struct umb_error *error)
+{
+    for (size_t run = 0; run < RUNS; run++) {
+        for (size_t row = 0; row < timer->count; row++) {
+            const struct umb_query_settings settings = {.light = timer->light,
+                                                        .taps = timer->rows[row].taps,
+                                                        .level = timer->rows[row].level};
+            struct umb_query query;
+            UMB__TRY(umb_query_prepare(timer->asset, &settings, &query, error));
+            runs[row][run] = time_intervals(timer, &query, run * timer->count + row, answers);
+        }
+    }
+    return UMB_OK;
+}
+
+/*
+ * Times the rows of a light's curve on given points. Out: ns: nanoseconds a point, for each row.
+ *
+ * A run queries a few intervals of consecutive points, spread over all of them, so that it sees
+ * points of all kinds in their real order. The next run and the next row take other intervals, so
+ * that no row finds its data in the cache because of the row before. Runs of the rows are
+ * interleaved, and the median of a row's runs counts.
+ */
+static enum umb_status time_rows(const struct row_timer *timer, double ns[UMB_CURVE_ROWS_MAX],
+                                 struct umb_error *error)
+{
+    const struct umb_alloc *alloc = timer->asset->alloc;
+    double runs[UMB_CURVE_ROWS_MAX][RUNS];
+    const size_t room = timer->points->count < (size_t)INTERVALS * INTERVAL ? timer->points->count
+                                                                            : (size_t)INTERVAL;
+    float *answers = umb__alloc(alloc, room, sizeof *answers);
+    if (answers == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %zu answers refused",
+                        room);
+    }
+    const enum umb_status status = time_runs(timer, runs, answers, error);
+    umb__free(alloc, answers);
+    for (size_t row = 0; row < timer->count && status == UMB_OK; row++) {
+        qsort(runs[row], RUNS, sizeof *runs[row], by_size);
+        ns[row] = runs[row][RUNS / 2];
+    }
+    return status;
+}
 
 /* Points of one kind, world space relative to the asset's origin. */
 struct sample {
@@ -185,26 +277,14 @@ static void conclude(const struct umb_curve_row *rows, size_t count,
     }
 }
 
-/* Interpolates the times of the points drawn here to the hardness of the curve's points. */
-static void conclude_drawn(const struct job *job, struct umb_calibration *calibration)
-{
-    const double far = hardness(job);
-    double row_ns[UMB_CURVE_ROWS_MAX];
-    for (size_t i = 0; i < job->count; i++) {
-        const double easy = job->easy.ns[i], hard = job->hard.ns[i];
-        row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
-    }
-    conclude(job->rows, job->count, row_ns, calibration);
-}
-
 static enum umb_status time_sample(struct job *job, struct sample *sample, double (*now_s)(void),
                                    struct umb_error *error)
 {
     struct umb_points points = {
         .positions = sample->positions, .format = UMB_POINT_F64, .count = POINTS};
     memcpy(points.origin, job->asset->canonical.content.origin, sizeof points.origin);
-    struct umb__row_timer timer = {job->asset, job->light, job->rows, job->count, &points, now_s};
-    return umb__time_rows(&timer, sample->ns, error);
+    struct row_timer timer = {job->asset, job->light, job->rows, job->count, &points, now_s};
+    return time_rows(&timer, sample->ns, error);
 }
 
 /* Finds the light and the curve to calibrate. */
@@ -225,30 +305,36 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
+/* Times points drawn here, and interpolates the times to the hardness of the curve's points. */
+static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
+                                  struct umb_calibration *calibration, struct umb_error *error)
+{
+    if (!job->easy.positions || !job->hard.positions) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused",
+                        POINTS);
+    }
+    draw_points(job);
+    UMB__TRY(time_sample(job, &job->easy, now_s, error));
+    UMB__TRY(time_sample(job, &job->hard, now_s, error));
+    const double far = hardness(job);
+    double row_ns[UMB_CURVE_ROWS_MAX];
+    for (size_t i = 0; i < job->count; i++) {
+        const double easy = job->easy.ns[i], hard = job->hard.ns[i];
+        row_ns[i] = hard > easy ? easy + far * (hard - easy) : easy;
+    }
+    conclude(job->rows, job->count, row_ns, calibration);
+    return UMB_OK;
+}
+
 enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light, double (*now_s)(void),
                               struct umb_calibration *calibration, struct umb_error *error)
 {
     struct job job = {.asset = asset, .light = light};
     memset(calibration, 0, sizeof *calibration);
-    enum umb_status status = find_rows(&job, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(find_rows(&job, error));
     job.easy.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.easy.positions);
     job.hard.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.hard.positions);
-    if (job.easy.positions && job.hard.positions) {
-        draw_points(&job);
-        status = time_sample(&job, &job.easy, now_s, error);
-    } else {
-        status =
-            umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused", POINTS);
-    }
-    if (status == UMB_OK) {
-        status = time_sample(&job, &job.hard, now_s, error);
-    }
-    if (status == UMB_OK) {
-        conclude_drawn(&job, calibration);
-    }
+    const enum umb_status status = time_drawn(&job, now_s, calibration, error);
     umb__free(asset->alloc, job.easy.positions);
     umb__free(asset->alloc, job.hard.positions);
     return status;
@@ -261,17 +347,12 @@ enum umb_status umb_calibrate_points(const struct umb_asset *asset, uint32_t lig
     struct job job = {.asset = asset, .light = light};
     double row_ns[UMB_CURVE_ROWS_MAX];
     memset(calibration, 0, sizeof *calibration);
-    enum umb_status status = find_rows(&job, error);
-    if (status == UMB_OK && points->count == 0) {
-        status = umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
+    UMB__TRY(find_rows(&job, error));
+    if (points->count == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
     }
-    if (status != UMB_OK) {
-        return status;
-    }
-    struct umb__row_timer timer = {asset, light, job.rows, job.count, points, now_s};
-    status = umb__time_rows(&timer, row_ns, error);
-    if (status == UMB_OK) {
-        conclude(job.rows, job.count, row_ns, calibration);
-    }
-    return status;
+    struct row_timer timer = {asset, light, job.rows, job.count, points, now_s};
+    UMB__TRY(time_rows(&timer, row_ns, error));
+    conclude(job.rows, job.count, row_ns, calibration);
+    return UMB_OK;
 }

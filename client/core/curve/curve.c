@@ -90,7 +90,7 @@ static enum umb_status check_dial(const struct umb_dial *dial,
         return umb_fail(error, UMB_E_ARGUMENT, "max_error: give an error or a budget");
     }
     if (settings->taps != 0 || settings->level != 0 || settings->footprint_m != 0 ||
-        settings->filter != UMB_FILTER_BOX) {
+        !umb_filter_get_info(settings->filter)->has_curve) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "max_error, budget: choose level and taps; taps %u, level %u, footprint %g "
                         "and another filter than box leave no choice",

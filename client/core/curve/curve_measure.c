@@ -12,13 +12,92 @@
 
 #include "base/memory.h"
 #include "base/try.h"
-#include "curve/octree_window.h"
 #include "format/asset_parts.h"
 #include "query/perspective.h"
 
+/* A node or uniform cube during the descent. */
+struct cube {
+    enum umb__node_state state;
+    uint32_t level, index;
+    int32_t x, y, z; /* Index of the first voxel */
+};
+
+struct range {
+    int32_t low, high; /* First and last index */
+};
+
+/* Part of [low, high] in the cube's side that begins at `first`. */
+static struct range cut(int32_t low, int32_t high, int32_t first, uint32_t level)
+{
+    return (struct range){umb__max(low, first), umb__min(high, first + ((int32_t)1 << level) - 1)};
+}
+
+static struct cube child_of(const struct umb__octree *octree, const struct cube *cube, unsigned c)
+{
+    const struct umb__octree_level *level = &octree->level[cube->level];
+    const uint16_t mask = level->masks[cube->index];
+    const unsigned before = umb__mask_mixed_count((uint16_t)(mask & ((1U << (2 * c)) - 1U)));
+    const int32_t half = (int32_t)1 << (cube->level - 1);
+    struct cube child = {.state = umb__mask_state(mask, c),
+                         .level = cube->level - 1,
+                         .x = cube->x + (c & 1 ? half : 0),
+                         .y = cube->y + (c & 2 ? half : 0),
+                         .z = cube->z + (c & 4 ? half : 0)};
+    if (child.state == UMB__NODE_MIXED) {
+        child.index = level->children[level->first[cube->index] + before];
+    }
+    return child;
+}
+
+/* Counts a cache line for the grid's cell (by the caller), one for each wide node below it that is
+ * read, and one for each brick. */
+static bool costs_line(const struct umb__octree_window *w, const struct cube *cube)
+{
+    const uint32_t cells = umb_level_max(w->octree->roots[w->root].level);
+    return cube->level % 2 == 1 && cube->level <= cells && cube->level > w->level;
+}
+
+static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
+{
+    const struct range x = cut(w->x0, w->x1, cube.x, cube.level);
+    const struct range y = cut(w->y0, w->y1, cube.y, cube.level);
+    if (x.low > x.high || y.low > y.high) {
+        return 0;
+    }
+    if (cube.state != UMB__NODE_MIXED) {
+        const uint32_t texels = (uint32_t)((x.high - x.low + 1) * (y.high - y.low + 1));
+        const uint32_t each = w->level > 0 ? 2 : 1;
+        return cube.state == UMB__NODE_LIT ? each * texels : 0;
+    }
+    if (cube.level <= w->level) {
+        return 1; /* half of a coarse cell */
+    }
+    w->lines += costs_line(w, &cube);
+    if (cube.level == UMB_LEVEL_BRICK) {
+        const struct umb__rectangle window = {w->x0, w->x1, w->y0, w->y1};
+        const uint64_t slice = w->octree->bricks[cube.index][w->z & 7];
+        return (uint32_t)__builtin_popcountll(slice & umb__slice_mask(cube.x, cube.y, &window));
+    }
+    w->nodes++;
+    uint32_t lit = 0;
+    const unsigned deep = w->z - cube.z >= (int32_t)1 << (cube.level - 1) ? 4 : 0;
+    for (unsigned c = deep; c < deep + 4; c++) {
+        lit += count_cube(w, child_of(w->octree, &cube, c)); /* Levels descend: recursion is at most
+                                                                17 deep */
+    }
+    return lit;
+}
+
+uint32_t umb__octree_window_count(struct umb__octree_window *window)
+{
+    const struct umb__octree_root *root = &window->octree->roots[window->root];
+    window->lines++;
+    return count_cube(window, (struct cube){root->state, root->level, root->index, 0, 0, 0});
+}
+
 /* A setting to be measured. */
 struct setting {
-    struct umb__query query;  /* as asked */
+    struct umb__query query;  /* Query with the setting */
     struct umb__query fine;   /* Second look-up: the same window, at full resolution */
     struct umb__query beside; /* Places the second look-up: with the bias of one texel more */
     struct umb__curve_record sums;
@@ -31,29 +110,6 @@ static uint64_t mix(uint64_t counter)
     bits = (bits ^ bits >> 30) * UINT64_C(0xbf58476d1ce4e5b9);
     bits = (bits ^ bits >> 27) * UINT64_C(0x94d049bb133111eb);
     return bits ^ bits >> 31;
-}
-
-/* Finds the frustum and the voxel of a point's look-up; false if its normal faces away. */
-static bool place(const struct umb__query *q, const struct umb_points *points, size_t i,
-                  double voxel[3], uint32_t *frustum)
-{
-    if (q->face_count > 0) {
-        struct umb__sighting sighting;
-        umb__perspective_map(q, points, i, &sighting);
-        memcpy(voxel, sighting.voxel, sizeof sighting.voxel);
-        *frustum = q->first_face + sighting.face;
-        return !sighting.facing_away;
-    }
-    double p[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    *frustum = q->frustum;
-    if (!umb__move(q, points, i, p)) {
-        return false;
-    }
-    umb__to_voxel(q, p, voxel);
-    return true;
 }
 
 /* Answers a look-up; space beyond the frustum is lit and reads nothing. */
@@ -88,7 +144,7 @@ static void add_point(struct setting *s, const struct umb__content *content,
     struct umb__octree_window read;
     double voxel[3], aside[3];
     uint32_t frustum;
-    if (!place(q, points, i, voxel, &frustum)) {
+    if (!umb__look_up_at(q, points, i, voxel, &frustum)) {
         return;
     }
     const uint64_t total = q->level > 0 ? 2 : (uint64_t)q->taps * (uint64_t)q->taps;
@@ -96,12 +152,12 @@ static void add_point(struct setting *s, const struct umb__content *content,
     s->sums.points++;
     s->sums.nodes += read.nodes;
     s->sums.lines += read.lines;
-    (void)place(&s->beside, points, i, aside, &frustum);
+    (void)umb__look_up_at(&s->beside, points, i, aside, &frustum);
     const uint64_t bits = mix(i);
     aside[0] += (double)(bits >> 40) * 0x1p-24 - 0.5;
     aside[1] += (double)(bits & 0xffffffU) * 0x1p-24 - 0.5;
     uint64_t other = look_up(&s->fine, content, octree, frustum, aside, &read);
-    other *= q->level > 0 ? 2 : 1; /* one tap against halves */
+    other *= q->level > 0 ? 2 : 1; /* One tap in units of halves */
     const uint64_t difference = lit > other ? lit - other : other - lit;
     s->sums.squares += difference * difference * UMB__CURVE_SQUARE / (total * total);
 }
@@ -114,13 +170,13 @@ static enum umb_status prepare(const struct umb_asset *bare, struct umb_query_se
     UMB__TRY(umb_query_prepare(bare, &settings, &query, error));
     memcpy(&s->query, query.opaque, sizeof s->query);
     settings.level = 0;
-    enum umb_status status = umb_query_prepare(bare, &settings, &query, error);
+    UMB__TRY(umb_query_prepare(bare, &settings, &query, error));
     memcpy(&s->fine, query.opaque, sizeof s->fine);
     s->beside = s->fine;
     s->beside.taps++;
     s->sums = (struct umb__curve_record){
         .light = settings.light, .level = s->query.level, .taps = settings.taps};
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status list_settings(const struct umb_asset *bare, uint32_t light,
@@ -133,17 +189,16 @@ static enum umb_status list_settings(const struct umb_asset *bare, uint32_t ligh
         info->kind == UMB_LIGHT_DIRECTIONAL && bare->canonical.content.receiver_mask_cells == NULL
             ? umb_level_max(frustum->log2_size)
             : 0;
-    enum umb_status status = UMB_OK;
     *count = 0;
-    for (uint32_t taps = 1; taps <= UMB_TAPS_MAX && status == UMB_OK; taps += 2) {
+    for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
         const struct umb_query_settings wanted = {.light = light, .taps = taps};
-        status = prepare(bare, wanted, &settings[(*count)++], error);
+        UMB__TRY(prepare(bare, wanted, &settings[(*count)++], error));
     }
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= highest && status == UMB_OK; level += 2) {
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= highest; level += 2) {
         const struct umb_query_settings wanted = {.light = light, .taps = 1, .level = level};
-        status = prepare(bare, wanted, &settings[(*count)++], error);
+        UMB__TRY(prepare(bare, wanted, &settings[(*count)++], error));
     }
-    return status;
+    return UMB_OK;
 }
 
 _Static_assert(UMB__CURVE_TAPS_COUNT + (UMB_LEVEL_MAX - UMB__GRID_LOG2_MAX + 1) / 2 <=

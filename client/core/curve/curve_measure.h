@@ -30,4 +30,20 @@ UMB_CHECKED enum umb_status umb__curve_measure(const struct umb__content *conten
                                                struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
                                                uint32_t *count, struct umb_error *error);
 
+/* A window of the octree, and what reading it costs. */
+struct umb__octree_window {
+    const struct umb__octree *octree;
+    uint32_t root;  /* Number of the root, a frustum's */
+    uint32_t level; /* Level at which the look-up of a single voxel stops; 0: at the voxel */
+    int32_t x0, x1, y0, y1; /* First and last texel, inside the frustum */
+    int32_t z;
+    uint64_t nodes; /* Added to: number of distinct mixed nodes above bricks */
+    uint64_t lines; /* Added to: number of lines, see docs/reference/umb-format.md, CURV */
+};
+
+/* Returns the lit texels of the window; of a single voxel with a level the lit halves of its cell:
+ * 0, 1 or 2. The counts depend on the voxels only, not on the layout or tuning of queries, so they
+ * may be part of a file's identity. Cost: one visit for each node that the window touches. */
+uint32_t umb__octree_window_count(struct umb__octree_window *window);
+
 #endif

@@ -183,6 +183,14 @@ static enum umb_status check_frustum(const struct umb__content *content, uint32_
     return UMB_OK;
 }
 
+uint32_t umb_level_max(uint32_t log2_size)
+{
+    const uint32_t least = log2_size > UMB__GRID_LOG2_MAX + UMB_LEVEL_BRICK
+                               ? log2_size - UMB__GRID_LOG2_MAX
+                               : UMB_LEVEL_BRICK;
+    return least | 1U;
+}
+
 /* Returns the highest level of coarse look-ups in all frusta of a light; 0 if it allows none. */
 static uint32_t coarse_level_max(const struct umb__content *content, uint32_t light)
 {

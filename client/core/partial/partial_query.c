@@ -9,7 +9,7 @@
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 #include "query/perspective.h"
-#include "query/query_parts.h"
+#include "query/stages.h"
 
 /* Points that both assets answer at a time, so that the answers stay in the cache. */
 #define CHUNK 1024U
@@ -29,33 +29,15 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Finds the look-up of point i by the arithmetic of the kernels. Returns its frustum. */
-static uint32_t place_of(const struct umb__query *q, const struct umb_points *points, size_t i,
-                         double voxel[3])
-{
-    if (q->face_count > 0) {
-        struct umb__sighting s;
-        umb__perspective_map(q, points, i, &s);
-        memcpy(voxel, s.voxel, sizeof s.voxel);
-        return q->first_face + s.face;
-    }
-    double p[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    (void)umb__move(q, points, i, p);
-    umb__to_voxel(q, p, voxel);
-    return q->frustum;
-}
-
 /* Looks the window of point i up in the graph. Out: error_m: error_m of struct
  * umb_partial_answers. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
     static const struct umb_partial_view no_view;
     struct umb__space space;
-    double voxel[3];
-    const uint32_t frustum = place_of(&b->q, b->points, i, voxel);
+    double voxel[3] = {0};
+    uint32_t frustum;
+    (void)umb__look_up_at(&b->q, b->points, i, voxel, &frustum);
     const struct umb_frustum_info *f = &b->p->canonical.content.frusta[frustum];
     const double size = (double)(1U << f->log2_size), half = b->q.taps / 2;
     uint32_t low[3], high[3];
@@ -123,15 +105,9 @@ enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_
     if (!p->built) {
         return umb_fail(error, UMB_E_STATE, "partial asset: nothing is built yet");
     }
-    if (settings->filter == UMB_FILTER_PENUMBRA) {
-        return umb_fail(
-            error, UMB_E_UNSUPPORTED,
-            "filter: penumbra: more light may widen one, so that a partial asset cannot "
-            "tell what it knows; ask the whole");
-    }
-    if (settings->filter == UMB_FILTER_FOOTPRINT) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "filter: footprint: a partial asset tells of windows only; ask the whole");
+    const char *refusal = umb__filter_of(settings->filter)->partial;
+    if (refusal != NULL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "%s", refusal);
     }
     UMB__TRY(umb_query_prepare(&p->lower, &floats, &b.lower, error));
     UMB__TRY(umb_query_prepare(&p->upper, &floats, &b.upper, error));

@@ -19,20 +19,21 @@ struct count {
     const struct umb__tree *tree;
     struct range range;          /* Range of voxels that may lie inside */
     const struct umb_box *world; /* Box in world space; NULL: the whole range lies inside */
-    double start[3];   /* world coordinates of voxel (0, 0, 0), minus the asset's origin */
-    double step[3][3]; /* row i: along voxel axis i */
-    double origin[3];  /* the asset's */
+    double start[3];   /* World coordinates of voxel (0, 0, 0), minus the asset's origin */
+    double step[3][3]; /* World vectors of a voxel; row i: along voxel axis i */
+    double origin[3];  /* Origin of the asset */
     struct umb_box_answer *answer;
     struct umb_volume_stats *stats;
-    const struct umb_box_watch *watch; /* or NULL */
-    uint64_t steps, next_question;     /* of this box */
-    uint64_t most;                     /* Number of steps of a box without a watch */
-    bool given_up;
+    const struct umb_box_watch *watch; /* Watch that may end a box; NULL: none */
+    uint64_t steps;                    /* Number of steps taken in the current box */
+    uint64_t next_question;            /* Number of steps at which the watch is asked again */
+    uint64_t most;                     /* Most steps in a box without a watch */
+    bool given_up;                     /* True: the current box is left */
 };
 
-#define CUT_STEPS 64 /* Steps of a brick whose voxels are tested one by one */
+#define CUT_STEPS 64 /* Number of steps of a brick whose voxels are tested one by one */
 
-/* Adds steps; false if the box is to be left. */
+/* Adds steps to the current box. Returns false if the box is to be left. */
 static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
@@ -103,28 +104,15 @@ static enum cover cube_cover(const struct count *count, const struct cube *cube)
     return cover;
 }
 
-/* Bits low..high - 1 of a byte, clipped to it. */
-static uint64_t byte_bits(int32_t low, int32_t high)
-{
-    low = low < 0 ? 0 : low > 8 ? 8 : low;
-    high = high < 0 ? 0 : high > 8 ? 8 : high;
-    return high > low ? (0xffU >> (8 - high)) & (0xffU << low) & 0xffU : 0;
-}
-
 /* Returns the voxels of a brick inside the range, a mask a slice. */
 static void range_masks(const struct range *range, const struct cube *brick, uint64_t inside[8])
 {
-    int32_t low[3], high[3];
-    for (unsigned k = 0; k < 3; k++) {
-        low[k] = range->low[k] - brick->low[k];
-        high[k] = range->high[k] - brick->low[k];
-    }
-    uint64_t row = byte_bits(low[0], high[0]), slice = 0;
-    for (int32_t y = 0; y < 8; y++) {
-        slice |= y >= low[1] && y < high[1] ? row << (8 * y) : 0;
-    }
-    for (int32_t z = 0; z < 8; z++) {
-        inside[z] = z >= low[2] && z < high[2] ? slice : 0;
+    const struct umb__rectangle across = {range->low[0], range->high[0] - 1, range->low[1],
+                                          range->high[1] - 1};
+    const uint64_t slice = umb__slice_mask(brick->low[0], brick->low[1], &across);
+    for (int32_t i = 0; i < 8; i++) {
+        const int32_t z = brick->low[2] + i;
+        inside[i] = z >= range->low[2] && z < range->high[2] ? slice : 0;
     }
 }
 

@@ -8,15 +8,7 @@
 #include "format/occluder_depth.h"
 #include "query/volume_parts.h"
 
-/* Returns the first shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
-static uint32_t first_shadowed(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
-{
-    while (z < 8 && umb__brick_voxel(brick, x, y, z)) {
-        z++;
-    }
-    return z;
-}
-
+/* Returns the number of lit voxels before the first shadowed one of a column. */
 static uint32_t lit_depth(const struct umb__tree *tree, uint32_t x, uint32_t y,
                           struct umb_volume_stats *stats)
 {
@@ -25,7 +17,7 @@ static uint32_t lit_depth(const struct umb__tree *tree, uint32_t x, uint32_t y,
         struct umb__place place = umb__tree_locate(tree, x, y, z, stats);
         uint32_t side = (uint32_t)1 << place.level;
         if (place.brick) {
-            uint32_t slice = first_shadowed(place.brick, x, y, z & 7);
+            uint32_t slice = umb__brick_depth(place.brick, x, y, z & 7);
             if (slice < 8) {
                 return (z & ~(uint32_t)7) + slice;
             }
@@ -61,10 +53,9 @@ struct spot {
 static struct spot spot_of(const struct umb__volume *v, const double p[3])
 {
     struct spot spot = {.at = {-1, -1, 0}};
-    double best = 0, square = 0, scale, offset, h[4];
+    double best = 0, scale, offset, ray[3];
     for (uint32_t i = 0; i < v->face_count; i++) {
-        const double *m = v->faces[i].world_to_voxel[3];
-        double w = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        double w = umb__affine(v->faces[i].world_to_voxel[3], p);
         if (w > best) {
             best = w;
             spot.face = i;
@@ -73,16 +64,13 @@ static struct spot spot_of(const struct umb__volume *v, const double p[3])
     if (!(best > 0)) {
         return spot;
     }
-    for (unsigned k = 0; k < 3; k++) {
-        const double *m = v->faces[spot.face].world_to_voxel[k];
-        h[k] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-        square += (p[k] - v->position[k]) * (p[k] - v->position[k]);
-    }
+    const double(*m)[4] = v->faces[spot.face].world_to_voxel;
     umb__face_depth(&v->faces[spot.face], &scale, &offset);
-    spot.at[0] = h[0] / best;
-    spot.at[1] = h[1] / best;
-    spot.at[2] = h[2];
-    spot.step_m = scale * sqrt(square) / best;
+    umb__subtract(p, v->position, ray);
+    spot.at[0] = umb__affine(m[0], p) / best;
+    spot.at[1] = umb__affine(m[1], p) / best;
+    spot.at[2] = umb__affine(m[2], p);
+    spot.step_m = scale * umb__length(ray) / best;
     return spot;
 }
 
@@ -114,8 +102,7 @@ void umb_volume_columns(const struct umb_volume *volume, const struct umb_points
                         size_t first, size_t count, struct umb_column_answers *answers)
 {
     const struct umb__volume v = umb__volume_of(volume);
-    const double *step = v.voxel_step[2];
-    const double step_m = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+    const double step_m = umb__length(v.voxel_step[2]);
     for (size_t i = first; i < first + count; i++) {
         double p[3];
         struct spot spot = {.step_m = step_m};

@@ -2,24 +2,8 @@
 /* Explains the answer of one point, step by step, with the same arithmetic as the kernels. */
 #include <string.h>
 
-#include "query/footprint.h"
-#include "query/receiver_mask_stage.h"
 #include "query/perspective.h"
-#include "query/query_parts.h"
-#include "query/transmittance_stage.h"
-#include "query/voxel_tree.h"
-
-const char *umb_filter_name(enum umb_filter filter)
-{
-    static const char *const names[UMB_FILTERS] = {"box", "tent", "penumbra", "footprint"};
-    return (unsigned)filter < UMB_FILTERS ? names[filter] : "unknown";
-}
-
-const char *umb_bias_mode_name(enum umb_bias_mode mode)
-{
-    static const char *const names[] = {"auto", "voxels", "metres", "none"};
-    return (unsigned)mode < sizeof names / sizeof names[0] ? names[mode] : "unknown";
-}
+#include "query/stages.h"
 
 static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, uint64_t index)
 {
@@ -31,19 +15,10 @@ static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, 
     }
 }
 
-static struct umb__tree tree_of(const struct umb__query *q)
-{
-    return (struct umb__tree){.grid = q->grid,
-                              .nodes = q->nodes,
-                              .bricks = q->bricks,
-                              .log2_size = q->log2_size,
-                              .grid_log2 = q->grid_log2};
-}
-
 /* Walks the centre tap from the grid to the node that settles its state. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
-    const struct umb__tree tree = tree_of(q);
+    const struct umb__tree tree = umb__tree_of(q);
     uint32_t g = q->grid_log2, level = umb__tree_cell_level(&tree);
     uint32_t x = (uint32_t)cell[0], y = (uint32_t)cell[1], z = (uint32_t)cell[2];
     uint64_t index = (uint64_t)(x >> level) + ((uint64_t)(y >> level) << g) +
@@ -66,7 +41,7 @@ static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_e
 static void draw_window(const struct umb__query *q, const struct umb__window *window,
                         struct umb_explanation *e)
 {
-    const struct umb__tree tree = tree_of(q);
+    const struct umb__tree tree = umb__tree_of(q);
     int64_t size = (int64_t)1 << q->log2_size;
     struct umb_volume_stats ignored = {0};
     for (int32_t j = 0; j < q->taps; j++) {
@@ -86,113 +61,120 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
     }
 }
 
-/* Returns the edges of the voxel or cell that answers, from the edges that the bias uses (query.c,
- * widen_steps). */
-static double cells_in_step(const struct umb__query *q)
+/* Returns the mean edge in metres of the voxel or cell that answers. The automatic bias of coarse
+ * look-ups uses twice the edges of a cell (query.c, set_bias). */
+static double edge_m(const struct umb__query *q)
 {
+    const double(*step)[3] = q->voxel_step;
+    const double edge = (umb__length(step[0]) + umb__length(step[1]) + umb__length(step[2])) / 3;
     if (q->level == 0) {
-        return 1;
+        return edge;
     }
-    return q->bias_mode == UMB_BIAS_AUTO ? 0.5 : (double)((uint32_t)1 << q->level);
+    return edge * (q->bias_mode == UMB_BIAS_AUTO ? 0.5 : (double)((uint32_t)1 << q->level));
 }
 
 /* Fills in the cosine between the point's normal and the light. */
 static void add_normal(const struct umb__query *q, const struct umb_points *one,
                        struct umb_explanation *e)
 {
-    float n[3] = {0, 0, 0};
-    if (one->normals) {
-        memcpy(n, one->normals, sizeof n);
-    }
-    double length = sqrt((double)n[0] * (double)n[0] + (double)n[1] * (double)n[1] +
-                         (double)n[2] * (double)n[2]);
-    e->has_normal = length > 0 && isfinite(length);
+    double n[3];
+    const double length2 = umb__normal(one, 0, n), length = sqrt(length2);
+    e->has_normal = umb__is_normal(length2);
     for (unsigned axis = 0; e->has_normal && axis < 3; axis++) {
-        e->cosine -= (double)n[axis] / length * q->direction[axis];
+        e->cosine -= n[axis] / length * q->direction[axis];
     }
+}
+
+/* Runs a stage of the query for one point; fills in its answer and reads. */
+static struct umb_query_stats answer_one(const struct umb__query *query, umb__kernel *run,
+                                         const struct umb_points *one, struct umb_explanation *e)
+{
+    struct umb__query q = *query;
+    float value = 0;
+    struct umb_answers answers = {.values = &value};
+    q.format = UMB_ANSWER_F32;
+    run(&q, one, 0, 1, &answers);
+    e->answer = (double)value;
+    e->nodes = (uint32_t)answers.stats.nodes;
+    e->bricks = (uint32_t)answers.stats.bricks;
+    return answers.stats;
 }
 
 /* Explains the answer of opaque casters under parallel light. */
-static void explain_parallel(const struct umb__query *query, const struct umb_points *points,
-                             size_t index, struct umb_explanation *explanation)
+static void explain_parallel(const struct umb__query *q, const struct umb_points *points,
+                             size_t index, struct umb_explanation *e)
 {
-    struct umb_explanation e = {.transmittance = 1};
-    struct umb__query q = *query;
-    double p[3], start[3], size[3];
-    float value = 0;
-    struct umb_points one = umb__some_points(points, index, 1);
-    struct umb_answers answers = {.values = &value};
-    q.format = UMB_ANSWER_F32;
-    q.kernel(&q, &one, 0, 1, &answers);
-    e.taps = (uint32_t)q.taps;
-    e.level = q.level;
-    e.answer = (double)value;
-    e.outside = answers.stats.outside != 0;
-    e.before = answers.stats.before != 0;
-    e.behind = answers.stats.behind != 0;
-    e.facing_away = answers.stats.facing_away != 0;
-    e.undefined =
-        q.receiver_mask_cells != NULL && umb__receiver_mask_is_undefined(&q, points, index);
-    e.nodes = (uint32_t)answers.stats.nodes;
-    e.bricks = (uint32_t)answers.stats.bricks;
-    e.frustum = q.frustum;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        const double *step = q.voxel_step[axis];
-        size[axis] = sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
-        start[axis] = one.origin[axis] - q.origin[axis] + umb__coordinate(&one, 0, axis);
-        p[axis] = start[axis];
-    }
-    e.voxel_size_m = (size[0] + size[1] + size[2]) / 3 * cells_in_step(&q);
-    (void)umb__move(&q, &one, 0, p);
-    umb__to_voxel(&q, p, e.voxel);
+    double start[3], p[3];
+    const struct umb_points one = umb__some_points(points, index, 1);
+    *e = (struct umb_explanation){.transmittance = 1};
+    const struct umb_query_stats stats = answer_one(q, q->kernel, &one, e);
+    e->taps = (uint32_t)q->taps;
+    e->level = q->level;
+    e->outside = stats.outside != 0;
+    e->before = stats.before != 0;
+    e->behind = stats.behind != 0;
+    e->facing_away = stats.facing_away != 0;
+    e->undefined =
+        q->receiver_mask_cells != NULL && umb__receiver_mask_is_undefined(q, points, index);
+    e->frustum = q->frustum;
+    e->voxel_size_m = edge_m(q);
+    umb__position(q, &one, 0, start);
+    memcpy(p, start, sizeof p);
+    (void)umb__move(q, &one, 0, p);
+    umb__to_voxel(q, p, e->voxel);
     for (unsigned axis = 0; axis < 3; axis++) {
         double d = p[axis] - start[axis];
-        e.bias_m += d * d;
-        e.moved[axis] = p[axis] + q.origin[axis];
+        e->bias_m += d * d;
+        e->moved[axis] = p[axis] + q->origin[axis];
     }
-    e.bias_m = sqrt(e.bias_m);
+    e->bias_m = sqrt(e->bias_m);
     struct umb_query_stats ignored = {0};
-    struct umb__window window = umb__window_at(&q, e.voxel, &ignored);
-    e.bias_mode = q.bias_mode;
-    e.filter = q.filter;
-    add_normal(&q, &one, &e);
+    struct umb__window window = umb__window_at(q, e->voxel, &ignored);
+    e->bias_mode = q->bias_mode;
+    e->filter = q->filter;
+    add_normal(q, &one, e);
     for (unsigned axis = 0; axis < 2; axis++) {
         /* A place beyond any frustum, where a double or its floor would not fit. */
-        e.window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e.voxel[axis]))) - q.taps / 2;
+        e->window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e->voxel[axis]))) - q->taps / 2;
     }
-    if (q.level > 0) {
-        e.lit_taps = e.rows[0] = value > 0.5F;
-    } else if (!e.facing_away) {
-        draw_window(&q, &window, &e);
+    if (q->level > 0) {
+        e->lit_taps = e->rows[0] = e->answer > 0.5;
+    } else if (!e->facing_away) {
+        draw_window(q, &window, e);
     }
-    if (!e.facing_away && !e.outside && !e.before) {
-        e.cell[0] = (int64_t)e.voxel[0];
-        e.cell[1] = (int64_t)e.voxel[1];
-        e.cell[2] = window.z;
-        walk(&q, e.cell, &e);
+    if (!e->facing_away && !e->outside && !e->before) {
+        e->cell[0] = (int64_t)e->voxel[0];
+        e->cell[1] = (int64_t)e->voxel[1];
+        e->cell[2] = window.z;
+        walk(q, e->cell, e);
     }
-    *explanation = e;
 }
 
-/* The window is explained as without a footprint; answer and reads are the footprint's. */
-static void explain_footprint(const struct umb__query *q, const struct umb_points *points,
-                              size_t index, struct umb_explanation *explanation)
+/* Explains the answer of opaque casters under a spot or point light. */
+static void explain_face(const struct umb__query *q, const struct umb_points *points, size_t index,
+                         struct umb_explanation *e)
 {
-    struct umb__query window = *q, whole = *q;
-    struct umb_query opaque = {{0}};
-    const struct umb_points one = umb__some_points(points, index, 1);
-    float value = 0;
-    struct umb_answers answers = {.values = &value};
-    whole.format = UMB_ANSWER_F32;
-    whole.run(&whole, &one, 0, 1, &answers);
-    window.filter = UMB_FILTER_BOX;
-    memcpy(opaque.opaque, &window, sizeof window);
-    umb_query_explain(&opaque, points, index, explanation);
-    explanation->filter = UMB_FILTER_FOOTPRINT;
-    explanation->footprint_m = umb__footprint_of(q, &one, 0);
-    explanation->answer = (double)value;
-    explanation->nodes = (uint32_t)answers.stats.nodes;
-    explanation->bricks = (uint32_t)answers.stats.bricks;
+    struct umb__sighting s;
+    struct umb__query face_query;
+    double p[3];
+    umb__perspective_map(q, points, index, &s);
+    umb__perspective_face(q, s.face, &face_query);
+    const struct umb_points one = {.positions = s.voxel, .format = UMB_POINT_F64, .count = 1};
+    explain_parallel(&face_query, &one, 0, e);
+    umb__position(q, points, index, p);
+    if (s.facing_away) {
+        *e = (struct umb_explanation){.facing_away = 1, .taps = e->taps, .transmittance = 1};
+        memcpy(s.moved, p, sizeof p);
+    }
+    e->bias_mode = q->bias_mode;
+    e->has_normal = s.has_normal;
+    e->cosine = s.cosine;
+    for (unsigned axis = 0; axis < 3; axis++) {
+        e->moved[axis] = s.moved[axis] + q->origin[axis];
+    }
+    e->bias_m = s.bias_m;
+    e->frustum = q->first_face + s.face;
+    e->voxel_size_m = umb__perspective_edge_m(q, s.face, s.moved);
 }
 
 void umb_query_explain(const struct umb_query *query, const struct umb_points *points, size_t index,
@@ -200,17 +182,15 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
 {
     struct umb__query q;
     memcpy(&q, query->opaque, sizeof q);
-    if (q.filter == UMB_FILTER_FOOTPRINT) {
-        explain_footprint(&q, points, index, explanation);
-        return;
-    }
-    if (q.face_count > 0) {
-        umb__perspective_explain(&q, points, index, explanation);
-    } else {
-        explain_parallel(&q, points, index, explanation);
-    }
+    (q.face_count > 0 ? explain_face : explain_parallel)(&q, points, index, explanation);
     if (q.trans != NULL && explanation->answer > 0) {
         explanation->transmittance = umb__transmittance_at(&q, points, index);
         explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
+    }
+    if (q.footprint_inner != NULL) { /* The window is explained as without a footprint */
+        const struct umb_points one = umb__some_points(points, index, 1);
+        (void)answer_one(&q, q.run, &one, explanation);
+        explanation->filter = q.filter;
+        explanation->footprint_m = umb__footprint_of(&q, &one, 0);
     }
 }

@@ -32,8 +32,7 @@
 /* Prefetches the memory of answers, beyond the reach of hardware prefetchers, as for points. */
 #define WRITE_AHEAD 1024U /* bytes */
 
-static inline __attribute__((always_inline)) void ask_for_answers(const struct umb__query *query,
-                                                                  const void *values, size_t first)
+UMB__INLINE void ask_for_answers(const struct umb__query *query, const void *values, size_t first)
 {
     const uintptr_t to = (uintptr_t)values + sizeof(float) * first + WRITE_AHEAD;
     for (size_t at = 0; at < sizeof(float) * UMB__BLOCK && query->format == UMB_ANSWER_F32;

@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c, kernel_avx2.c and kernel_avx512.c, which
- * name the function (UMB__KERNEL) and the stages that are hand-written with vector instructions:
- * placing (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE, UMB__PLACE_WINDOWS), UMB__GRID,
- * UMB__COMPARE_POINTS; of one tap UMB__TAKE_HEADS, UMB__STEP_HEADS, UMB__READ_RUNS,
- * UMB__READ_BRICK; of windows UMB__MAKE_MASKS, UMB__TAKE_WINDOWS, UMB__TOUCHED_STATES,
- * UMB__SPREAD_SETTLED, UMB__COUNT_WINDOWS. No guard: each includes it once.
+ * name the function (UMB__KERNEL). Kernels for vector instructions also name the steps that are
+ * hand-written with them; else the steps are those in C, listed below. No guard: each includes it
+ * once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. One bit a point says whether its look-up
@@ -17,6 +15,23 @@
  *
  * One tap is kernel_points.h, a window kernel_windows.h.
  */
+#ifndef UMB__PLACER
+#define UMB__PLACER         umb__placer
+#define UMB__PLACER_INIT    umb__placer_init
+#define UMB__PLACE          umb__place_block
+#define UMB__PLACE_WINDOWS  umb__place_block
+#define UMB__GRID           umb__grid_block
+#define UMB__COMPARE_POINTS umb__compare_points
+#define UMB__TAKE_HEADS     umb__take_heads
+#define UMB__READ_RUNS      umb__read_runs
+#define UMB__MAKE_MASKS     umb__make_masks
+#define UMB__TAKE_WINDOWS   umb__take_heads
+#define UMB__TOUCHED_STATES umb__touched_states
+#define UMB__SPREAD_SETTLED umb__spread_settled
+#define UMB__COUNT_WINDOWS  umb__count_windows
+#define UMB__READ_BRICK     umb__read_brick
+#define UMB__STEP_HEADS     umb__step_heads
+#endif
 #include "query/kernel_points.h"
 #include "query/kernel_windows.h"
 

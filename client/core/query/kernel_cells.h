@@ -7,10 +7,8 @@
 /* Lists the level-5 cells that the windows touch. If cells may be shared, consecutive windows that
  * begin in one cell share a slot: its cells are written again for each window, with those that any
  * of them touches. */
-static inline __attribute__((always_inline)) uint32_t list_cells(const struct umb__query *q,
-                                                                 const struct umb__block *block,
-                                                                 bool share,
-                                                                 struct umb__cells *cells)
+UMB__INLINE uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
+                                bool share, struct umb__cells *cells)
 {
     const int32_t reach = q->taps - 1;
     int32_t x = -1, y = -1, z = -1; /* Cell in which the windows before began */

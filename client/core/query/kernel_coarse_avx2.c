@@ -7,9 +7,5 @@
 #define UMB__PLACER      umb__lane_placer
 #define UMB__PLACER_INIT umb__lane_placer_init
 #define UMB__PLACE       umb__lane_place_block
-#else
-#define UMB__PLACER      umb__placer
-#define UMB__PLACER_INIT umb__placer_init
-#define UMB__PLACE       umb__place_block
 #endif
 #include "query/kernel_coarse_body.h"

@@ -2,14 +2,19 @@
 /*
  * The body of the coarse kernel: look-ups that stop at cells of 1 << level voxels
  * (umb_query_settings .level). Included by kernel_coarse.c and kernel_coarse_avx2.c, which name the
- * function (UMB__COARSE) and how points are placed (UMB__PLACER, UMB__PLACER_INIT, UMB__PLACE). No
- * guard: each includes it once.
+ * function (UMB__COARSE), and may name how points are placed. No guard: each includes it once.
  *
  * As in kernel_body.h a block of 64 points goes stage by stage: place, grid, one stage for each
  * level of wide nodes above the wanted one. Nodes that are then still mixed answer one half; no
  * brick is read. Answers are counted in halves: 0, 1 or 2.
  */
 #include "query/kernel_parts.h"
+
+#ifndef UMB__PLACER
+#define UMB__PLACER      umb__placer
+#define UMB__PLACER_INIT umb__placer_init
+#define UMB__PLACE       umb__place_block
+#endif
 
 #define HALVES 2U
 

@@ -23,20 +23,20 @@ struct umb__descent {
     size_t first;                      /* Index in the batch of its first point */
     uint32_t level;                    /* Level of the nodes or bricks that its points have
                                           reached */
-    uint32_t count;                    /* points on the way */
-    uint8_t slot[UMB__BLOCK];          /* which ones */
-    uint32_t number[UMB__BLOCK];       /* Number of the node or brick, once asked for; before
-                                          that */
-    const uint32_t *child[UMB__BLOCK]; /* where it stands */
+    uint32_t count;                    /* Number of points that are not settled */
+    uint8_t slot[UMB__BLOCK];          /* List of these points, as indices in the block */
+    const uint32_t *child[UMB__BLOCK]; /* By list: address of the number of the node or brick */
+    uint32_t number[UMB__BLOCK];       /* By list: that number, once it is read */
 };
 
 /* The two blocks that descend at a time. */
 struct umb__descents {
     const struct umb__query *query;
-    void *values;                 /* of the batch */
+    void *values;                 /* Answers of the batch */
     struct umb__descent *free;    /* Place where the next block is copied to */
     struct umb__descent *looking; /* Block that has looked and not asked yet; or NULL */
-    struct umb__descent both[2], none;
+    struct umb__descent both[2];  /* Storage of the blocks */
+    struct umb__descent none;     /* Block without points, which stands for an absent one */
 };
 
 static inline void umb__begin_descents(const struct umb__query *q, void *values,

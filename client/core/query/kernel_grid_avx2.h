@@ -33,15 +33,14 @@ static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__
         __m256i right = _mm256_srl_epi32(_mm256_add_epi32(x, reach), level);
         __m256i down = _mm256_srl_epi32(_mm256_add_epi32(y, reach), level);
         __m256i same = _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, cy, z));
-        same = _mm256_and_si256(same, _mm256_cmpeq_epi32(cell, umb__gather_eight(q, cx, down, z)));
-        same =
-            _mm256_and_si256(same, _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, down, z)));
+        same &= _mm256_cmpeq_epi32(cell, umb__gather_eight(q, cx, down, z));
+        same &= _mm256_cmpeq_epi32(cell, umb__gather_eight(q, right, down, z));
         __m256i uniform = _mm256_cmpeq_epi32(_mm256_min_epu32(cell, two), cell);
         uniform = _mm256_andnot_si256(_mm256_cmpeq_epi32(cell, two), uniform);
         unsigned todo = (unsigned)(block->todo >> i & 0xff);
         __m256i which = _mm256_set1_epi32((int)todo);
-        which = _mm256_cmpeq_epi32(_mm256_and_si256(which, bits), bits);
-        __m256i settled = _mm256_and_si256(_mm256_and_si256(uniform, same), which);
+        which = _mm256_cmpeq_epi32(which & bits, bits);
+        __m256i settled = uniform & same & which;
         /* A uniform cell's value is 1 if lit, else 0. */
         lit = _mm256_blendv_epi8(lit, _mm256_mullo_epi32(cell, total), settled);
         _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), lit);

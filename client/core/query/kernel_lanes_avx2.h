@@ -11,77 +11,21 @@ typedef __m256d umb__lanes;
 typedef __m128i umb__lane_ints;
 typedef __m256d umb__lane_mask;
 
-static inline umb__lanes umb__lanes_of(double value)
-{
-    return _mm256_set1_pd(value);
-}
-
-static inline umb__lanes umb__lanes_add(umb__lanes a, umb__lanes b)
-{
-    return _mm256_add_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_sub(umb__lanes a, umb__lanes b)
-{
-    return _mm256_sub_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_mul(umb__lanes a, umb__lanes b)
-{
-    return _mm256_mul_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_div(umb__lanes a, umb__lanes b)
-{
-    return _mm256_div_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_sqrt(umb__lanes a)
-{
-    return _mm256_sqrt_pd(a);
-}
-
-static inline umb__lanes umb__lanes_abs(umb__lanes a)
-{
-    return _mm256_andnot_pd(_mm256_set1_pd(-0.0), a);
-}
-
-static inline umb__lane_mask umb__lanes_above(umb__lanes a, umb__lanes b)
-{
-    return _mm256_cmp_pd(a, b, _CMP_GT_OQ);
-}
-
-static inline umb__lane_mask umb__lanes_at_least(umb__lanes a, umb__lanes b)
-{
-    return _mm256_cmp_pd(a, b, _CMP_GE_OQ);
-}
-
-static inline umb__lane_mask umb__mask_and(umb__lane_mask a, umb__lane_mask b)
-{
-    return _mm256_and_pd(a, b);
-}
-
-static inline unsigned umb__mask_bits(umb__lane_mask mask)
-{
-    return (unsigned)_mm256_movemask_pd(mask);
-}
-
-/* Returns yes in the lanes of the mask, no in the others. */
-static inline umb__lanes umb__lanes_select(umb__lane_mask mask, umb__lanes yes, umb__lanes no)
-{
-    return _mm256_blendv_pd(no, yes, mask);
-}
+#define UMB__LANES_OF(value)             _mm256_set1_pd(value)
+#define UMB__LANES_SQRT(a)               _mm256_sqrt_pd(a)
+#define UMB__LANES_ABS(a)                _mm256_andnot_pd(_mm256_set1_pd(-0.0), a)
+#define UMB__LANES_ABOVE(a, b)           _mm256_cmp_pd(a, b, _CMP_GT_OQ)
+#define UMB__LANES_AT_LEAST(a, b)        _mm256_cmp_pd(a, b, _CMP_GE_OQ)
+#define UMB__MASK_AND(a, b)              _mm256_and_pd(a, b)
+#define UMB__MASK_BITS(mask)             ((unsigned)_mm256_movemask_pd(mask))
+#define UMB__LANES_SELECT(mask, yes, no) _mm256_blendv_pd(no, yes, mask)
+/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
+#define UMB__LANES_TRUNCATE(a) _mm256_cvttpd_epi32(a)
 
 /* Returns the lanes in which any of three numbers is negative, or -0. */
 static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)
 {
     return (unsigned)_mm256_movemask_pd(_mm256_or_pd(_mm256_or_pd(a, b), c));
-}
-
-/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
-static inline umb__lane_ints umb__lanes_truncate(umb__lanes a)
-{
-    return _mm256_cvttpd_epi32(a);
 }
 
 /* Takes coordinates apart: from x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3. Blends and converting loads
@@ -104,7 +48,7 @@ static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
                        _mm256_cvtps_pd(_mm_loadu_ps(f + 8)), axis);
 }
 
-/* The same of doubles. */
+/* Loads three doubles a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 {
     const double *d = (const double *)(const void *)at;

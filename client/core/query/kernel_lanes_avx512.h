@@ -11,77 +11,21 @@ typedef __m512d umb__lanes;
 typedef __m256i umb__lane_ints;
 typedef __mmask8 umb__lane_mask;
 
-static inline umb__lanes umb__lanes_of(double value)
-{
-    return _mm512_set1_pd(value);
-}
-
-static inline umb__lanes umb__lanes_add(umb__lanes a, umb__lanes b)
-{
-    return _mm512_add_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_sub(umb__lanes a, umb__lanes b)
-{
-    return _mm512_sub_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_mul(umb__lanes a, umb__lanes b)
-{
-    return _mm512_mul_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_div(umb__lanes a, umb__lanes b)
-{
-    return _mm512_div_pd(a, b);
-}
-
-static inline umb__lanes umb__lanes_sqrt(umb__lanes a)
-{
-    return _mm512_sqrt_pd(a);
-}
-
-static inline umb__lanes umb__lanes_abs(umb__lanes a)
-{
-    return _mm512_andnot_pd(_mm512_set1_pd(-0.0), a);
-}
-
-static inline umb__lane_mask umb__lanes_above(umb__lanes a, umb__lanes b)
-{
-    return _mm512_cmp_pd_mask(a, b, _CMP_GT_OQ);
-}
-
-static inline umb__lane_mask umb__lanes_at_least(umb__lanes a, umb__lanes b)
-{
-    return _mm512_cmp_pd_mask(a, b, _CMP_GE_OQ);
-}
-
-static inline umb__lane_mask umb__mask_and(umb__lane_mask a, umb__lane_mask b)
-{
-    return (umb__lane_mask)(a & b);
-}
-
-static inline unsigned umb__mask_bits(umb__lane_mask mask)
-{
-    return mask;
-}
-
-/* Returns yes in the lanes of the mask, no in the others. */
-static inline umb__lanes umb__lanes_select(umb__lane_mask mask, umb__lanes yes, umb__lanes no)
-{
-    return _mm512_mask_blend_pd(mask, no, yes);
-}
+#define UMB__LANES_OF(value)             _mm512_set1_pd(value)
+#define UMB__LANES_SQRT(a)               _mm512_sqrt_pd(a)
+#define UMB__LANES_ABS(a)                _mm512_andnot_pd(_mm512_set1_pd(-0.0), a)
+#define UMB__LANES_ABOVE(a, b)           _mm512_cmp_pd_mask(a, b, _CMP_GT_OQ)
+#define UMB__LANES_AT_LEAST(a, b)        _mm512_cmp_pd_mask(a, b, _CMP_GE_OQ)
+#define UMB__MASK_AND(a, b)              ((umb__lane_mask)((a) & (b)))
+#define UMB__MASK_BITS(mask)             (mask)
+#define UMB__LANES_SELECT(mask, yes, no) _mm512_mask_blend_pd(mask, no, yes)
+/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
+#define UMB__LANES_TRUNCATE(a) _mm512_cvttpd_epi32(a)
 
 /* Returns the lanes in which any of three numbers is negative, or -0. */
 static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)
 {
     return _mm512_movepi64_mask(_mm512_castpd_si512(_mm512_or_pd(_mm512_or_pd(a, b), c)));
-}
-
-/* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
-static inline umb__lane_ints umb__lanes_truncate(umb__lanes a)
-{
-    return _mm512_cvttpd_epi32(a);
 }
 
 /* Loads three floats a point, x y z interleaved, of as many points as there are lanes. */
@@ -99,7 +43,7 @@ static inline void umb__lanes_load_f32(const uint8_t *at, umb__lanes axis[3])
     }
 }
 
-/* The same of doubles. */
+/* Loads three doubles a point, x y z interleaved, of as many points as there are lanes. */
 static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 {
     const __m512i every_third = _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 18, 21);

@@ -24,9 +24,9 @@ struct umb__block {
 
 /* The level-5 cells of a block's windows: slot 4 * of[point] + right + 2 * down. */
 struct umb__cells {
-    uint8_t of[UMB__BLOCK];               /* the window that stands for this one: its own, or one
-                                             before that begins in the same cell */
-    uint16_t slot[4 * UMB__BLOCK];        /* cells on their way */
+    uint8_t of[UMB__BLOCK];               /* By window: the window whose slots it uses, its own or
+                                             that of an earlier one in the same cell */
+    uint16_t slot[4 * UMB__BLOCK];        /* List of the slots whose cells are not found yet */
     const uint64_t *node[4 * UMB__BLOCK]; /* By slot: node reached, or a uniform one */
     uint8_t steps[4 * UMB__BLOCK];        /* By slot: number of nodes visited */
 };
@@ -136,17 +136,13 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
                                     size_t index, struct umb__block *block, uint32_t i,
                                     struct umb_query_stats *stats)
 {
-    double p[3], v[3];
+    double v[3];
     block->lit[i] = 0;
     block->x[i] = block->y[i] = block->z[i] = 0;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, index, axis);
-    }
-    if (!umb__move(q, points, index, p)) {
+    if (!umb__voxel_at(q, points, index, v)) {
         stats->facing_away++;
         return;
     }
-    umb__to_voxel(q, p, v);
     struct umb__window window = umb__window_at(q, v, stats);
     if (window.all_lit) {
         block->lit[i] = (uint32_t)(q->taps * q->taps);
@@ -230,42 +226,14 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
     block->todo = mixed;
 }
 
-/* Stores answers of one tap as floats, which need no division. */
-static inline void umb__store_tap(const struct umb__block *block, uint32_t i, uint8_t *to)
-{
-    const float value = (float)(int32_t)block->lit[i];
-    memcpy(to + i * sizeof value, &value, sizeof value);
-}
-
-/* Whole blocks have a loop of their own, whose length is a constant for compilers. */
-static inline void umb__store_taps(const struct umb__block *block, uint8_t *to)
-{
-    if (block->size == UMB__BLOCK) {
-        for (uint32_t i = 0; i < UMB__BLOCK; i++) {
-            umb__store_tap(block, i, to);
-        }
-        return;
-    }
-    for (uint32_t i = 0; i < block->size; i++) {
-        umb__store_tap(block, i, to);
-    }
-}
-
-static inline __attribute__((always_inline)) void
-umb__store_shares_of(const struct umb__block *block, uint32_t count, float total, uint8_t *to)
+/* Stores answers as floats. Callers give constants where they can: the length of whole blocks, and
+ * a total of 1, which needs no division. */
+UMB__INLINE void umb__store_floats(const struct umb__block *block, uint32_t count, float total,
+                                   uint8_t *to)
 {
     for (uint32_t i = 0; i < count; i++) {
-        float value = (float)(int32_t)block->lit[i] / total;
+        const float value = (float)(int32_t)block->lit[i] / total;
         memcpy(to + i * sizeof value, &value, sizeof value);
-    }
-}
-
-static inline void umb__store_shares(const struct umb__block *block, float total, uint8_t *to)
-{
-    if (block->size == UMB__BLOCK) {
-        umb__store_shares_of(block, UMB__BLOCK, total, to);
-    } else {
-        umb__store_shares_of(block, block->size, total, to);
     }
 }
 
@@ -275,10 +243,13 @@ static inline void umb__store_block(const struct umb__query *q, const struct umb
     uint32_t total = (uint32_t)(q->taps * q->taps);
     if (q->format == UMB_ANSWER_F32) {
         uint8_t *to = (uint8_t *)values + first * sizeof(float);
-        if (total == 1) {
-            umb__store_taps(block, to);
+        const bool whole = block->size == UMB__BLOCK;
+        if (total == 1 && whole) {
+            umb__store_floats(block, UMB__BLOCK, 1, to);
+        } else if (whole) {
+            umb__store_floats(block, UMB__BLOCK, (float)(int32_t)total, to);
         } else {
-            umb__store_shares(block, (float)(int32_t)total, to);
+            umb__store_floats(block, block->size, (float)(int32_t)total, to);
         }
         return;
     }

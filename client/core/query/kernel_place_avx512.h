@@ -51,7 +51,7 @@
     1e10 /* Largest number computed with in floats, so that nothing
                                       overflows */
 #define UMB__FIXED_BASE (1 << 20)
-#define UMB__FIXED_HIGH 0x41300000 /* the upper half of 2^20's bits */
+#define UMB__FIXED_HIGH 0x41300000 /* Upper half of the bits of the double 2^20 */
 
 struct umb__wide_placer {
     struct umb__lane_placer exact;
@@ -61,10 +61,12 @@ struct umb__wide_placer {
     __m512i beyond;     /* Bits that no index inside the frustum has */
     __m512i half, span; /* texels before a window's centre, and from its first to its last */
     __m512i sure;       /* Bits of which a sure fraction has at least one */
-    bool automatic;     /* the next six: for points with normals */
+    /* For points with normals. */
+    bool automatic; /* True: the bias is automatic */
     __m512 row[3][3], step[3][3];
-    __m512 direction[3], doubt; /* of the product with it */
-    __m512 length;              /* half a voxel's slack, or the bias in metres */
+    __m512 direction[3];
+    __m512 doubt;  /* Largest product with the direction whose sign is in doubt */
+    __m512 length; /* Length of the bias in metres; automatic: its factor */
 };
 
 /* Returns the nearest float; for numbers too large, any float. */
@@ -184,7 +186,7 @@ static inline __m512i umb__mixed_back(void)
 /* Takes forty-eight floats x0 y0 z0 x1 .. apart; the lanes are as said above. */
 static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
 {
-    const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* of three lanes each */
+    const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* Every third lane */
     __m512 a = _mm512_loadu_ps(at), b = _mm512_loadu_ps(at + 64);
     __m512 c = _mm512_loadu_ps(at + 128);
     /* In registers: otherwise compilers reload memory for every blend. */
@@ -197,7 +199,7 @@ static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
     axis[2] = _mm512_castsi512_ps(_mm512_alignr_epi32(z_bits, z_bits, 2));
 }
 
-/* A bit a point, of a bit a lane. */
+/* Returns a mask of points, one bit each, from a mask of lanes. */
 static inline __mmask16 umb__in_order(__mmask16 lanes)
 {
     const __m512i back = umb__mixed_back();
@@ -253,13 +255,14 @@ static inline void umb__sixteen_f64(const struct umb__wide_placer *placer, const
 
 static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
 {
-    return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], _mm512_mul_ps(v[0], w[0])));
+    return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], v[0] * w[0]));
 }
 
 /* Steps along the normals, in voxels, of the first and the last eight of sixteen points. */
 struct umb__sixteen_steps {
     __m512d low[3], high[3];
-    __mmask16 usable, away; /* of the usable ones, those that face away */
+    __mmask16 usable; /* Points whose normal the argument above covers */
+    __mmask16 away;   /* Usable points that face away */
 };
 
 /* Returns the points whose normal faces away, as umb__move computes it. */
@@ -270,14 +273,13 @@ static inline __mmask16 umb__face_away(const struct umb__lane_placer *placer, co
         umb__widen(n[axis], &low[axis], &high[axis]);
     }
     const __m512d zero = _mm512_setzero_pd();
-    const unsigned first = umb__lanes_at_least(umb__lanes_dot(low, placer->direction), zero);
-    const unsigned second = umb__lanes_at_least(umb__lanes_dot(high, placer->direction), zero);
+    const unsigned first = UMB__LANES_AT_LEAST(umb__lanes_dot(low, placer->direction), zero);
+    const unsigned second = UMB__LANES_AT_LEAST(umb__lanes_dot(high, placer->direction), zero);
     return (__mmask16)(first | second << 8);
 }
 
-static inline __attribute__((always_inline)) void
-umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
-                  struct umb__sixteen_steps *to)
+UMB__INLINE void umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
+                                   struct umb__sixteen_steps *to)
 {
     __m512 n[3], scale;
     umb__split_floats(normals, n);
@@ -294,14 +296,14 @@ umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
     to->away &= to->usable;
     if (placer->automatic) {
         __m512 sum = _mm512_abs_ps(umb__dot_floats(n, placer->step[0]));
-        sum = _mm512_add_ps(sum, _mm512_abs_ps(umb__dot_floats(n, placer->step[1])));
-        sum = _mm512_add_ps(sum, _mm512_abs_ps(umb__dot_floats(n, placer->step[2])));
-        scale = _mm512_div_ps(_mm512_mul_ps(sum, placer->length), length2);
+        sum += _mm512_abs_ps(umb__dot_floats(n, placer->step[1]));
+        sum += _mm512_abs_ps(umb__dot_floats(n, placer->step[2]));
+        scale = (sum * placer->length) / length2;
     } else {
-        scale = _mm512_div_ps(placer->length, _mm512_sqrt_ps(length2));
+        scale = placer->length / _mm512_sqrt_ps(length2);
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        const __m512 step = _mm512_mul_ps(umb__dot_floats(n, placer->row[axis]), scale);
+        const __m512 step = umb__dot_floats(n, placer->row[axis]) * scale;
         umb__widen(step, &to->low[axis], &to->high[axis]);
     }
 }
@@ -315,7 +317,7 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
         const __m512d *m = placer->to_voxel[axis];
         __m512d sum = placer->base[axis];
         if (step != NULL) {
-            sum = _mm512_add_pd(sum, step[axis]);
+            sum += step[axis];
         }
         sum = _mm512_fmadd_pd(p[0], m[0], sum);
         sum = _mm512_fmadd_pd(p[1], m[1], sum);
@@ -343,10 +345,11 @@ static inline bool umb__all_placed(const struct umb__wide_placer *placer,
 
 /* Stores sixteen points into lanes i .. of the block. steps: NULL for points without normals.
  * Points that face away get voxel 0, 0, 0 and are shadowed. */
-static inline __attribute__((always_inline)) void
-umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixteen *p,
-                   const struct umb__sixteen_steps *steps, bool windows, struct umb__block *block,
-                   uint32_t i, struct umb__placed *placed)
+UMB__INLINE void umb__place_sixteen(const struct umb__wide_placer *placer,
+                                    const struct umb__sixteen *p,
+                                    const struct umb__sixteen_steps *steps, bool windows,
+                                    struct umb__block *block, uint32_t i,
+                                    struct umb__placed *placed)
 {
     const __m512i back = umb__mixed_back(), one = _mm512_set1_epi32(1);
     const __m512i odd = _mm512_add_epi32(_mm512_add_epi32(back, back), one); /* upper halves */
@@ -356,12 +359,12 @@ umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixt
     __m512i least_second = umb__fix(placer, p->high, steps ? steps->high : NULL, second);
     for (unsigned axis = 0; axis < 3; axis++) {
         v[axis] = _mm512_permutex2var_epi32(first[axis], odd, second[axis]);
-        v[axis] = _mm512_xor_si512(v[axis], high);
+        v[axis] ^= high;
         if (windows && axis < 2) {
             v[axis] = _mm512_sub_epi32(v[axis], placer->half);
-            ends = _mm512_or_si512(ends, _mm512_add_epi32(v[axis], placer->span));
+            ends |= _mm512_add_epi32(v[axis], placer->span);
         }
-        ends = _mm512_or_si512(ends, v[axis]);
+        ends |= v[axis];
     }
     placed->near &= steps ? (__mmask16)((p->near & steps->usable) | steps->away) : p->near;
     if (steps) {
@@ -376,7 +379,7 @@ umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixt
         _mm512_storeu_si512(block->lit + i, _mm512_setzero_si512());
     }
     placed->least = _mm512_min_epu32(placed->least, _mm512_min_epu32(least_first, least_second));
-    placed->ends = _mm512_or_si512(placed->ends, ends);
+    placed->ends |= ends;
     _mm512_store_si512(block->x + i, v[0]);
     _mm512_store_si512(block->y + i, v[1]);
     _mm512_store_si512(block->z + i, v[2]);
@@ -389,8 +392,7 @@ umb__place_sixteen(const struct umb__wide_placer *placer, const struct umb__sixt
  */
 #define UMB__READ_AHEAD 2048U /* bytes */
 
-static inline __attribute__((always_inline)) void umb__ask_for_points(const uint8_t *at,
-                                                                      size_t bytes)
+UMB__INLINE void umb__ask_for_points(const uint8_t *at, size_t bytes)
 {
     for (size_t line = 0; line < bytes; line += 64) {
         __builtin_prefetch((const void *)((uintptr_t)at + UMB__READ_AHEAD + line));
@@ -404,9 +406,9 @@ struct umb__wide_form {
 
 /* Places a whole block; false if another function must place it. Points with a look-up have no
  * answer yet. */
-static inline __attribute__((always_inline)) bool
-umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct umb__wide_form form,
-                    struct umb__block *block, struct umb_query_stats *stats)
+UMB__INLINE bool umb__place_sixteens(const struct umb__wide_placer *placer, size_t first,
+                                     struct umb__wide_form form, struct umb__block *block,
+                                     struct umb_query_stats *stats)
 {
     const struct umb_points *points = placer->exact.plain.points;
     const size_t bytes = form.f32 ? 12 : 24;
@@ -441,9 +443,8 @@ umb__place_sixteens(const struct umb__wide_placer *placer, size_t first, struct 
     return true;
 }
 
-static inline __attribute__((always_inline)) bool
-umb__place_form(const struct umb__wide_placer *placer, size_t first, bool windows,
-                struct umb__block *block, struct umb_query_stats *stats)
+UMB__INLINE bool umb__place_form(const struct umb__wide_placer *placer, size_t first, bool windows,
+                                 struct umb__block *block, struct umb_query_stats *stats)
 {
     const struct umb_points *points = placer->exact.plain.points;
     const bool f32 = points->format == UMB_POINT_F32;
@@ -460,9 +461,9 @@ umb__place_form(const struct umb__wide_placer *placer, size_t first, bool window
                                      block, stats);
 }
 
-static inline __attribute__((always_inline)) void
-umb__wide_place_block(const struct umb__wide_placer *placer, size_t first, bool windows,
-                      struct umb__block *block, struct umb_query_stats *stats)
+UMB__INLINE void umb__wide_place_block(const struct umb__wide_placer *placer, size_t first,
+                                       bool windows, struct umb__block *block,
+                                       struct umb_query_stats *stats)
 {
     if (!placer->fits || block->size != UMB__BLOCK ||
         !umb__place_form(placer, first, windows, block, stats)) {
@@ -470,14 +471,14 @@ umb__wide_place_block(const struct umb__wide_placer *placer, size_t first, bool 
     }
 }
 
-/* Queries of one tap. */
+/* Places the points of queries of one tap. */
 static inline void umb__wide_place_points(const struct umb__wide_placer *placer, size_t first,
                                           struct umb__block *block, struct umb_query_stats *stats)
 {
     umb__wide_place_block(placer, first, false, block, stats);
 }
 
-/* Queries of any number. */
+/* Places the points of queries of any number of taps. */
 static inline void umb__wide_place_windows(const struct umb__wide_placer *placer, size_t first,
                                            struct umb__block *block, struct umb_query_stats *stats)
 {

@@ -7,8 +7,8 @@
  * every voxel index is the same. If one of eight points is not clearly inside the frustum, all
  * eight go point by point.
  *
- * kernel_lanes_avx2.h (four lanes) or kernel_lanes_avx512.h (eight) defines the lanes; one of them
- * is included before.
+ * kernel_lanes_avx2.h (four lanes) or kernel_lanes_avx512.h (eight) defines the lanes, vectors that
+ * take the operators of C; one of them is included before.
  */
 #include "query/kernel_parts.h"
 
@@ -16,13 +16,14 @@
 struct umb__lane_placer {
     struct umb__placer plain;
     bool fits;
-    bool still;           /* offset and push are 0 */
+    bool still;           /* True: offset and push are 0 */
     umb__lanes offset[3]; /* The batch's origin minus the asset's */
     umb__lanes push[3];   /* Bias towards the light, for points without a normal */
     umb__lanes to_voxel[3][4];
-    umb__lanes voxel_step[3][3]; /* these two: only if the points have normals */
+    umb__lanes voxel_step[3][3]; /* For points with normals, as is direction */
     umb__lanes direction[3];
-    __m256i half, reach; /* texels before a window's centre, and from its first to its last */
+    __m256i half;  /* Number of texels before a window's centre */
+    __m256i reach; /* Number of texels from a window's first to its last */
     __m128i log2_size;
 };
 
@@ -35,14 +36,14 @@ static inline void umb__lane_placer_init(const struct umb__query *q,
     placer->still = q->no_normal_m == 0;
     for (unsigned axis = 0; axis < 3; axis++) {
         placer->still &= points->origin[axis] == q->origin[axis];
-        placer->offset[axis] = umb__lanes_of(points->origin[axis] - q->origin[axis]);
-        placer->push[axis] = umb__lanes_of(q->direction[axis] * q->no_normal_m);
-        placer->direction[axis] = umb__lanes_of(q->direction[axis]);
+        placer->offset[axis] = UMB__LANES_OF(points->origin[axis] - q->origin[axis]);
+        placer->push[axis] = UMB__LANES_OF(q->direction[axis] * q->no_normal_m);
+        placer->direction[axis] = UMB__LANES_OF(q->direction[axis]);
         for (unsigned k = 0; k < 4; k++) {
-            placer->to_voxel[axis][k] = umb__lanes_of(q->world_to_voxel[axis][k]);
+            placer->to_voxel[axis][k] = UMB__LANES_OF(q->world_to_voxel[axis][k]);
         }
         for (unsigned k = 0; k < 3; k++) {
-            placer->voxel_step[axis][k] = umb__lanes_of(q->voxel_step[axis][k]);
+            placer->voxel_step[axis][k] = UMB__LANES_OF(q->voxel_step[axis][k]);
         }
     }
     placer->half = _mm256_set1_epi32(q->taps / 2);
@@ -52,10 +53,7 @@ static inline void umb__lane_placer_init(const struct umb__query *q,
 
 static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes w[3])
 {
-    umb__lanes x = umb__lanes_mul(v[0], w[0]);
-    umb__lanes y = umb__lanes_mul(v[1], w[1]);
-    umb__lanes z = umb__lanes_mul(v[2], w[2]);
-    return umb__lanes_add(umb__lanes_add(x, y), z);
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2];
 }
 
 /* The form of a batch, as constants where it is used. `still`: points are relative to the asset's
@@ -81,34 +79,28 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
 {
     const struct umb__query *q = placer->plain.query;
     const uint8_t *normals = placer->plain.points->normals;
-    const umb__lanes zero = umb__lanes_of(0);
+    const umb__lanes zero = UMB__LANES_OF(0);
     umb__lanes n[3], scale;
     umb__lanes_load_f32(normals + 12 * i, n);
-    umb__lanes length2 = umb__lanes_mul(n[0], n[0]);
-    length2 = umb__lanes_add(length2, umb__lanes_mul(n[1], n[1]));
-    length2 = umb__lanes_add(length2, umb__lanes_mul(n[2], n[2]));
+    const umb__lanes length2 = umb__lanes_dot(n, n);
     umb__lane_mask has =
-        umb__mask_and(umb__lanes_above(length2, zero),
-                      umb__lanes_at_least(umb__lanes_of(UMB__LENGTH2_MAX), length2));
+        UMB__MASK_AND(UMB__LANES_ABOVE(length2, zero),
+                      UMB__LANES_AT_LEAST(UMB__LANES_OF(UMB__LENGTH2_MAX), length2));
     if (q->bias_mode == UMB_BIAS_AUTO) {
         umb__lanes sum[3];
         for (unsigned axis = 0; axis < 3; axis++) {
-            sum[axis] = umb__lanes_abs(umb__lanes_dot(n, placer->voxel_step[axis]));
+            sum[axis] = UMB__LANES_ABS(umb__lanes_dot(n, placer->voxel_step[axis]));
         }
-        scale = umb__lanes_mul(umb__lanes_of(q->taps), umb__lanes_add(sum[0], sum[1]));
-        scale = umb__lanes_add(scale, sum[2]);
-        scale = umb__lanes_mul(umb__lanes_of(0.5 * UMB__BIAS_SLACK), scale);
-        scale = umb__lanes_div(scale, length2);
+        scale = UMB__LANES_OF(q->taps) * (sum[0] + sum[1]) + sum[2];
+        scale = UMB__LANES_OF(0.5 * UMB__BIAS_SLACK) * scale / length2;
     } else {
-        scale = umb__lanes_div(umb__lanes_of(q->bias_m), umb__lanes_sqrt(length2));
+        scale = UMB__LANES_OF(q->bias_m) / UMB__LANES_SQRT(length2);
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        umb__lanes pushed = umb__lanes_sub(p[axis], placer->push[axis]);
-        umb__lanes moved = umb__lanes_add(p[axis], umb__lanes_mul(n[axis], scale));
-        p[axis] = umb__lanes_select(has, moved, pushed);
+        p[axis] = UMB__LANES_SELECT(has, p[axis] + n[axis] * scale, p[axis] - placer->push[axis]);
     }
-    umb__lane_mask away = umb__lanes_at_least(umb__lanes_dot(n, placer->direction), zero);
-    return umb__mask_bits(umb__mask_and(away, has));
+    umb__lane_mask away = UMB__LANES_AT_LEAST(umb__lanes_dot(n, placer->direction), zero);
+    return UMB__MASK_BITS(UMB__MASK_AND(away, has));
 }
 
 /* Texels, a point a lane, and a bit for each point that is negative or faces away. */
@@ -117,26 +109,26 @@ struct umb__placed_lanes {
     unsigned negative, away;
 };
 
-static inline __attribute__((always_inline)) struct umb__placed_lanes
-umb__place_lanes(const struct umb__lane_placer *placer, size_t index, struct umb__form form)
+UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_placer *placer,
+                                                      size_t index, struct umb__form form)
 {
     struct umb__placed_lanes to = {.away = 0};
     umb__lanes p[3], v[3];
     umb__load_lanes(placer->plain.points, index, form.f32, p);
     for (unsigned axis = 0; axis < 3 && !form.still; axis++) {
-        p[axis] = umb__lanes_add(placer->offset[axis], p[axis]);
+        p[axis] = placer->offset[axis] + p[axis];
     }
     if (form.normals) {
         to.away = umb__move_lanes(placer, index, p);
     } else if (!form.still) {
         for (unsigned axis = 0; axis < 3; axis++) {
-            p[axis] = umb__lanes_sub(p[axis], placer->push[axis]);
+            p[axis] -= placer->push[axis];
         }
     }
     for (unsigned axis = 0; axis < 3; axis++) {
         const umb__lanes *m = placer->to_voxel[axis];
-        v[axis] = umb__lanes_add(umb__lanes_dot(p, m), m[3]);
-        to.axis[axis] = umb__lanes_truncate(v[axis]);
+        v[axis] = umb__lanes_dot(p, m) + m[3];
+        to.axis[axis] = UMB__LANES_TRUNCATE(v[axis]);
     }
     to.negative = umb__lanes_negative(v[0], v[1], v[2]);
     return to;
@@ -146,7 +138,7 @@ umb__place_lanes(const struct umb__lane_placer *placer, size_t index, struct umb
 static inline void umb__clear_lanes(__m256i v[3], unsigned away)
 {
     const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-    __m256i cleared = _mm256_and_si256(_mm256_set1_epi32((int)away), bits);
+    __m256i cleared = _mm256_set1_epi32((int)away) & bits;
     for (unsigned axis = 0; axis < 3; axis++) {
         v[axis] = _mm256_andnot_si256(_mm256_cmpeq_epi32(cleared, bits), v[axis]);
     }
@@ -158,9 +150,8 @@ static inline void umb__clear_lanes(__m256i v[3], unsigned away)
  * is neither clearly inside nor faces away, and the lanes are unspecified. A window lies inside if
  * neither of its ends has a bit from the frustum's size up.
  */
-static inline __attribute__((always_inline)) unsigned
-umb__place_eight(const struct umb__lane_placer *placer, size_t index, struct umb__form form,
-                 struct umb__block *block, uint32_t i)
+UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, size_t index,
+                                      struct umb__form form, struct umb__block *block, uint32_t i)
 {
     umb__lane_ints part[3][8 / UMB__LANES];
     unsigned negative = 0, away = 0;
@@ -178,8 +169,8 @@ umb__place_eight(const struct umb__lane_placer *placer, size_t index, struct umb
     for (unsigned axis = 0; axis < 2; axis++) {
         /* The window's first texel, not its centre. */
         v[axis] = _mm256_sub_epi32(umb__join_ints(part[axis]), placer->half);
-        ends = _mm256_or_si256(ends, v[axis]);
-        ends = _mm256_or_si256(ends, _mm256_add_epi32(v[axis], placer->reach));
+        ends |= v[axis];
+        ends |= _mm256_add_epi32(v[axis], placer->reach);
     }
     __m256i beyond = _mm256_srl_epi32(ends, placer->log2_size);
     __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
@@ -210,9 +201,9 @@ static inline void umb__place_again(const struct umb__lane_placer *placer, size_
 
 /* Places the eights of a block. Points that need their own path are rare, so the loop has no call
  * and keeps its constants in registers. */
-static inline __attribute__((always_inline)) void
-umb__place_eights(const struct umb__lane_placer *placer, size_t first, struct umb__form form,
-                  struct umb__block *block, struct umb_query_stats *stats)
+UMB__INLINE void umb__place_eights(const struct umb__lane_placer *placer, size_t first,
+                                   struct umb__form form, struct umb__block *block,
+                                   struct umb_query_stats *stats)
 {
     uint64_t look = 0, away = 0, others = 0;
     uint32_t i = 0;

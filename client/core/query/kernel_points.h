@@ -14,8 +14,9 @@
 
 /* A mixed cube, and a voxel in it. */
 struct umb__cube {
-    uint32_t level, number; /* of its node, or brick */
-    int32_t x, y, z;
+    uint32_t level;
+    uint32_t number; /* Number of the cube's node or brick */
+    int32_t x, y, z; /* Index of the voxel */
 };
 
 /* The cubes that a block's points share. */
@@ -106,9 +107,8 @@ static inline const uint64_t *umb__target(const struct umb__query *q, bool brick
 
 /* Leads heads from their columns to their nodes or bricks. Returns the heads that are not
  * settled. */
-static inline __attribute__((always_inline)) uint64_t
-umb__enter_heads(const struct umb__query *q, const struct umb__block *heads, bool brick,
-                 const uint64_t *at[UMB__BLOCK])
+UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct umb__block *heads,
+                                      bool brick, const uint64_t *at[UMB__BLOCK])
 {
     const uint32_t c = q->column_level, row = q->log2_size - c;
     uint32_t index[UMB__BLOCK], depth[UMB__BLOCK];
@@ -129,9 +129,8 @@ umb__enter_heads(const struct umb__query *q, const struct umb__block *heads, boo
 }
 
 /* Leads heads from their nodes to the children of `level`, as umb__enter_children does. */
-static inline __attribute__((always_inline)) uint64_t
-umb__step_heads(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
-                bool brick, const uint64_t *at[UMB__BLOCK])
+UMB__INLINE uint64_t umb__step_heads(const struct umb__query *q, const struct umb__block *heads,
+                                     uint32_t level, bool brick, const uint64_t *at[UMB__BLOCK])
 {
     uint32_t above[UMB__BLOCK];
     uint64_t unsettled = 0;

@@ -15,11 +15,11 @@
 #define UMB__MERGED_MAX 32
 
 struct umb__runs {
-    uint64_t starts; /* bit i: a run begins with point i */
+    uint64_t starts; /* Bit i: a run begins with point i */
     uint32_t count;
     uint8_t first[UMB__BLOCK + 1]; /* First point of each run; behind the last: the size */
-    bool merged;                   /* a head may stand for several runs; set with AVX-512 */
-    _Alignas(64) uint32_t head[UMB__MERGED_MAX]; /* if merged: the head of each run */
+    bool merged;                   /* True: a head may stand for several runs (AVX-512) */
+    _Alignas(64) uint32_t head[UMB__MERGED_MAX]; /* Head of each run, if merged */
 };
 
 static const uint64_t umb__uniform_bricks[2][8] = {
@@ -31,7 +31,7 @@ static const uint64_t umb__uniform_bricks[2][8] = {
 /* Where neighbouring points of a block are in different bricks. */
 struct umb__closeness {
     uint64_t changes; /* Bit i: point i is in another brick than the point before */
-    uint32_t spread;  /* bits in which any coordinate of a point differs from the one before;
+    uint32_t spread;  /* Bits in which a coordinate of any point differs from the point before;
                          UINT32_MAX if the block is not full or not all are to be looked up */
 };
 

@@ -19,20 +19,16 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
     block->y[behind + 1] = block->y[behind];
     block->z[behind + 1] = block->z[behind];
     for (uint32_t i = 0; i < block->size; i += 8) {
-        __m256i x =
-            _mm256_xor_si256(umb__load_eight(block->x + i), umb__load_eight(block->x + i + 1));
-        __m256i y =
-            _mm256_xor_si256(umb__load_eight(block->y + i), umb__load_eight(block->y + i + 1));
-        __m256i z =
-            _mm256_xor_si256(umb__load_eight(block->z + i), umb__load_eight(block->z + i + 1));
-        __m256i differ = _mm256_or_si256(_mm256_or_si256(x, y), z);
+        __m256i x = umb__load_eight(block->x + i) ^ umb__load_eight(block->x + i + 1);
+        __m256i y = umb__load_eight(block->y + i) ^ umb__load_eight(block->y + i + 1);
+        __m256i z = umb__load_eight(block->z + i) ^ umb__load_eight(block->z + i + 1);
+        __m256i differ = x | y | z;
         __m256i equal = _mm256_cmpeq_epi32(_mm256_srli_epi32(differ, 3), _mm256_setzero_si256());
-        any = _mm256_or_si256(any, differ);
+        any |= differ;
         same |= (uint64_t)(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(equal)) << i;
     }
-    __m128i half = _mm_or_si128(_mm256_castsi256_si128(any), _mm256_extracti128_si256(any, 1));
-    half = _mm_or_si128(half, _mm_unpackhi_epi64(half, half));
-    const uint64_t spread = (uint64_t)_mm_cvtsi128_si64(half);
+    const __m128i half = _mm256_castsi256_si128(any) | _mm256_extracti128_si256(any, 1);
+    const uint64_t spread = (uint64_t)(half[0] | half[1]);
     /* The caller masks bits beyond the block's points. */
     return (struct umb__closeness){
         ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
@@ -58,16 +54,14 @@ static inline void umb__read_eight(struct umb__block *block, uint32_t i,
     __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
     __m256i z = umb__load_eight(block->z + i);
     /* The lowest three bits choose within half a brick, the highest one the half. */
-    __m256i which =
-        _mm256_or_si256(_mm256_add_epi32(z, z), _mm256_and_si256(_mm256_srli_epi32(y, 2), one));
+    __m256i which = _mm256_add_epi32(z, z) | (_mm256_srli_epi32(y, 2) & one);
     __m256 word =
         _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.low, which)),
                          _mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.high, which)),
                          _mm256_castsi256_ps(_mm256_slli_epi32(z, 29)));
-    __m256i bit = _mm256_or_si256(_mm256_and_si256(x, seven),
-                                  _mm256_slli_epi32(_mm256_and_si256(y, three), 3));
+    __m256i bit = (x & seven) | _mm256_slli_epi32(y & three, 3);
     __m256i lit = _mm256_srlv_epi32(_mm256_castps_si256(word), bit);
-    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_and_si256(lit, one));
+    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), lit & one);
 }
 
 static inline void umb__read_brick_avx2(struct umb__block *block, const uint64_t brick[8])

@@ -18,7 +18,7 @@ static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
     const __m512i here = umb__load_sixteen(axis);
     const __m512i one_back = _mm512_alignr_epi32(here, *before, 15);
     *before = here;
-    return _mm512_xor_si512(here, one_back);
+    return here ^ one_back;
 }
 
 /* The first point has none before it and is compared with the sixteenth. Every run begins with a
@@ -30,11 +30,10 @@ static inline struct umb__closeness umb__compare_points_avx512(const struct umb_
     __m512i z = umb__load_sixteen(block->z), any = _mm512_setzero_si512();
     uint64_t changes = 0;
     for (uint32_t i = 0; i < block->size; i += 16) {
-        const __m512i differ =
-            _mm512_or_si512(_mm512_or_si512(umb__differ_sixteen(block->x + i, &x),
-                                            umb__differ_sixteen(block->y + i, &y)),
-                            umb__differ_sixteen(block->z + i, &z));
-        any = _mm512_or_si512(any, differ);
+        const __m512i differ = umb__differ_sixteen(block->x + i, &x) |
+                               umb__differ_sixteen(block->y + i, &y) |
+                               umb__differ_sixteen(block->z + i, &z);
+        any |= differ;
         changes |= (uint64_t)_mm512_test_epi32_mask(differ, place) << i;
     }
     /* The caller masks bits beyond the block's points. */
@@ -124,10 +123,10 @@ static inline void umb__take_heads_avx512(const struct umb__query *q,
 static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
 {
     const __m512i low = _mm512_set1_epi32(0x3ff), high = _mm512_set1_epi32(0x3ff << 20);
-    x = _mm512_and_si512(_mm512_srli_epi32(x, 3), low);
-    y = _mm512_and_si512(_mm512_slli_epi32(y, 7), _mm512_set1_epi32(0x3ff << 10));
-    z = _mm512_and_si512(_mm512_slli_epi32(z, 17), high);
-    return _mm512_or_si512(_mm512_or_si512(x, y), z);
+    x = _mm512_srli_epi32(x, 3) & low;
+    y = _mm512_slli_epi32(y, 7) & _mm512_set1_epi32(0x3ff << 10);
+    z = _mm512_slli_epi32(z, 17) & high;
+    return x | y | z;
 }
 
 /*
@@ -152,8 +151,7 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
         const __m512i equal = _mm512_maskz_conflict_epi32(there, umb__brick_keys(x, y, z));
         const __mmask16 other = _mm512_test_epi32_mask(equal, equal);
         const __mmask16 alone = (__mmask16)(there & ~other);
-        const __m512i lowest =
-            _mm512_and_si512(equal, _mm512_sub_epi32(_mm512_setzero_si512(), equal));
+        const __m512i lowest = equal & _mm512_sub_epi32(_mm512_setzero_si512(), equal);
         const __m512i first = _mm512_sub_epi32(_mm512_set1_epi32(31), _mm512_lzcnt_epi32(lowest));
         const __m512i number = _mm512_add_epi32(_mm512_maskz_expand_epi32(alone, place),
                                                 _mm512_set1_epi32((int)heads->size));
@@ -213,11 +211,10 @@ static inline struct umb__brick_places umb__places_in_bricks(const struct umb__b
     const __m512i one = _mm512_set1_epi32(1), three = _mm512_set1_epi32(3);
     const __m512i seven = _mm512_set1_epi32(7);
     const __m512i x = umb__load_sixteen(block->x + i), y = umb__load_sixteen(block->y + i);
-    const __m512i z = _mm512_and_si512(umb__load_sixteen(block->z + i), seven);
+    const __m512i z = umb__load_sixteen(block->z + i) & seven;
     return (struct umb__brick_places){
-        _mm512_or_si512(_mm512_add_epi32(z, z), _mm512_and_si512(_mm512_srli_epi32(y, 2), one)),
-        _mm512_or_si512(_mm512_and_si512(x, seven),
-                        _mm512_slli_epi32(_mm512_and_si512(y, three), 3)),
+        _mm512_add_epi32(z, z) | (_mm512_srli_epi32(y, 2) & one),
+        (x & seven) | _mm512_slli_epi32(y & three, 3),
     };
 }
 
@@ -228,7 +225,7 @@ static inline void umb__read_brick_avx512(struct umb__block *block, const uint64
     for (uint32_t i = 0; i < UMB__BLOCK; i += 16) {
         const struct umb__brick_places at = umb__places_in_bricks(block, i);
         const __m512i lit = _mm512_srlv_epi32(_mm512_permutexvar_epi32(at.word, words), at.bit);
-        _mm512_storeu_si512(block->lit + i, _mm512_and_si512(lit, one));
+        _mm512_storeu_si512(block->lit + i, lit & one);
     }
 }
 
@@ -250,7 +247,7 @@ static inline struct umb__eight_bricks umb__load_bricks(const uint64_t *const br
 static inline __m512i umb__pick_words(const struct umb__eight_bricks *from, __m512i of,
                                       __m512i word)
 {
-    const __m512i which = _mm512_or_si512(word, _mm512_slli_epi32(of, 4)); /* of a pair of bricks */
+    const __m512i which = word | _mm512_slli_epi32(of, 4); /* Words of a pair of bricks */
     const __mmask16 odd = _mm512_test_epi32_mask(of, _mm512_set1_epi32(2));
     const __mmask16 high = _mm512_test_epi32_mask(of, _mm512_set1_epi32(4));
     const __m512i *b = from->brick;
@@ -311,10 +308,8 @@ static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t 
     const __m256i y = _mm256_srl_epi32(umb__load_eight(heads->y + h), shift);
     const __m256i z = _mm256_srl_epi32(umb__load_eight(heads->z + h), shift);
     const __m256i bit =
-        _mm256_or_si256(_mm256_or_si256(_mm256_and_si256(x, three),
-                                        _mm256_slli_epi32(_mm256_and_si256(y, three), 2)),
-                        _mm256_slli_epi32(_mm256_and_si256(z, three), 4));
-    return _mm256_xor_si256(bit, _mm256_set1_epi32(63));
+        (x & three) | _mm256_slli_epi32(y & three, 2) | _mm256_slli_epi32(z & three, 4);
+    return bit ^ _mm256_set1_epi32(63);
 }
 
 /* A node's masks: mixed, lit. */
@@ -365,9 +360,9 @@ static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i 
  * umb__step_heads, eight heads at a time; a child's state selects the results for all of them at
  * once.
  */
-static inline __attribute__((always_inline)) uint64_t
-umb__step_heads_avx512(const struct umb__query *q, const struct umb__block *heads, uint32_t level,
-                       bool brick, const uint64_t *at[UMB__BLOCK])
+UMB__INLINE uint64_t umb__step_heads_avx512(const struct umb__query *q,
+                                            const struct umb__block *heads, uint32_t level,
+                                            bool brick, const uint64_t *at[UMB__BLOCK])
 {
     const __m512i first =
         _mm512_set1_epi64((long long)(uintptr_t)(brick ? q->bricks[0] : q->nodes));

@@ -29,9 +29,9 @@ static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks
 /* Bit 0: one of the bricks that a window touches is mixed, bit 1: one is lit, bit 2: one is
  * shadowed; mixed bricks may be either. at: the window's first texel; corner: the nodes of its
  * cells. */
-static inline __attribute__((always_inline)) uint32_t
-umb__touched_states(const struct umb__window_masks *masks, struct umb__voxel at, uint32_t reach,
-                    const uint64_t *const corner[4])
+UMB__INLINE uint32_t umb__touched_states(const struct umb__window_masks *masks,
+                                         struct umb__voxel at, uint32_t reach,
+                                         const uint64_t *const corner[4])
 {
     uint32_t shift = (uint32_t)at.z >> 3 << 4 & 48;
     uint32_t columns = umb__brick_range((uint32_t)at.x, reach);
@@ -76,9 +76,9 @@ static inline void umb__spread_settled(struct umb__block *block, const struct um
 
 /* Windows: adds up the lit texels of the points of all runs whose heads are given, from the slices
  * of the bricks that each head touches, `side` each way: brick[16 * head ..]. */
-static inline __attribute__((always_inline)) void
-umb__count_windows(const struct umb__window_masks *masks, struct umb__block *block, uint64_t heads,
-                   const struct umb__runs *runs, uint32_t side, const uint64_t *const *brick)
+UMB__INLINE void umb__count_windows(const struct umb__window_masks *masks, struct umb__block *block,
+                                    uint64_t heads, const struct umb__runs *runs, uint32_t side,
+                                    const uint64_t *const *brick)
 {
     for (uint64_t rest = heads; rest; rest &= rest - 1) {
         uint32_t h = umb__first_bit(rest);

@@ -32,11 +32,9 @@ static void settle_slabs(const struct umb__query *q, const struct umb__window_ma
 }
 
 /* Finds all bricks that the windows touch, `side` each way; slot 16 * point + brick. */
-static inline __attribute__((always_inline)) void find_bricks(const struct umb__query *q,
-                                                              const struct umb__block *block,
-                                                              const struct umb__cells *cells,
-                                                              uint32_t side, const uint64_t **brick,
-                                                              struct umb_query_stats *stats)
+UMB__INLINE void find_bricks(const struct umb__query *q, const struct umb__block *block,
+                             const struct umb__cells *cells, uint32_t side, const uint64_t **brick,
+                             struct umb_query_stats *stats)
 {
     const uint32_t *child[9 * UMB__BLOCK];
     uint16_t slot[9 * UMB__BLOCK];
@@ -68,7 +66,7 @@ static inline __attribute__((always_inline)) void find_bricks(const struct umb__
     }
 }
 
-#define GRID_IDLE_BLOCKS  3U /* the grid is tried often: what it settles costs least */
+#define GRID_IDLE_BLOCKS  3U /* The grid is tried often: windows that it settles cost least */
 #define SLABS_IDLE_BLOCKS 15U
 #define WINDOW_RUNS_MAX                                                                            \
     56U /* As UMB__RUNS_MAX; the descent of a window costs more than a

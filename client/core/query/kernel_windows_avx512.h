@@ -83,15 +83,14 @@ static inline __m512i umb__count_bytes(__m512i words)
     const __m512i low = _mm512_set1_epi8(15);
     const __m512i of =
         _mm512_broadcast_i32x4(_mm_setr_epi8(0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4));
-    const __m512i high = _mm512_and_si512(_mm512_srli_epi64(words, 4), low);
-    return _mm512_add_epi8(_mm512_shuffle_epi8(of, _mm512_and_si512(words, low)),
-                           _mm512_shuffle_epi8(of, high));
+    const __m512i high = _mm512_srli_epi64(words, 4) & low;
+    return _mm512_add_epi8(_mm512_shuffle_epi8(of, words & low), _mm512_shuffle_epi8(of, high));
 }
 
 /* Returns the lit texels of the windows i .. i + 7, which begin in one brick. */
-static inline __attribute__((always_inline)) __m256i
-umb__count_eight(const struct umb__window_masks *masks, const struct umb__block *block, uint32_t i,
-                 uint32_t side, const __m512i brick[9])
+UMB__INLINE __m256i umb__count_eight(const struct umb__window_masks *masks,
+                                     const struct umb__block *block, uint32_t i, uint32_t side,
+                                     const __m512i brick[9])
 {
     const __m512i x = _mm512_cvtepi32_epi64(_mm256_loadu_si256((const void *)(block->x + i)));
     const __m512i y = _mm512_cvtepi32_epi64(_mm256_loadu_si256((const void *)(block->y + i)));
@@ -104,7 +103,7 @@ umb__count_eight(const struct umb__window_masks *masks, const struct umb__block 
         const __m512i rows = _mm512_permutexvar_epi64(y, _mm512_load_si512(masks->rows[r]));
         for (uint32_t c = 0; c < side; c++) {
             const __m512i slices = _mm512_permutexvar_epi64(z, brick[side * r + c]);
-            const __m512i inside = _mm512_and_si512(_mm512_and_si512(slices, columns[c]), rows);
+            const __m512i inside = slices & columns[c] & rows;
             lit = _mm512_add_epi8(lit, umb__count_bytes(inside)); /* 72 at most in a byte */
         }
     }
@@ -112,10 +111,10 @@ umb__count_eight(const struct umb__window_masks *masks, const struct umb__block 
 }
 
 /* umb__count_windows, eight windows of a run at a time; runs of one point are counted singly. */
-static inline __attribute__((always_inline)) void
-umb__count_windows_avx512(const struct umb__window_masks *masks, struct umb__block *block,
-                          uint64_t heads, const struct umb__runs *runs, uint32_t side,
-                          const uint64_t *const *brick)
+UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks,
+                                           struct umb__block *block, uint64_t heads,
+                                           const struct umb__runs *runs, uint32_t side,
+                                           const uint64_t *const *brick)
 {
     if (runs->count == block->size) {
         umb__count_windows(masks, block, heads, runs, side, brick);
@@ -136,19 +135,19 @@ umb__count_windows_avx512(const struct umb__window_masks *masks, struct umb__blo
 }
 
 /* umb__touched_states, four cells at a time. */
-static inline __attribute__((always_inline)) uint32_t
-umb__touched_states_avx512(const struct umb__window_masks *masks, struct umb__voxel at,
-                           uint32_t reach, const uint64_t *const corner[4])
+UMB__INLINE uint32_t umb__touched_states_avx512(const struct umb__window_masks *masks,
+                                                struct umb__voxel at, uint32_t reach,
+                                                const uint64_t *const corner[4])
 {
     const uint32_t x = (uint32_t)at.x & 31, y = (uint32_t)at.y & 31;
     const uint32_t right = (x + reach) >> 5, down = (y + reach) >> 5 << 1;
     const uint64_t *const nodes[4] = {corner[0], corner[right], corner[down], corner[right | down]};
-    const __m512i touched = _mm512_and_si512(_mm512_load_si512(masks->cell_columns[x]),
-                                             _mm512_load_si512(masks->cell_rows[y]));
+    const __m512i touched =
+        _mm512_load_si512(masks->cell_columns[x]) & _mm512_load_si512(masks->cell_rows[y]);
     const __m512i states =
         _mm512_srl_epi64(umb__load_masks(nodes), _mm_cvtsi32_si128(at.z << 1 & 48));
     const uint32_t any = _mm512_test_epi64_mask(states, touched);
-    const uint32_t not_all = _mm512_cmpneq_epi64_mask(_mm512_and_si512(states, touched), touched);
+    const uint32_t not_all = _mm512_cmpneq_epi64_mask(states & touched, touched);
     return (uint32_t)((any & 0x55) != 0) | (uint32_t)((any & 0xaa) != 0) << 1 |
            (uint32_t)((not_all & 0xaa) != 0) << 2;
 }

@@ -6,15 +6,15 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/vec.h"
+#include "query/stages.h"
 
 #define CHUNK      64U /* Points that are sorted by face at a time */
 #define FAR_VOXELS 1e9 /* A place beyond every frustum, and far from the limits of int32_t */
 
+/* Returns row i of the face's transform at p: X, Y, Z or W. */
 static double row(const struct umb_frustum_info *face, unsigned i, const double p[3])
 {
-    const double *m = face->world_to_voxel[i];
-    return m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+    return umb__affine(face->world_to_voxel[i], p);
 }
 
 /* Returns the face along whose axis p is farthest; 0 if p is behind all of them. */
@@ -47,25 +47,34 @@ static double bias_auto(const struct umb__query *q, const struct umb_frustum_inf
     const double *axis = face->world_to_voxel[3];
     double taps = (double)q->taps;
     double across = fabs(umb__dot(n, face->voxel_step[0])) + fabs(umb__dot(n, face->voxel_step[1]));
-    double thickness = umb__dot(axis, face->voxel_step[2]); /* of a slice, in W */
+    double thickness = umb__dot(axis, face->voxel_step[2]); /* Thickness of a slice, in W */
     double along = (fabs(umb__dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
     double growth = 0.5 * taps * across * umb__dot(n, axis);
     double rest = growth > 0 ? 1.0 - growth : 1.0;
     return 0.5 * UMB__BIAS_SLACK * (taps * across * w + along) / (rest > 0.25 ? rest : 0.25);
 }
 
+/* Returns the sum of the edges of a face's texels where W = 1. */
+static double texel_edges(const struct umb_frustum_info *face)
+{
+    return umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1]);
+}
+
 static double mean_edge(const struct umb_frustum_info *face, double w)
 {
-    return (w * (umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1])) +
-            umb__length(face->voxel_step[2])) /
-           3.0;
+    return (w * texel_edges(face) + umb__length(face->voxel_step[2])) / 3.0;
+}
+
+double umb__perspective_edge_m(const struct umb__query *q, uint32_t face, const double p[3])
+{
+    return mean_edge(&q->faces[face], fabs(row(&q->faces[face], 3, p)));
 }
 
 double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
 {
     double w;
     const struct umb_frustum_info *face = &q->faces[face_of(q, p, &w)];
-    return w * (umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1])) / 2.0;
+    return w * texel_edges(face) / 2.0;
 }
 
 /* Returns the bias in metres along a unit normal. */
@@ -98,26 +107,18 @@ static double bias_to_light(const struct umb__query *q, uint32_t face, double di
     return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
 }
 
-/* Reads the unit normal of point i; 0 if it has none. */
-static int normal_of(const struct umb_points *points, size_t i, double n[3])
+/* Reads the unit normal of point i; false if it has none. */
+static bool unit_normal_of(const struct umb_points *points, size_t i, double n[3])
 {
-    float raw[3];
-    if (!points->normals) {
-        return 0;
+    const double length2 = umb__normal(points, i, n);
+    if (!umb__is_normal(length2)) {
+        return false;
     }
-    memcpy(raw, (const uint8_t *)points->normals + 12 * i, sizeof raw);
-    for (unsigned axis = 0; axis < 3; axis++) {
-        n[axis] = (double)raw[axis];
-    }
-    double square = umb__dot(n, n);
-    if (!(square > 0) || !(square <= 1e300)) {
-        return 0;
-    }
-    double length = sqrt(square);
+    const double length = sqrt(length2);
     for (unsigned axis = 0; axis < 3; axis++) {
         n[axis] /= length;
     }
-    return 1;
+    return true;
 }
 
 static double within(double v, double limit)
@@ -143,11 +144,9 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
 {
     double p[3], from_light[3], n[3], direction[3], w;
     memset(s, 0, sizeof *s);
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = (points->origin[axis] - q->origin[axis]) + umb__coordinate(points, i, axis);
-        from_light[axis] = p[axis] - q->position[axis];
-    }
-    int has_normal = normal_of(points, i, n);
+    umb__position(q, points, i, p);
+    umb__subtract(p, q->position, from_light);
+    const bool has_normal = unit_normal_of(points, i, n);
     double distance = umb__length(from_light);
     s->has_normal = has_normal;
     if (has_normal) {
@@ -178,10 +177,24 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
             w = row(&q->faces[face], 3, p);
         }
     }
-    if (s->bias_m == 0) { /* not moved, or not seen */
+    if (s->bias_m == 0) { /* Not moved, or not seen by any face */
         memcpy(s->moved, p, sizeof p);
     }
     to_voxel(q, row(&q->faces[s->face], 3, s->moved), s);
+}
+
+bool umb__look_up_at(const struct umb__query *q, const struct umb_points *points, size_t i,
+                     double voxel[3], uint32_t *frustum)
+{
+    if (q->face_count == 0) {
+        *frustum = q->frustum;
+        return umb__voxel_at(q, points, i, voxel);
+    }
+    struct umb__sighting s;
+    umb__perspective_map(q, points, i, &s);
+    memcpy(voxel, s.voxel, sizeof s.voxel);
+    *frustum = q->first_face + s.face;
+    return !s.facing_away;
 }
 
 void umb__perspective_face(const struct umb__query *q, uint32_t face, struct umb__query *face_query)
@@ -251,8 +264,8 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     }
 }
 
-void umb__perspective_run(const struct umb__query *q, const struct umb_points *points, size_t first,
-                          size_t count, struct umb_answers *answers)
+static void perspective_run(const struct umb__query *q, const struct umb_points *points,
+                            size_t first, size_t count, struct umb_answers *answers)
 {
     uint32_t total = (uint32_t)(q->taps * q->taps);
     for (size_t at = first; at < first + count; at += CHUNK) {
@@ -273,31 +286,25 @@ void umb__perspective_run(const struct umb__query *q, const struct umb_points *p
     answers->stats.points += count;
 }
 
-void umb__perspective_explain(const struct umb__query *q, const struct umb_points *points,
-                              size_t index, struct umb_explanation *explanation)
+static bool applies(const struct umb__plan *plan)
 {
-    struct umb__sighting s;
-    struct umb__query face_query;
-    struct umb_query opaque = {{0}};
-    umb__perspective_map(q, points, index, &s);
-    umb__perspective_face(q, s.face, &face_query);
-    memcpy(opaque.opaque, &face_query, sizeof face_query);
-    const struct umb_points one = {.positions = s.voxel, .format = UMB_POINT_F64, .count = 1};
-    umb_query_explain(&opaque, &one, 0, explanation);
-    if (s.facing_away) {
-        *explanation = (struct umb_explanation){
-            .facing_away = 1, .taps = explanation->taps, .transmittance = 1};
-    }
-    explanation->bias_mode = q->bias_mode;
-    explanation->has_normal = s.has_normal;
-    explanation->cosine = s.cosine;
-    double p[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = (points->origin[axis] - q->origin[axis]) + umb__coordinate(points, index, axis);
-        explanation->moved[axis] = (s.facing_away ? p[axis] : s.moved[axis]) + q->origin[axis];
-    }
-    explanation->bias_m = s.bias_m;
-    explanation->frustum = q->first_face + s.face;
-    explanation->voxel_size_m =
-        mean_edge(&q->faces[s.face], fabs(row(&q->faces[s.face], 3, s.facing_away ? p : s.moved)));
+    return plan->light->kind != UMB_LIGHT_DIRECTIONAL;
 }
+
+/* Sets up what does not depend on the point. */
+static void set(const struct umb__plan *plan, struct umb__query *q)
+{
+    const uint32_t first = plan->light->first_frustum;
+    q->grid = plan->asset->view.grid;
+    q->columns = plan->asset->view.columns;
+    q->pieces = plan->asset->view.pieces;
+    q->faces = plan->frustum;
+    q->tops = &plan->asset->view.tops[first];
+    q->face_count = plan->light->frustum_count;
+    q->first_face = first;
+    q->bias_m = plan->settings->bias;
+    umb__subtract(plan->light->position, plan->content->origin, q->position);
+    q->run = perspective_run;
+}
+
+const struct umb__stage umb__faces_stage = {applies, set};

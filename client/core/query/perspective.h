@@ -16,12 +16,12 @@ struct umb__sighting {
     int has_normal;
     double cosine;   /* Cosine between the normal and the direction to the light; 0 without a
                         normal */
-    int facing_away; /* 1: its normal faces away, so it is in shadow; the fields below are not
-                        set */
+    int facing_away; /* 1: its normal faces away, so it is in shadow; the fields below are 0 */
     uint32_t face;   /* Face of the query; 0 if none covers the point */
-    double moved[3]; /* metres, relative to the asset's origin */
-    double voxel[3]; /* Place in the face's voxel space; far outside if no face covers the point */
-    double bias_m;   /* how far it was moved */
+    double moved[3]; /* Position of the look-up in metres, relative to the asset's origin */
+    double voxel[3]; /* Position in the face's voxel space; far outside if no face covers the
+                        point */
+    double bias_m;   /* Length of the move in metres */
 };
 
 /* Maps point i of a batch. */
@@ -32,14 +32,16 @@ void umb__perspective_map(const struct umb__query *query, const struct umb_point
 void umb__perspective_face(const struct umb__query *query, uint32_t face,
                            struct umb__query *face_query);
 
+/* Computes the voxel-space position at which point i is looked up under any light, and the frustum.
+ * Returns false if its normal faces away; voxel may then not be set. */
+bool umb__look_up_at(const struct umb__query *query, const struct umb_points *points, size_t i,
+                     double voxel[3], uint32_t *frustum);
+
+/* Returns the mean edge in metres of a face's voxels at p, relative to the asset's origin. */
+double umb__perspective_edge_m(const struct umb__query *query, uint32_t face, const double p[3]);
+
 /* Returns the mean edge of a texel across the light at p, metres relative to the asset's origin; 0
  * or below where no face covers p. */
 double umb__perspective_texel_m(const struct umb__query *query, const double p[3]);
-
-/* Do what umb_query_run and umb_query_explain do. */
-void umb__perspective_run(const struct umb__query *query, const struct umb_points *points,
-                          size_t first, size_t count, struct umb_answers *answers);
-void umb__perspective_explain(const struct umb__query *query, const struct umb_points *points,
-                              size_t index, struct umb_explanation *explanation);
 
 #endif

@@ -10,31 +10,42 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
+#include "base/vec.h"
 #include "format/transmittance.h"
 #include "format/view.h"
+#include "query/voxel_tree.h"
 #include "umbrage/query.h"
 
+/* Functions whose constant arguments must reach the code around the call. */
+#define UMB__INLINE static inline __attribute__((always_inline))
+
 struct umb__query;
-typedef void (*umb__kernel_fn)(const struct umb__query *query, const struct umb_points *points,
-                               size_t first, size_t count, struct umb_answers *answers);
+
+/* A kernel, or a stage around one: answers points first .. first + count - 1 as umb_query_run
+ * does. */
+typedef void umb__kernel(const struct umb__query *query, const struct umb_points *points,
+                         size_t first, size_t count, struct umb_answers *answers);
+typedef umb__kernel *umb__kernel_fn;
 
 /* Content of struct umb_query. */
 struct umb__query {
-    umb__kernel_fn run;        /* Outermost stage, which answers a batch (query.c) */
-    umb__kernel_fn window_run; /* Outermost stage without footprints */
-    umb__kernel_fn opaque_run; /* Outermost stage without footprints and translucent casters */
-    umb__kernel_fn kernel;     /* Kernel, for points of parallel light, or of one face */
-    const uint32_t *grid;      /* Cells of the light's frustum (format/view.h) */
+    /* Stages that answer a batch, from the outermost one inwards (query.c). */
+    umb__kernel *run;                  /* Outermost stage */
+    umb__kernel *footprint_inner;      /* Stage inside that of footprints */
+    umb__kernel *receiver_mask_inner;  /* Stage inside that of the receiver mask */
+    umb__kernel *transmittance_inner;  /* Stage inside that of translucent casters */
+    umb__kernel *kernel;               /* Kernel, for points of parallel light, or of one face */
+    const uint32_t *grid;              /* Cells of the light's frustum (format/view.h) */
     const struct umb__column *columns; /* Columns of the frustum, one a square of texels */
     const uint32_t *pieces;            /* Pieces of the columns, values like a cell's */
     const uint64_t *nodes;
     const uint64_t (*bricks)[8];
-    uint32_t log2_size;    /* n: voxels a side = 1 << n */
-    uint32_t grid_log2;    /* g */
-    uint32_t column_level; /* c */
-    uint32_t frustum;
-    int32_t taps;   /* window width */
-    uint32_t level; /* Level at which look-ups stop; 0: at the voxel */
+    uint32_t log2_size;    /* n: the frustum has 1 << n voxels a side */
+    uint32_t grid_log2;    /* g: its grid has 1 << g cells a side */
+    uint32_t column_level; /* c: a column is 1 << c texels wide */
+    uint32_t frustum;      /* Number of the frustum in the asset */
+    int32_t taps;          /* Width of the window in texels */
+    uint32_t level;        /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
@@ -42,34 +53,32 @@ struct umb__query {
     double no_normal_m; /* Bias for points without a normal: metres towards the light */
     double world_to_voxel[3][4];
     double voxel_step[3][3];
-    double direction[3]; /* the light's */
-    double origin[3];    /* the asset's */
-    /* Penumbras (penumbra.h). */
-    double reach[2]; /* texels on x and y that half of the light's cone gains over one
-                                    voxel of depth */
-    const uint32_t *occluder_depth; /* NULL: open, columns stay shadowed */
-    uint32_t occluder_depth_root;   /* of the frustum */
-    /* Footprints (footprint.h). */
-    double footprint_m;        /* Footprint of points without one of their own, where pixel_rad is
-                                    0 */
-    double eye[3], pixel_rad;  /* relative to the asset's origin */
-    double texel_m;            /* mean edge of a texel; of parallel light */
-    double sample_no_normal_m; /* no_normal_m of one tap */
+    double direction[3]; /* Direction of the light */
+    double origin[3];    /* Origin of the asset */
+    /* Penumbras (penumbra.c). */
+    double reach[2]; /* Texels on x and y that half of the light's cone gains over one voxel of
+                        depth */
+    const uint32_t *occluder_depth; /* Occluder depth map; NULL: columns stay shadowed */
+    uint32_t occluder_depth_root;   /* Root of the frustum in that map */
+    /* Footprints (kernel_footprint.c). */
+    double footprint_m;        /* Footprint in metres of points without one of their own, where
+                                  pixel_rad is 0 */
+    double eye[3], pixel_rad;  /* Eye relative to the asset's origin, and the angle of its pixels */
+    double texel_m;            /* Mean edge of a texel of parallel light, metres */
+    double sample_no_normal_m; /* Bias no_normal_m of a query of one tap */
     /* Spot and point lights (perspective.h); the fields about one frustum are then not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
-    uint32_t face_count;                  /* 0: a directional light */
-    uint32_t first_face;                  /* its number in the asset */
-    double position[3];                   /* of the light, relative to the asset's origin */
-    /* Translucent casters (transmittance_stage.h). */
-    const struct umb__trans *trans;   /* NULL: none, and the stage is left out */
-    int32_t transmittance_taps;       /* Width in voxels of the box over which transmittance is
-                                             averaged */
-    int32_t transmittance_bias_taps;  /* Number of taps whose bias moves points for it */
-    double transmittance_no_normal_m; /* The same bias for points without a normal, metres */
-    /* The static rule (receiver_mask_stage.h). */
-    const uint64_t *receiver_mask_cells; /* of the frustum; NULL: off, the stage is left out */
-    umb__kernel_fn receiver_mask_inner;  /* what answers */
+    uint32_t face_count;                  /* Number of faces; 0: a directional light */
+    uint32_t first_face;                  /* Number of the first face in the asset */
+    double position[3]; /* Position of the light, relative to the asset's origin */
+    /* Translucent casters (transmittance_stage.c). */
+    const struct umb__trans *trans; /* Transmittance maps; NULL: the stage is left out */
+    int32_t transmittance_taps;     /* Width in voxels of the box whose transmittance is averaged */
+    int32_t transmittance_bias_taps;  /* Number of taps whose bias moves points for that box */
+    double transmittance_no_normal_m; /* Bias no_normal_m for that box */
+    /* The static rule (receiver_mask_stage.c). */
+    const uint64_t *receiver_mask_cells; /* Mask of the frustum; NULL: the stage is left out */
 };
 
 _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque query is too small");
@@ -80,12 +89,6 @@ _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque qu
  * a side, where positions should be doubles anyway.
  */
 #define UMB__BIAS_SLACK (65.0 / 64.0)
-
-/* Greatest distance in texels of a searched column from the receiver: a power of two. */
-#define UMB__PENUMBRA_REACH_MAX ((UMB_PENUMBRA_TAPS_MAX + 1) / 2)
-
-/* Width of the box with the area of a disc of radius 1: sqrt(pi). */
-#define UMB__PENUMBRA_BOX 1.7724538509055161
 
 #define UMB__LENGTH2_MAX 1e300 /* Largest squared normal that counts as finite */
 
@@ -103,18 +106,41 @@ static inline double umb__coarse_steps(const struct umb__query *q)
     return 2.0 * (double)((uint32_t)1 << q->level);
 }
 
-static inline double umb__coordinate(const struct umb_points *points, size_t i, unsigned axis)
+/* Reads number `index` of an unaligned array of floats or doubles. */
+static inline double umb__scalar_at(const void *array, enum umb_point_format format, size_t index)
 {
-    if (points->format == UMB_POINT_F32) {
+    if (format == UMB_POINT_F32) {
         float value;
-        memcpy(&value, (const uint8_t *)points->positions + (3 * i + axis) * sizeof value,
-               sizeof value);
+        memcpy(&value, (const uint8_t *)array + index * sizeof value, sizeof value);
         return (double)value;
     }
     double value;
-    memcpy(&value, (const uint8_t *)points->positions + (3 * i + axis) * sizeof value,
-           sizeof value);
+    memcpy(&value, (const uint8_t *)array + index * sizeof value, sizeof value);
     return value;
+}
+
+static inline double umb__coordinate(const struct umb_points *points, size_t i, unsigned axis)
+{
+    return umb__scalar_at(points->positions, points->format, 3 * i + axis);
+}
+
+/* Returns the squared length of point i's normal; n becomes the normal, or 0 without one. */
+static inline double umb__normal(const struct umb_points *points, size_t i, double n[3])
+{
+    n[0] = n[1] = n[2] = 0;
+    if (!points->normals) {
+        return 0;
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        n[axis] = umb__scalar_at(points->normals, UMB_POINT_F32, 3 * i + axis);
+    }
+    return umb__dot(n, n);
+}
+
+/* Returns whether a vector of this squared length counts as a normal. */
+static inline bool umb__is_normal(double length2)
+{
+    return length2 > 0 && length2 <= UMB__LENGTH2_MAX;
 }
 
 /* Makes a batch of the points first .. first + count - 1 of another. */
@@ -141,31 +167,22 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 static inline bool umb__move(const struct umb__query *q, const struct umb_points *points, size_t i,
                              double p[3])
 {
-    double n[3] = {0, 0, 0}, length2 = 0;
-    if (points->normals) {
-        float raw[3];
-        memcpy(raw, (const uint8_t *)points->normals + 12 * i, sizeof raw);
-        for (unsigned axis = 0; axis < 3; axis++) {
-            n[axis] = (double)raw[axis];
-        }
-        length2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-    }
-    if (!(length2 > 0) || !(length2 <= UMB__LENGTH2_MAX)) {
+    double n[3];
+    const double length2 = umb__normal(points, i, n);
+    if (!umb__is_normal(length2)) {
         for (unsigned axis = 0; axis < 3; axis++) {
             p[axis] -= q->direction[axis] * q->no_normal_m;
         }
         return true;
     }
-    double facing = n[0] * q->direction[0] + n[1] * q->direction[1] + n[2] * q->direction[2];
-    if (facing >= 0) {
+    if (umb__dot(n, q->direction) >= 0) {
         return false;
     }
     double scale;
     if (q->bias_mode == UMB_BIAS_AUTO) {
         double sum[3];
         for (unsigned axis = 0; axis < 3; axis++) {
-            const double *step = q->voxel_step[axis];
-            sum[axis] = fabs(n[0] * step[0] + n[1] * step[1] + n[2] * step[2]);
+            sum[axis] = fabs(umb__dot(n, q->voxel_step[axis]));
         }
         scale = 0.5 * UMB__BIAS_SLACK * ((double)q->taps * (sum[0] + sum[1]) + sum[2]) / length2;
     } else {
@@ -180,9 +197,40 @@ static inline bool umb__move(const struct umb__query *q, const struct umb_points
 static inline void umb__to_voxel(const struct umb__query *q, const double p[3], double v[3])
 {
     for (unsigned axis = 0; axis < 3; axis++) {
-        const double *m = q->world_to_voxel[axis];
-        v[axis] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        v[axis] = umb__affine(q->world_to_voxel[axis], p);
     }
+}
+
+/* Computes the position of point i in metres, relative to the asset's origin. */
+static inline void umb__position(const struct umb__query *q, const struct umb_points *points,
+                                 size_t i, double p[3])
+{
+    for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
+    }
+}
+
+/* Computes the voxel-space position at which point i is looked up under a directional light.
+ * Returns false if its normal faces away; v is then not set. */
+static inline bool umb__voxel_at(const struct umb__query *q, const struct umb_points *points,
+                                 size_t i, double v[3])
+{
+    double p[3];
+    umb__position(q, points, i, p);
+    if (!umb__move(q, points, i, p)) {
+        return false;
+    }
+    umb__to_voxel(q, p, v);
+    return true;
+}
+
+static inline struct umb__tree umb__tree_of(const struct umb__query *q)
+{
+    return (struct umb__tree){.grid = q->grid,
+                              .nodes = q->nodes,
+                              .bricks = q->bricks,
+                              .log2_size = q->log2_size,
+                              .grid_log2 = q->grid_log2};
 }
 
 /* Clips one axis of the window; returns the number of texels left. */
@@ -250,30 +298,16 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
 uint32_t umb__count_window(const struct umb__query *q, const struct umb__window *window,
                            struct umb_query_stats *stats);
 
-/* The kernels: one source (kernel_body.h), compiled for each instruction set. */
-void umb__kernel_base(const struct umb__query *query, const struct umb_points *points, size_t first,
-                      size_t count, struct umb_answers *answers);
-void umb__kernel_avx2(const struct umb__query *query, const struct umb_points *points, size_t first,
-                      size_t count, struct umb_answers *answers);
-void umb__kernel_avx512(const struct umb__query *query, const struct umb_points *points,
-                        size_t first, size_t count, struct umb_answers *answers);
-/* Runs a batch with umb__kernel_avx512, a short one with umb__kernel_avx2 (wide_run.c). */
-void umb__run_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
-                   size_t count, struct umb_answers *answers);
+/* Kernels of windows: one source (kernel_body.h), compiled for each instruction set. */
+umb__kernel umb__kernel_base, umb__kernel_avx2, umb__kernel_avx512;
 
-/* The kernel of the tent filter (kernel_tent.c). It counts in integers, so one serves all
- * machines. */
-void umb__kernel_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
-                      size_t count, struct umb_answers *answers);
+/* Runs a batch with umb__kernel_avx512, a short one with umb__kernel_avx2. */
+umb__kernel umb__run_wide;
 
-/* The kernel of penumbras (penumbra.h). */
-void umb__kernel_penumbra(const struct umb__query *query, const struct umb_points *points,
-                          size_t first, size_t count, struct umb_answers *answers);
+/* Kernels of look-ups that stop at a level (kernel_coarse_body.h). */
+umb__kernel umb__kernel_coarse, umb__kernel_coarse_avx2;
 
-/* The kernel of look-ups that stop at a level (kernel_coarse_body.h). */
-void umb__kernel_coarse(const struct umb__query *query, const struct umb_points *points,
-                        size_t first, size_t count, struct umb_answers *answers);
-void umb__kernel_coarse_avx2(const struct umb__query *query, const struct umb_points *points,
-                             size_t first, size_t count, struct umb_answers *answers);
+/* Kernel of penumbras (penumbra.c). */
+umb__kernel umb__kernel_penumbra;
 
 #endif

@@ -1,22 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See receiver_mask_stage.h. */
-#include "query/receiver_mask_stage.h"
-
+/*
+ * The stage of assets baked under the static rule. The answers of the other stages stay as they
+ * are. Points whose look-up lies in no cell that holds receivers (format/receiver_mask.h) are
+ * counted as undefined. Not counted are points shadowed by their normal, points before the first
+ * voxel, and points beyond the frustum in x or y: the last count as outside, though a window may
+ * reach into it.
+ */
 #include "format/receiver_mask.h"
+#include "query/stages.h"
 
 bool umb__receiver_mask_is_undefined(const struct umb__query *q, const struct umb_points *points,
                                      size_t i)
 {
     const double size = (double)((uint32_t)1 << q->log2_size);
-    double p[3], v[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    if (!umb__move(q, points, i, p)) {
-        return false;
-    }
-    umb__to_voxel(q, p, v);
-    if (!(v[0] >= 0 && v[0] < size && v[1] >= 0 && v[1] < size && v[2] >= 0)) {
+    double v[3];
+    if (!umb__voxel_at(q, points, i, v) ||
+        !(v[0] >= 0 && v[0] < size && v[1] >= 0 && v[1] < size && v[2] >= 0)) {
         return false; /* also for NaN */
     }
     const double last = size - 1;
@@ -34,9 +33,17 @@ static void receiver_mask_run(const struct umb__query *q, const struct umb_point
     }
 }
 
-void umb__receiver_mask_set(struct umb__query *q, const struct umb__content *content)
+static bool applies(const struct umb__plan *plan)
 {
-    q->receiver_mask_cells = content->receiver_mask_cells + q->frustum * UMB__RECEIVER_MASK_WORDS;
-    q->receiver_mask_inner = q->run;
-    q->run = q->window_run = receiver_mask_run;
+    return plan->content->receiver_mask_cells != NULL;
 }
+
+static void set(const struct umb__plan *plan, struct umb__query *q)
+{
+    q->receiver_mask_cells =
+        plan->content->receiver_mask_cells + q->frustum * UMB__RECEIVER_MASK_WORDS;
+    q->receiver_mask_inner = q->run;
+    q->run = receiver_mask_run;
+}
+
+const struct umb__stage umb__receiver_mask_stage = {applies, set};

@@ -78,7 +78,7 @@ static int32_t voxel_at(const struct umb__axis *axis, double t, int32_t from)
         (voxel == far || !has_reached(axis, voxel + axis->step, t))) {
         return voxel;
     }
-    while (near != far) { /* the distance at least halves each time */
+    while (near != far) { /* The distance at least halves each time */
         int32_t middle = near + (far - near + axis->step) / 2;
         if (has_reached(axis, middle, t)) {
             near = middle;

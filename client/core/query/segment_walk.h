@@ -18,17 +18,17 @@
 
 /* One axis of a line in voxel space. */
 struct umb__axis {
-    double start;         /* place at 0 */
-    double slope;         /* places from 0 to 1 */
-    double inverse;       /* 1 / slope; unused if step is 0 */
-    int step;             /* -1, 0, 1 */
-    int32_t last;         /* largest voxel index */
+    double start;         /* Place at s = 0 */
+    double slope;         /* Change of the place from s = 0 to s = 1 */
+    double inverse;       /* Inverse of the slope; unused if step is 0 */
+    int step;             /* Direction in which voxels are passed: -1, 0, 1 */
+    int32_t last;         /* Largest voxel index */
     bool endless;         /* True if the last voxel continues beyond the frustum: z */
     double scale, offset; /* place(k) = -1 / (scale k + offset); scale 0: place(k) = k */
 };
 
-/* Relation of a line to its segment: s is u of [from, to], by 1 / near and 1 / far if those differ
- * (the W of its ends). Parallel light: from 0, to 1, near and far 1. */
+/* Part of a segment that a line covers, by the segment's parameter, and the W of the line's ends.
+ * Parallel light: from 0 to 1, and both W are 1. */
 struct umb__line {
     double from, to;
     double near_w, far_w;
@@ -40,8 +40,8 @@ struct umb__intervals {
     struct umb_interval *kept;
     size_t kept_max;
     struct umb_volume_stats *stats;
-    bool lit; /* True while an interval is open, since: */
-    double since;
+    bool lit;     /* True while an interval is open */
+    double since; /* Parameter of the segment at which the open interval begins */
 };
 
 /* Makes an axis of parallel light, or across a face; start: place at 0, slope: places from 0 to
@@ -51,10 +51,6 @@ struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, 
 /* Walks a line through a frustum. Space outside of it, and before its first voxel, is lit. */
 void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3],
                     const struct umb__line *line, struct umb__intervals *intervals);
-
-/* Walks a segment under a spot or point light. In: p: its ends, minus the asset's origin. */
-void umb__walk_faces(const struct umb__volume *volume, const double p[2][3],
-                     struct umb__intervals *out);
 
 /* Sets the segment's state from t on. */
 void umb__intervals_put(struct umb__intervals *out, bool lit, double t);

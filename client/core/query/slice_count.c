@@ -8,8 +8,8 @@ struct square {
     uint32_t level;
 };
 
-/* The two columns and the two rows of windows whose four products are counted; 0 is the outer
- * one. */
+/* Two column ranges and two row ranges. Each of their four products is a window to count; range 0
+ * contains range 1. */
 struct ranges {
     int32_t x0[2], x1[2], y0[2], y1[2];
 };
@@ -18,41 +18,23 @@ struct count {
     const struct umb__slice *slice;
     uint32_t z;
     struct ranges in; /* Ranges inside the frustum; the walk goes through range 0 */
-    uint64_t lit[4];  /* window k: column k % 2, row k / 2 */
-    bool counts;      /* 1: lit texels are added up; 0: the walk ends at the wanted state */
+    uint64_t lit[4];  /* Number of lit texels of window k: columns k % 2, rows k / 2 */
+    bool counts;      /* True: lit texels are added up; false: the walk ends at the wanted state */
     bool wanted;
 };
-
-static int32_t least(int32_t a, int32_t b)
-{
-    return a < b ? a : b;
-}
-
-static int32_t most(int32_t a, int32_t b)
-{
-    return a > b ? a : b;
-}
 
 /* Returns the texels of a square's side that lie in low..high. */
 static uint64_t overlap(int32_t at, uint32_t level, int32_t low, int32_t high)
 {
     const int32_t last = at + (int32_t)(((uint32_t)1 << level) - 1);
-    const int32_t count = least(high, last) - most(low, at) + 1;
+    const int32_t count = umb__min(high, last) - umb__max(low, at) + 1;
     return count > 0 ? (uint64_t)count : 0;
 }
 
-/* Returns the bits of a byte inside low..high, counted from `at`. */
-static uint64_t byte_mask(int32_t at, int32_t low, int32_t high)
+/* Returns the product of column i and row j of the ranges. */
+static struct umb__rectangle rectangle_of(const struct ranges *in, unsigned i, unsigned j)
 {
-    const int32_t first = most(low - at, 0), last = least(high - at, 7);
-    return first <= last ? (0xffU >> (7 - last)) & (0xffU << first) : 0;
-}
-
-/* Returns the same for the rows of an 8x8 slice. */
-static uint64_t row_mask(int32_t at, int32_t low, int32_t high)
-{
-    const int32_t first = most(low - at, 0), last = least(high - at, 7);
-    return first <= last ? (UINT64_MAX << (8 * first)) & (UINT64_MAX >> (8 * (7 - last))) : 0;
+    return (struct umb__rectangle){in->x0[i], in->x1[i], in->y0[j], in->y1[j]};
 }
 
 static uint64_t slice_bits(struct count *c, uint32_t brick)
@@ -77,14 +59,12 @@ static void add_brick(struct count *c, const struct square *s, uint32_t number)
 {
     const uint64_t bits = slice_bits(c, number);
     for (unsigned k = 0; k < 4; k++) {
-        const uint64_t columns = byte_mask(s->x, c->in.x0[k % 2], c->in.x1[k % 2]);
-        const uint64_t rows = row_mask(s->y, c->in.y0[k / 2], c->in.y1[k / 2]);
-        c->lit[k] +=
-            (uint64_t)__builtin_popcountll(bits & (columns * UINT64_C(0x0101010101010101)) & rows);
+        const struct umb__rectangle window = rectangle_of(&c->in, k % 2, k / 2);
+        c->lit[k] += (uint64_t)__builtin_popcountll(bits & umb__slice_mask(s->x, s->y, &window));
     }
 }
 
-/* Adds up what is lit. */
+/* Adds the lit texels of a brick or a uniform square. Returns false: the walk goes on. */
 static bool add_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (link.mixed) {
@@ -95,16 +75,15 @@ static bool add_leaf(struct count *c, const struct square *s, struct umb__link l
     return false;
 }
 
-/* Ends the walk where the searched state is found. */
+/* Returns whether a brick or a uniform square has the wanted state, which ends the walk. */
 static bool find_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (!link.mixed) {
         return link.lit == c->wanted;
     }
     const uint64_t bits = slice_bits(c, link.number);
-    return ((c->wanted ? bits : ~bits) &
-            (byte_mask(s->x, c->in.x0[0], c->in.x1[0]) * UINT64_C(0x0101010101010101)) &
-            row_mask(s->y, c->in.y0[0], c->in.y1[0])) != 0;
+    const struct umb__rectangle window = rectangle_of(&c->in, 0, 0);
+    return ((c->wanted ? bits : ~bits) & umb__slice_mask(s->x, s->y, &window)) != 0;
 }
 
 static bool walk_link(struct count *c, const struct square *s, struct umb__link link)
@@ -115,10 +94,10 @@ static bool walk_link(struct count *c, const struct square *s, struct umb__link 
     const uint32_t level = s->level - 2;
     const int32_t side = (int32_t)1 << level, end = 4 * side - 1;
     c->slice->stats->nodes++;
-    for (int32_t y = most(c->in.y0[0], s->y) & -side; y <= least(c->in.y1[0], s->y + end);
+    for (int32_t y = umb__max(c->in.y0[0], s->y) & -side; y <= umb__min(c->in.y1[0], s->y + end);
          y += side) {
-        for (int32_t x = most(c->in.x0[0], s->x) & -side; x <= least(c->in.x1[0], s->x + end);
-             x += side) {
+        for (int32_t x = umb__max(c->in.x0[0], s->x) & -side;
+             x <= umb__min(c->in.x1[0], s->x + end); x += side) {
             const struct square child = {x, y, level};
             const unsigned bit = umb__child_at(level, (uint32_t)x, (uint32_t)y, c->z);
             if (walk_link(c, &child, umb__tree_child(c->slice->tree, link.number, bit))) {
@@ -180,8 +159,8 @@ bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, b
 /* One axis of a box: the texels covered wholly, those covered at all, and the part of the
  * latter. */
 struct span {
-    int64_t low[2], high[2]; /* 0: covered at all; 1: wholly */
-    double weight[2];        /* of the two windows; their sum is 1 */
+    int64_t low[2], high[2]; /* First and last texel; 0: covered at all, 1: covered wholly */
+    double weight[2];        /* Weights of the two windows; their sum is 1 */
 };
 
 static struct span span_of(int64_t middle, double width)

@@ -7,7 +7,6 @@
  * footprints; the kernels are faster for windows of a fixed few texels.
  */
 #include "query/query_parts.h"
-#include "query/voxel_tree.h"
 
 /* Texels x0 <= x <= x1, y0 <= y <= y1; empty where x0 > x1 or y0 > y1. */
 struct umb__texels {
@@ -18,14 +17,13 @@ struct umb__texels {
 struct umb__slice {
     const struct umb__tree *tree;
     struct umb_query_stats *stats; /* Counts of nodes and bricks, added to */
-    int64_t z;                     /* Depth of the slice; before 0: all lit; behind the last: the
-                                      last */
+    int64_t z; /* Depth of the slice in voxels; below 0: all lit; behind the last: the last */
 };
 
 /* A box of real width in texels, around the middle of a texel. */
 struct umb__real_box {
     int64_t x, y;
-    double width, height; /* 1 and up */
+    double width, height; /* Size in texels, at least 1 */
 };
 
 /* Returns whether a texel of the rectangle has the state; beyond the frustum all are lit. Stops at
@@ -38,15 +36,6 @@ bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, b
  * lit.
  */
 double umb__slice_share(const struct umb__slice *slice, const struct umb__real_box *box);
-
-static inline struct umb__tree umb__tree_of(const struct umb__query *q)
-{
-    return (struct umb__tree){.grid = q->grid,
-                              .nodes = q->nodes,
-                              .bricks = q->bricks,
-                              .log2_size = q->log2_size,
-                              .grid_log2 = q->grid_log2};
-}
 
 /* Stores a share as umb_answer_format says. Bytes and bits are those of the float that it rounds
  * to: stages pass floats on, and the result must not depend on which stages ran. */

@@ -1,51 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See transmittance_stage.h. */
-#include "query/transmittance_stage.h"
-
-#include "format/asset_parts.h"
+/*
+ * The stage of translucent casters: multiplies the answers for opaque casters by the transmittance
+ * of deep maps (format/transmittance.h).
+ *
+ * Transmittance is a mean over a box of voxels around the point's at its depth, each voxel with the
+ * value of its texel. The box is as wide as the window of opaque casters, and at least one texel
+ * and a voxel, so that it changes from texel to texel without a step. A texel's list was made along
+ * its middle, so the automatic bias adds half a texel to the box. All sums are of integers: the
+ * same bits on all machines.
+ */
 #include "query/perspective.h"
 #include "query/slice_count.h"
+#include "query/stages.h"
 
 #define CHUNK 256 /* points at a time: a multiple of 8, for bits */
-
-void umb__transmittance_set(struct umb__query *q, const struct umb_asset *asset,
-                            const struct umb_light_info *light)
-{
-    const struct umb__trans *trans = &asset->canonical.trans;
-    int32_t texel = 0; /* Widest texel, in voxels; 0: no map */
-    for (uint32_t i = 0; trans->maps != NULL && i < light->frustum_count; i++) {
-        const uint32_t frustum = light->first_frustum + i, level = trans->maps[frustum].level;
-        const uint32_t n = asset->canonical.content.frusta[frustum].log2_size;
-        const int32_t voxels = level > 0 ? (int32_t)1 << (n - level) : 0;
-        texel = voxels > texel ? voxels : texel;
-    }
-    if (texel == 0) {
-        return;
-    }
-    const int32_t least = texel > 1 ? texel + 1 : 1; /* odd, as texels are powers of two */
-    q->trans = trans;
-    q->transmittance_taps = q->taps > least ? q->taps : least;
-    q->transmittance_bias_taps = q->transmittance_taps + texel - 1;
-}
-
-/* Finds where point i is looked up. Returns its frustum; UINT32_MAX if its normal faces away. */
-static uint32_t place(const struct umb__query *wide, const struct umb_points *points, size_t i,
-                      double voxel[3])
-{
-    if (wide->face_count > 0) {
-        struct umb__sighting s;
-        umb__perspective_map(wide, points, i, &s);
-        memcpy(voxel, s.voxel, sizeof s.voxel);
-        return s.facing_away ? UINT32_MAX : wide->first_face + s.face;
-    }
-    double p[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - wide->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    const bool facing = umb__move(wide, points, i, p);
-    umb__to_voxel(wide, p, voxel);
-    return facing ? wide->frustum : UINT32_MAX;
-}
 
 /* Clips a box of `taps` voxels around v to an axis of `size`; false: nothing is left. */
 static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32_t *high)
@@ -59,16 +27,18 @@ static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32
     return true;
 }
 
-/* Sums the loss of point i, out of `*all`. In: wide: with the bias of this stage. */
+/* Returns the light that point i loses, in units of which *all is the whole light. In: wide: with
+ * the bias of this stage. */
 static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *points, size_t i,
                         uint64_t *all)
 {
     double v[3];
     struct umb__transmittance_window window;
     const int32_t taps = wide->transmittance_taps;
-    const uint32_t frustum = place(wide, points, i, v);
+    uint32_t frustum;
+    const bool facing = umb__look_up_at(wide, points, i, v, &frustum);
     *all = (uint64_t)(uint32_t)taps * (uint32_t)taps * UMB__TRANSMITTANCE_ONE;
-    if (frustum == UINT32_MAX || wide->trans->maps[frustum].level == 0 || !(v[2] >= 0)) {
+    if (!facing || wide->trans->maps[frustum].level == 0 || !(v[2] >= 0)) {
         return 0;
     }
     const uint32_t n =
@@ -82,7 +52,8 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* Makes the query whose points are moved for the boxes of this stage: of voxels, at any level. */
+/* Makes the query that moves points for the boxes of this stage. Boxes are of voxels, even where
+ * look-ups stop at a level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;
@@ -121,14 +92,14 @@ static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
     struct umb__query opaque = *q;
     opaque.trans = NULL;
     if (any == 0) {
-        q->opaque_run(&opaque, points, first, count, answers);
+        q->transmittance_inner(&opaque, points, first, count, answers);
         return;
     }
     float values[CHUNK];
     const struct umb_points part = umb__some_points(points, first, count);
     struct umb_answers shares = {.values = values, .stats = answers->stats};
     opaque.format = UMB_ANSWER_F32;
-    q->opaque_run(&opaque, &part, 0, count, &shares);
+    q->transmittance_inner(&opaque, &part, 0, count, &shares);
     answers->stats = shares.stats;
     for (size_t i = 0; i < count; i++) {
         umb__store_share(answers->values, q->format, first + i,
@@ -136,8 +107,8 @@ static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
     }
 }
 
-void umb__transmittance_run(const struct umb__query *q, const struct umb_points *points,
-                            size_t first, size_t count, struct umb_answers *answers)
+static void transmittance_run(const struct umb__query *q, const struct umb_points *points,
+                              size_t first, size_t count, struct umb_answers *answers)
 {
     const struct umb__query wide = widen(q);
     for (size_t end = first + count; first < end;) {
@@ -146,3 +117,35 @@ void umb__transmittance_run(const struct umb__query *q, const struct umb_points 
         first += n;
     }
 }
+
+int32_t umb__transmittance_texel(const struct umb_asset *asset, const struct umb_light_info *light)
+{
+    const struct umb__trans *trans = &asset->canonical.trans;
+    int32_t texel = 0;
+    for (uint32_t i = 0; trans->maps != NULL && i < light->frustum_count; i++) {
+        const uint32_t frustum = light->first_frustum + i, level = trans->maps[frustum].level;
+        const uint32_t n = asset->canonical.content.frusta[frustum].log2_size;
+        const int32_t voxels = level > 0 ? (int32_t)1 << (n - level) : 0;
+        texel = voxels > texel ? voxels : texel;
+    }
+    return texel;
+}
+
+static bool applies(const struct umb__plan *plan)
+{
+    return !plan->settings->opaque_only && umb__transmittance_texel(plan->asset, plan->light) > 0;
+}
+
+static void set(const struct umb__plan *plan, struct umb__query *q)
+{
+    const int32_t texel = umb__transmittance_texel(plan->asset, plan->light);
+    const int32_t least = texel > 1 ? texel + 1 : 1; /* odd, as texels are powers of two */
+    q->trans = &plan->asset->canonical.trans;
+    q->transmittance_taps = q->taps > least ? q->taps : least;
+    q->transmittance_bias_taps = q->transmittance_taps + texel - 1;
+    q->transmittance_no_normal_m = umb__no_normal_m(plan, q, q->transmittance_bias_taps);
+    q->transmittance_inner = q->run;
+    q->run = transmittance_run;
+}
+
+const struct umb__stage umb__transmittance_stage = {applies, set};

@@ -3,19 +3,8 @@
 #include "umbrage/volume.h"
 
 #include "base/try.h"
-#include "format/asset_parts.h"
+#include "query/stages.h"
 #include "query/volume_parts.h"
-
-static int has_translucent(const struct umb_asset *asset, const struct umb_light_info *light)
-{
-    const struct umb__trans *trans = &asset->canonical.trans;
-    for (uint32_t i = 0; trans->maps != NULL && i < light->frustum_count; i++) {
-        if (trans->maps[light->first_frustum + i].level > 0) {
-            return 1;
-        }
-    }
-    return 0;
-}
 
 /* Faces of a spot or point light. */
 static enum umb_status set_faces(const struct umb_asset *asset, uint32_t index,
@@ -69,7 +58,7 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
                  .grid_log2 = top->grid_log2},
         .light = light,
         .closed = frustum->closed,
-        .translucent = has_translucent(asset, &content->lights[light]),
+        .translucent = umb__transmittance_texel(asset, &content->lights[light]) > 0,
         .occluder_depth = frustum->closed ? content->occluder_depth : NULL,
         .occluder_depth_roots = content->occluder_depth ? content->occluder_depth + index : NULL,
     };

@@ -2,31 +2,29 @@
 #ifndef UMBRAGE_CORE_QUERY_VOLUME_PARTS_H
 #define UMBRAGE_CORE_QUERY_VOLUME_PARTS_H
 /* Content of struct umb_volume, and the transform that volume queries share. */
-#include <math.h>
-#include <string.h>
-#include "query/voxel_tree.h"
+#include "query/query_parts.h"
 
 #define UMB__FACES_MAX 6
 
 struct umb__volume {
-    struct umb__tree tree; /* of the first frustum */
+    struct umb__tree tree; /* Tree of the first frustum */
     /* Faces of spot and point lights; the fields about one frustum below are then the first
      * one's. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
-    const uint32_t *grid;                 /* of the asset */
-    uint32_t face_count;                  /* 0: a directional light */
-    double position[3];                   /* of the light, minus the asset's origin */
+    const uint32_t *grid;                 /* Grid section of the asset */
+    uint32_t face_count;                  /* Number of faces; 0: a directional light */
+    double position[3];                   /* Position of the light, minus the asset's origin */
     uint32_t light;
     int closed;
     int translucent;                      /* 1: the light has translucent casters, which are not
                                              voxels */
     const uint32_t *occluder_depth;       /* Occluder depth map, format/occluder_depth.h; NULL:
                                              none */
-    const uint32_t *occluder_depth_roots; /* [faces] of the frusta */
-    double world_to_voxel[3][4];          /* from world minus origin */
-    double voxel_step[3][3];              /* row i: world vector of one voxel along axis i */
-    double origin[3];                     /* the asset's */
+    const uint32_t *occluder_depth_roots; /* Roots of the frusta in that map, one a face */
+    double world_to_voxel[3][4];          /* Transform from world minus origin to voxels */
+    double voxel_step[3][3];              /* World vector of one voxel; row i: along axis i */
+    double origin[3];                     /* Origin of the asset */
 };
 
 _Static_assert(sizeof(struct umb__volume) <= sizeof(struct umb_volume), "opaque volume too small");
@@ -56,8 +54,8 @@ static inline void umb__face_depth(const struct umb_frustum_info *face, double *
                                    double *offset)
 {
     const double *z = face->world_to_voxel[2], *w = face->world_to_voxel[3];
-    const double along = w[0] * z[0] + w[1] * z[1] + w[2] * z[2];
-    *scale = along > 0 ? (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) / along : 0;
+    const double along = umb__dot(w, z);
+    *scale = along > 0 ? umb__dot(w, w) / along : 0;
     *offset = w[3] - *scale * z[3];
 }
 
@@ -75,22 +73,8 @@ static inline void umb__volume_to_voxel(const struct umb__volume *volume, const 
                                         double v[3])
 {
     for (unsigned axis = 0; axis < 3; axis++) {
-        const double *m = volume->world_to_voxel[axis];
-        v[axis] = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
+        v[axis] = umb__affine(volume->world_to_voxel[axis], p);
     }
-}
-
-/* Reads number `index` of an unaligned array of floats or doubles. */
-static inline double umb__scalar_at(const void *array, enum umb_point_format format, size_t index)
-{
-    if (format == UMB_POINT_F32) {
-        float value;
-        memcpy(&value, (const uint8_t *)array + index * sizeof value, sizeof value);
-        return (double)value;
-    }
-    double value;
-    memcpy(&value, (const uint8_t *)array + index * sizeof value, sizeof value);
-    return value;
 }
 
 /* umb_segments_check for pairs of corners, named as boxes. */

@@ -12,18 +12,18 @@
 #include "umbrage/volume.h"
 
 struct umb__tree {
-    const uint32_t *grid; /* of the frustum */
+    const uint32_t *grid; /* Cells of the frustum */
     const uint64_t *nodes;
     const uint64_t (*bricks)[8];
-    uint32_t log2_size; /* voxels a side = 1 << log2_size */
-    uint32_t grid_log2;
+    uint32_t log2_size; /* The frustum has 1 << log2_size voxels a side */
+    uint32_t grid_log2; /* The grid has 1 << grid_log2 cells a side */
 };
 
 /* The largest aligned cube of one state around a voxel, or the voxel's brick. */
 struct umb__place {
     const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
     uint32_t level;        /* Level of the cube, which is 1 << level voxels wide; 3 for a brick */
-    bool lit;              /* if brick is NULL */
+    bool lit;              /* State of the cube, if brick is NULL */
 };
 
 /* Content of a cell, or of a wide node's child: a uniform state, or the number of a node or
@@ -32,6 +32,34 @@ struct umb__link {
     bool mixed, lit;
     uint32_t number; /* If mixed: word of a wide node, or number of a brick */
 };
+
+static inline int32_t umb__min(int32_t a, int32_t b)
+{
+    return a < b ? a : b;
+}
+
+static inline int32_t umb__max(int32_t a, int32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* A rectangle of texels x0 <= x <= x1, y0 <= y <= y1; empty where x0 > x1 or y0 > y1. */
+struct umb__rectangle {
+    int32_t x0, x1, y0, y1;
+};
+
+/* Returns the bits of the 8x8 slice whose first texel is (x, y) that lie in the rectangle. */
+static inline uint64_t umb__slice_mask(int32_t x, int32_t y, const struct umb__rectangle *in)
+{
+    const int32_t left = umb__max(in->x0 - x, 0), right = umb__min(in->x1 - x, 7);
+    const int32_t top = umb__max(in->y0 - y, 0), bottom = umb__min(in->y1 - y, 7);
+    if (left > right || top > bottom) {
+        return 0;
+    }
+    const uint64_t row = (0xffU >> (7 - right)) & (0xffU << left);
+    return row * UINT64_C(0x0101010101010101) & UINT64_MAX << (8 * top) &
+           UINT64_MAX >> (8 * (7 - bottom));
+}
 
 /* Returns the level of the grid's cells. */
 static inline uint32_t umb__tree_cell_level(const struct umb__tree *tree)
@@ -90,6 +118,15 @@ static inline struct umb__place umb__tree_locate(const struct umb__tree *tree, u
 static inline bool umb__brick_voxel(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
 {
     return brick[z & 7] >> ((x & 7) + 8 * (y & 7)) & 1;
+}
+
+/* Returns the first shadowed slice of a column in a brick, from slice z on; 8 if there is none. */
+static inline uint32_t umb__brick_depth(const uint64_t brick[8], uint32_t x, uint32_t y, uint32_t z)
+{
+    while (z < 8 && umb__brick_voxel(brick, x, y, z)) {
+        z++;
+    }
+    return z;
 }
 
 #endif

@@ -1,19 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faces into triangles (face_builder.h). Degenerate triangles pass: the bake drops and counts
+/* Cuts faces into triangles (face_builder.h). Degenerate triangles stay: the bake drops and counts
  * them. */
 #include "bake/import/face_builder.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "scene/scene_buffer.h"
-
-void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene)
-{
-    memset(faces, 0, sizeof(*faces));
-    faces->scene = scene;
-}
 
 void umbb_faces_finish(struct umbb_faces *faces)
 {
@@ -61,21 +57,18 @@ static enum umb_status add_polygon(struct umbb_faces *faces, const uint32_t *cor
                                    uint32_t count, struct umb_error *error)
 {
     struct umbb_polygon *polygon = &faces->polygon;
-    enum umb_status status = umbb_polygon_reserve(polygon, count, error);
-    if (status != UMB_OK) {
-        return status;
-    }
+    UMB__TRY(umbb_polygon_reserve(polygon, count, error));
     const double *positions = faces->scene->positions.data;
     for (uint32_t i = 0; i < count; i++) {
         memcpy(polygon->points[i], positions + 3 * (size_t)corners[i], 3 * sizeof(double));
     }
     umbb_polygon_triangulate(polygon, count);
-    for (uint32_t i = 0; status == UMB_OK && i + 2 < count; i++) {
+    for (uint32_t i = 0; i + 2 < count; i++) {
         const uint32_t *made = polygon->triangles[i];
         uint32_t triangle[3] = {corners[made[0]], corners[made[1]], corners[made[2]]};
-        status = umbs_scene_add_triangle(faces->scene, triangle, error);
+        UMB__TRY(umbs_scene_add_triangle(faces->scene, triangle, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error)
@@ -92,5 +85,28 @@ enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error)
     }
     faces->corners.count = 0;
     faces->bad = 0;
+    faces->count++;
     return status;
+}
+
+enum umb_status umbb_faces_check(const struct umbb_faces *faces, struct umb_error *error)
+{
+    if (faces->scene->triangles.count > 0) {
+        return UMB_OK;
+    }
+    return faces->count == 0
+               ? umb_fail(error, UMB_E_BAD_SCENE, "the file has no triangles")
+               : umb_fail(error, UMB_E_BAD_SCENE,
+                          "none of %" PRIu64
+                          " faces can be used (not finite, bad index or fewer than 3 corners)",
+                          faces->count);
+}
+
+enum umb_status umbb_faces_end_scene(struct umbb_faces *faces, struct umb_error *error)
+{
+    struct umbs_scene_builder *scene = faces->scene;
+    UMB__TRY(umbb_faces_check(faces, error));
+    UMB__TRY(umbs_scene_end_mesh(scene, 0, (uint32_t)scene->positions.count,
+                                 (uint32_t)scene->triangles.count, UMBS_NO_INDEX, error));
+    return umbs_scene_add_instance(scene, 0, NULL, error);
 }

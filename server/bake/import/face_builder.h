@@ -12,14 +12,14 @@
 
 #define UMBB_BAD_CORNER UINT64_MAX
 
+/* Zero it, but for `scene`, before its first use. */
 struct umbb_faces {
     struct umbs_scene_builder *scene; /* borrowed */
     struct umbs_array corners;        /* uint32_t: vertices of the face so far */
     int bad;                          /* 1: the current face cannot be used */
+    uint64_t count;                   /* number of faces so far, dropped ones included */
     struct umbb_polygon polygon;
 };
-
-void umbb_faces_init(struct umbb_faces *faces, struct umbs_scene_builder *scene);
 
 /* Frees the object. Faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
 void umbb_faces_finish(struct umbb_faces *faces);
@@ -30,5 +30,16 @@ UMB_CHECKED enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t 
 
 /* Ends the face: appends its triangles or drops it. Fails: E_LIMIT, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error);
+
+/*
+ * Makes all triangles one mesh without material and places it once.
+ *
+ * Fails: E_BAD_SCENE (no face, or none that can be used), E_LIMIT, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_faces_end_scene(struct umbb_faces *faces, struct umb_error *error);
+
+/* Fails with E_BAD_SCENE if there are no triangles. */
+UMB_CHECKED enum umb_status umbb_faces_check(const struct umbb_faces *faces,
+                                             struct umb_error *error);
 
 #endif

@@ -1,24 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The importer's process (import_child.h): set limits, enter the sandbox, map, detect, read, write.
+ * The importer's process (import_job.h): set limits, enter the sandbox, map, read, write.
  *
  * The limit of the address space and the sandbox are in force before a byte of the scene is read.
  * Sanitizers reserve terabytes of address space, so their builds work without both.
  */
-#include "bake/import/import_child.h"
 
 #include <errno.h>
+#include <jansson.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
 #include "bake/import/text_number.h"
 #include "bake/sandbox/sandbox.h"
+#include "base/try.h"
 #include "scene/scene_broker.h"
 #include "scene/scene_contract.h"
+#include "scene/scene_file.h"
+#include "common/child_process.h"
 #include "common/clean_text.h"
 #include "tool/exit_code.h"
 
@@ -50,22 +54,6 @@ static int parse_argument(const char *text, uint64_t *value)
     return 1;
 }
 
-static int limit_memory(uint64_t bytes)
-{
-    struct rlimit value;
-    if (umbb_sandbox_exempt()) {
-        return 1;
-    }
-    if (getrlimit(RLIMIT_AS, &value) != 0) {
-        return 0;
-    }
-    if (value.rlim_max == RLIM_INFINITY || bytes < value.rlim_max) {
-        value.rlim_max = bytes;
-    }
-    value.rlim_cur = value.rlim_max;
-    return setrlimit(RLIMIT_AS, &value) == 0;
-}
-
 static enum umb_status write_output(void *user, const void *bytes, size_t count)
 {
     int fd = *(const int *)user;
@@ -85,27 +73,53 @@ static enum umb_status write_output(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-static enum umb_status read_scene(struct umbb_import *job, enum umbb_kind kind,
-                                  uint64_t max_triangles, struct umb_error *error)
+/* Reads the mapped scene by the reader of its extension. */
+static enum umb_status read_scene(struct umbb_import *job, const char *name, uint64_t max_triangles,
+                                  struct umb_error *error)
 {
-    static const enum umbs_format formats[] = {
-        [UMBB_KIND_GLTF] = UMBS_FORMAT_GLTF, [UMBB_KIND_GLB] = UMBS_FORMAT_GLTF,
-        [UMBB_KIND_OBJ] = UMBS_FORMAT_OBJ,   [UMBB_KIND_PLY] = UMBS_FORMAT_PLY,
-        [UMBB_KIND_STL] = UMBS_FORMAT_STL,
+    static const struct {
+        const char *extension;
+        enum umbs_format format;
+        enum umb_status (*read)(struct umbb_import *job, struct umb_error *error);
+    } known[] = {
+        {".gltf", UMBS_FORMAT_GLTF, umbb_gltf_read}, {".glb", UMBS_FORMAT_GLTF, umbb_gltf_read},
+        {".obj", UMBS_FORMAT_OBJ, umbb_obj_read},    {".ply", UMBS_FORMAT_PLY, umbb_ply_read},
+        {".stl", UMBS_FORMAT_STL, umbb_stl_read},
     };
-    umbs_scene_builder_init(&job->scene, formats[kind], formats[kind] != UMBS_FORMAT_GLTF,
-                            max_triangles);
-    switch (kind) {
-    case UMBB_KIND_OBJ:
-        return umbb_obj_read(job, error);
-    case UMBB_KIND_PLY:
-        return umbb_ply_read(job, error);
-    case UMBB_KIND_GLTF:
-    case UMBB_KIND_GLB:
-    case UMBB_KIND_STL:
-        break;
+    const char *extension = strrchr(name, '.');
+    if (umbb_starts_with(&job->file, UMBS_SCENE_FILE_MAGIC)) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the file is a scene buffer of umbrage-bake import (UMBSCF1), not a scene; "
+                        "if it is your own, give it by --scene-buffer");
     }
-    return umbb_assimp_read(job, kind, error);
+    for (size_t i = 0; extension != NULL && i < sizeof known / sizeof known[0]; i++) {
+        if (strcasecmp(extension, known[i].extension) != 0) {
+            continue;
+        }
+        if (job->file.size == 0) {
+            return umb_fail(error, UMB_E_BAD_SCENE, "the file is empty");
+        }
+        umbs_scene_builder_init(&job->scene, known[i].format, known[i].format != UMBS_FORMAT_GLTF,
+                                max_triangles);
+        return known[i].read(job, error);
+    }
+    return umb_fail(error, UMB_E_BAD_SCENE,
+                    "format '%.16s' is not supported (.gltf .glb .obj .ply .stl)",
+                    extension != NULL ? extension : "without extension");
+}
+
+static enum umb_status convert(struct umbb_import *job, const char *name, uint64_t max_triangles,
+                               struct umb_error *error)
+{
+    int output = UMBS_CHILD_FD_OUTPUT;
+    const struct umb_sink sink = {write_output, &output};
+    UMB__TRY(read_scene(job, name, max_triangles, error));
+    if (job->scene.dropped_faces > 0) {
+        umbs_scene_warn(&job->scene,
+                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
+                        job->scene.dropped_faces);
+    }
+    return umbs_scene_builder_write(&job->scene, &sink, error);
 }
 
 static enum umb_status import(const char *name, uint64_t max_input, uint64_t max_triangles,
@@ -113,29 +127,12 @@ static enum umb_status import(const char *name, uint64_t max_input, uint64_t max
 {
     struct umbb_import job = {.folder = {UMBS_CHILD_FD_FILES, umbs_broker_open},
                               .max_input_bytes = max_input};
-    int output = UMBS_CHILD_FD_OUTPUT;
-    const struct umb_sink sink = {write_output, &output};
-    enum umbb_kind kind;
     struct umbb_sandbox sandbox;
-    enum umb_status status = umbb_sandbox_enter(&sandbox, error);
-    if (status == UMB_OK) {
-        status = umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error);
-    }
-    if (status == UMB_OK) {
-        status = umbb_import_detect(name, &job.file, &kind, error);
-    }
-    if (status == UMB_OK) {
-        status = read_scene(&job, kind, max_triangles, error);
-    }
-    if (status == UMB_OK && job.scene.dropped_faces > 0) {
-        umbs_scene_warn(&job.scene,
-                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
-                        job.scene.dropped_faces);
-    }
+    json_object_seed(0); /* from /dev/urandom, which the sandbox closes */
+    UMB__TRY(umbb_sandbox_enter(&sandbox, error));
+    UMB__TRY(umbb_file_map(UMBS_CHILD_FD_INPUT, max_input, &job.file, error));
+    const enum umb_status status = convert(&job, name, max_triangles, error);
     umbb_file_unmap(&job.file);
-    if (status == UMB_OK) {
-        status = umbs_scene_builder_write(&job.scene, &sink, error);
-    }
     umbs_scene_builder_finish(&job.scene);
     return status;
 }
@@ -154,7 +151,7 @@ int umbb_import_child(int argc, char **argv)
         return EXIT_USAGE;
     }
     const char *name = argv[UMBS_CHILD_ARG_NAME];
-    if (!limit_memory(max_memory)) {
+    if (!umbb_sandbox_exempt() && umbs_child_limit(RLIMIT_AS, max_memory, max_memory) != 0) {
         say(name, "the importer cannot limit its memory");
         return EXIT_READ;
     }

@@ -2,7 +2,9 @@
 /* Files of a scene (import_files.h). */
 #include "bake/import/import_files.h"
 
+#include <ctype.h>
 #include <errno.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -10,7 +12,8 @@
 #include "base/try.h"
 #include "common/open_beneath.h"
 
-#define NAME_BYTES UMBS_BENEATH_NAME_BYTES
+#define NAME_BYTES       UMBS_BENEATH_NAME_BYTES
+#define TEXT_PROBE_BYTES 4096
 
 enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file,
                               struct umb_error *error)
@@ -92,29 +95,19 @@ enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char
     return status;
 }
 
-static int hex_digit(char c)
-{
-    return c >= '0' && c <= '9'   ? c - '0'
-           : c >= 'a' && c <= 'f' ? c - 'a' + 10
-           : c >= 'A' && c <= 'F' ? c - 'A' + 10
-                                  : -1;
-}
-
 /* Undoes percent-encoding into out[size]; returns the length, or 0 if nothing was encoded. */
 static size_t decode(const char *name, size_t length, char *out, size_t size)
 {
     size_t used = 0;
     int changed = 0;
     for (const char *at = name; at < name + length && used < size; at++) {
-        int high = *at == '%' && name + length - at > 2 ? hex_digit(at[1]) : -1;
-        int low = high >= 0 ? hex_digit(at[2]) : -1;
-        if (low >= 0) {
-            out[used++] = (char)(high * 16 + low);
-            at += 2;
-            changed = 1;
-        } else {
-            out[used++] = *at;
-        }
+        const int has_room = *at == '%' && name + length - at > 2;
+        const char digits[3] = {has_room ? at[1] : '\0', has_room ? at[2] : '\0', '\0'};
+        const int is_code =
+            isxdigit((unsigned char)digits[0]) && isxdigit((unsigned char)digits[1]);
+        out[used++] = is_code ? (char)strtoul(digits, NULL, 16) : *at;
+        at += is_code ? 2 : 0;
+        changed |= is_code;
     }
     return changed && used < size ? used : 0;
 }
@@ -130,6 +123,18 @@ enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *
         status = umbb_file_map_named(folder, decoded, used, max_bytes, file, error);
     }
     return status;
+}
+
+int umbb_starts_with(const struct umbb_file *file, const char *text)
+{
+    const size_t length = strlen(text);
+    return file->size >= length && memcmp(file->bytes, text, length) == 0;
+}
+
+int umbb_is_text(const struct umbb_file *file)
+{
+    const size_t probe = file->size < TEXT_PROBE_BYTES ? file->size : TEXT_PROBE_BYTES;
+    return memchr(file->bytes, '\0', probe) == NULL;
 }
 
 void umbb_file_unmap(struct umbb_file *file)

@@ -10,14 +10,14 @@
 #include "umbrage/status.h"
 
 struct umbb_file {
-    const char *bytes; /* never NULL once mapped, not NUL-terminated */
+    const char *bytes; /* content, not NUL-terminated; never NULL once mapped */
     size_t size;
-    void *map; /* NULL if size is 0 */
+    void *map; /* memory to unmap; NULL if size is 0 */
 };
 
 /*
- * Source of the files that a scene names: a folder itself (umbs_open_beneath), or a process that
- * opens them for one without that right (umbs_broker_open).
+ * Source of the files that a scene names: a folder (umbs_open_beneath), or the parent process,
+ * which opens them for an importer that may open nothing (umbs_broker_open).
  */
 struct umbb_folder {
     int handle;
@@ -45,6 +45,12 @@ UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_folder *folder
 UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *uri,
                                               size_t length, uint64_t max_bytes,
                                               struct umbb_file *file, struct umb_error *error);
+
+/* 1 if the file begins with a text. */
+int umbb_starts_with(const struct umbb_file *file, const char *text);
+
+/* 1 if the file begins without a NUL, as text does. */
+int umbb_is_text(const struct umbb_file *file);
 
 /* Unmaps the file. No effect on a zeroed struct. */
 void umbb_file_unmap(struct umbb_file *file);

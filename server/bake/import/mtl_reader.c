@@ -1,60 +1,86 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Wavefront MTL (mtl_reader.h). Source: Alias/Wavefront, "MTL material format", 1995. */
+#define _GNU_SOURCE /* tdestroy */
 #include "bake/import/mtl_reader.h"
 
+#include <search.h>
+#include <stdlib.h>
 #include <string.h>
 
-int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line)
+#include "base/try.h"
+#include "common/clean_text.h"
+
+/* A material's name, in a tree of <search.h>. */
+struct name {
+    const char *text; /* behind the struct, in the tree; not NUL-terminated */
+    size_t length;
+    uint32_t index;
+};
+
+static int compare_names(const void *a, const void *b)
 {
-    if (text->at >= text->end) {
-        return 0;
-    }
-    const char *newline = memchr(text->at, '\n', (size_t)(text->end - text->at));
-    line->at = text->at;
-    line->end = newline != NULL ? newline : text->end;
-    text->at = newline != NULL ? newline + 1 : text->end;
-    return 1;
+    const struct name *x = a, *y = b;
+    return x->length != y->length ? (x->length > y->length) - (x->length < y->length)
+                                  : memcmp(x->text, y->text, x->length);
 }
 
-struct umbb_cursor umbb_trim(struct umbb_cursor line)
+void umbb_material_table_finish(struct umbb_material_table *table)
 {
-    while (line.at < line.end && (*line.at == ' ' || *line.at == '\t')) {
-        line.at++;
-    }
-    while (line.at < line.end &&
-           (line.end[-1] == ' ' || line.end[-1] == '\t' || line.end[-1] == '\r')) {
-        line.end--;
-    }
-    return line;
+    tdestroy(table->names, free);
+    memset(table, 0, sizeof(*table));
 }
 
-static int is_word(const char *token, size_t length, const char *word)
+enum umb_status umbb_material_get(struct umbb_material_table *table, const char *name,
+                                  size_t length, uint32_t *index, struct umb_error *error)
 {
-    return length == strlen(word) && memcmp(token, word, length) == 0;
+    const struct name wanted = {.text = name, .length = length};
+    struct name *const *found = tfind(&wanted, &table->names, compare_names);
+    if (found != NULL) {
+        *index = (*found)->index;
+        return UMB_OK;
+    }
+    if (table->count >= UMBB_MATERIALS_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "more than %u materials", UMBB_MATERIALS_MAX);
+    }
+    struct umbs_material material = umbs_material_opaque();
+    umbs_text_clean(material.name, sizeof(material.name), name, length);
+    UMB__TRY(umbs_scene_add_material(table->scene, &material, error));
+    struct name *fresh = malloc(sizeof *fresh + length);
+    if (fresh == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a material");
+    }
+    memcpy(fresh + 1, name, length);
+    *fresh = (struct name){(const char *)(fresh + 1), length, table->count++};
+    if (tsearch(fresh, &table->names, compare_names) == NULL) {
+        free(fresh);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a material");
+    }
+    *index = fresh->index;
+    return UMB_OK;
 }
 
-/* State of one material from its lines so far. */
+/* Properties of one material from its lines so far. */
 struct current {
     uint32_t index;
     double dissolve; /* from d or Tr, 0..1 */
     int has_d;       /* 1: d was given; it overrides Tr, on whose meaning exporters disagree */
     int has_map;
-    struct umbb_cursor map; /* rest of the map's line */
+    struct umbb_cursor map; /* rest of the line of map_d */
 };
 
-/* Options of a map and the most words each takes; numbers end earlier. */
+/* Options of a map. An option of several words takes fewer where the next word is no number. */
 static const struct {
     const char *name;
-    int words;
-    int changes; /* 1: it changes what the map shows in an unsupported way */
+    int words;   /* largest number of words after the name */
+    int changes; /* 1: the option moves, scales or replaces the image, which is not supported */
 } map_options[] = {
     {"-blendu", 1, 0}, {"-blendv", 1, 0}, {"-boost", 1, 0}, {"-cc", 1, 0}, {"-texres", 1, 0},
     {"-type", 1, 0},   {"-clamp", 1, 0},  {"-bm", 1, 0},    {"-mm", 2, 1}, {"-imfchan", 1, 1},
     {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
 };
 
-/* Sets a material's alpha. A line without a valid value is ignored; with a warning if it has a
- * number. */
+/* Sets a material's alpha. A line without a number is ignored; a number outside of 0 to 1 is
+ * ignored with a warning. */
 static void set_alpha(struct umbb_material_table *table, struct current *current,
                       struct umbb_cursor *line, int is_d)
 {
@@ -62,7 +88,7 @@ static void set_alpha(struct umbb_material_table *table, struct current *current
     struct umbb_cursor first = *line;
     const char *option;
     size_t length = umbb_take_token(&first, &option);
-    if (is_word(option, length, "-halo")) {
+    if (umbb_is_word(option, length, "-halo")) {
         *line = first;
     }
     if (current->index == UMBS_NO_INDEX || (!is_d && current->has_d) ||
@@ -86,7 +112,7 @@ static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
     const char *word;
     const size_t length = umbb_take_token(&at, &word);
     for (size_t i = 0; i < sizeof map_options / sizeof map_options[0]; i++) {
-        if (!is_word(word, length, map_options[i].name)) {
+        if (!umbb_is_word(word, length, map_options[i].name)) {
             continue;
         }
         *changes |= map_options[i].changes;
@@ -94,16 +120,13 @@ static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
             struct umbb_cursor next = at;
             double number;
             const char *value;
-            const int is_number = umbb_take_double(&next, &number);
-            if (k > 0 && !is_number) {
+            if (k > 0 && !umbb_take_double(&next, &number)) {
                 break;
             }
-            next = at;
-            const size_t size = umbb_take_token(&next, &value);
-            if (strcmp(map_options[i].name, "-clamp") == 0 && is_word(value, size, "on")) {
+            const size_t size = umbb_take_token(&at, &value);
+            if (strcmp(map_options[i].name, "-clamp") == 0 && umbb_is_word(value, size, "on")) {
                 *wrap = UMBS_WRAP_CLAMP;
             }
-            at = next;
         }
         *line = at;
         return 1;
@@ -159,23 +182,17 @@ enum umb_status umbb_mtl_read(const struct umbb_file *file, struct umbb_material
     while (umbb_take_line(&text, &line)) {
         const char *word;
         size_t length = umbb_take_token(&line, &word);
-        if (is_word(word, length, "newmtl")) {
-            enum umb_status status = store(table, textures, &current, error);
+        if (umbb_is_word(word, length, "newmtl")) {
             struct umbb_cursor name = umbb_trim(line);
-            memset(&current, 0, sizeof(current));
-            current.dissolve = 1.0;
-            if (status == UMB_OK) {
-                status = umbb_material_get(table, name.at, (size_t)(name.end - name.at),
-                                           &current.index, error);
-            }
-            if (status != UMB_OK) {
-                return status;
-            }
-        } else if (is_word(word, length, "d")) {
+            UMB__TRY(store(table, textures, &current, error));
+            current = (struct current){.dissolve = 1.0};
+            UMB__TRY(umbb_material_get(table, name.at, (size_t)(name.end - name.at), &current.index,
+                                       error));
+        } else if (umbb_is_word(word, length, "d")) {
             set_alpha(table, &current, &line, 1);
-        } else if (is_word(word, length, "Tr")) {
+        } else if (umbb_is_word(word, length, "Tr")) {
             set_alpha(table, &current, &line, 0);
-        } else if (is_word(word, length, "map_d")) {
+        } else if (umbb_is_word(word, length, "map_d")) {
             current.has_map = 1;
             current.map = line;
         }

@@ -1,17 +1,34 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_MTL_READER_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_MTL_READER_H
-/* The statements of Wavefront MTL that affect shadows: d, Tr, map_d. */
+/* Materials of OBJ by their names, and the statements of Wavefront MTL that affect shadows: d, Tr,
+ * map_d. */
 #include "bake/import/import_files.h"
-#include "bake/import/material_table.h"
-#include "bake/import/texture_table.h"
 #include "bake/import/text_number.h"
+#include "bake/import/texture_table.h"
+#include "scene/scene_builder.h"
 
-/* Takes one line off the cursor, without its end; returns 0 at the end of the text. */
-int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line);
+#define UMBB_MATERIALS_MAX 65536U
 
-/* The rest of a line without blanks around it; names may contain blanks. */
-struct umbb_cursor umbb_trim(struct umbb_cursor line);
+/* Materials by their full names. Zero it, but for `scene`, before its first use. */
+struct umbb_material_table {
+    struct umbs_scene_builder *scene; /* borrowed; receives the materials */
+    void *names;                      /* tree */
+    uint32_t count;
+};
+
+void umbb_material_table_finish(struct umbb_material_table *table);
+
+/*
+ * Finds the material called `name`, or adds an opaque one.
+ *
+ * Out:   index: in scene->materials.
+ * Owns:  name is copied.
+ * Fails: E_LIMIT (UMBB_MATERIALS_MAX), E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbb_material_get(struct umbb_material_table *table, const char *name,
+                                              size_t length, uint32_t *index,
+                                              struct umb_error *error);
 
 /*
  * Reads a material library.

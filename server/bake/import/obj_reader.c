@@ -2,13 +2,13 @@
 /*
  * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; all other statements are skipped.
  *
- * One pass over the mapped text. A vertex of the scene is a pair (v, vt). The pairs of one v form a
- * chain, numbered in the order of first use, so only seams of the texture split a vertex. Triangles
- * are grouped by material at the end, each group a mesh. All meshes share one range of vertices,
- * and each has one instance.
+ * The reader makes one pass over the mapped text. A vertex of the scene is a pair (v, vt), numbered
+ * at its first use. The pairs of one v form a chain, so only seams of the texture split a vertex.
+ * At the end triangles are grouped by material. Each group is a mesh with one instance, and all
+ * meshes share one range of vertices.
  *
- * A line `v` that cannot be read still counts (as not finite), or every later face would be wrong.
- * Indices refer to statements before the face; forward references are bad indices.
+ * An unreadable `v` line still adds a vertex, which is not finite; without it the numbers of all
+ * later vertices would shift. A face may only refer to statements before it.
  * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995.
  */
 #include <math.h>
@@ -21,11 +21,11 @@
 #include "base/try.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
-#define LIBRARIES_MAX  64U        /* mtllib names read: each may be as large as the scene */
-#define CHAIN_MAX      64         /* longest search of a chain: no quadratic time */
+#define LIBRARIES_MAX  64U        /* limit of mtllib names; each may be as large as the scene */
+#define CHAIN_MAX      64         /* limit of steps along a chain, against quadratic time */
 #define NONE           UMBS_NO_INDEX
 
-/* A v line, and the first scene vertex made of it. */
+/* Position of a v line, and the first scene vertex made of it. */
 struct corner_point {
     double position[3];
     uint32_t first; /* scene vertex or NONE */
@@ -37,7 +37,7 @@ struct made_of {
     uint32_t next; /* scene vertex of the same v, or NONE */
 };
 
-/* A run: the triangles from `first` on, up to the next run, have this material. */
+/* Run of triangles of one material: from `first` up to the next run. */
 struct run {
     uint32_t first;
     uint32_t material;
@@ -54,7 +54,6 @@ struct obj {
     struct umbb_texture_table textures;
     uint32_t library_count;
     uint64_t line_number;
-    uint64_t face_count;
 };
 
 static enum umb_status no_memory(struct umb_error *error)
@@ -169,30 +168,34 @@ static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struc
     while (umbb_skip_blanks(&line) && *line.at != '#') {
         UMB__TRY(read_corner(obj, &line, error));
     }
-    obj->face_count++;
     return umbb_face_end(&obj->faces, error);
+}
+
+/* Starts a run at the next triangle. */
+static enum umb_status add_run(struct obj *obj, uint32_t material, struct umb_error *error)
+{
+    struct run *run = umbs_array_reserve(&obj->runs, 1, sizeof(*run));
+    if (run == NULL) {
+        return no_memory(error);
+    }
+    *run = (struct run){(uint32_t)obj->job->scene.triangles.count, material};
+    obj->runs.count++;
+    return UMB_OK;
 }
 
 static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
                                     struct umb_error *error)
 {
     struct umbb_cursor name = umbb_trim(line);
-    struct run next = {.first = (uint32_t)obj->job->scene.triangles.count};
-    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at),
-                               &next.material, error));
-    struct run *runs = obj->runs.data;
-    if (obj->runs.count > 0 && (runs[obj->runs.count - 1].material == next.material ||
-                                runs[obj->runs.count - 1].first == next.first)) {
-        runs[obj->runs.count - 1].material = next.material;
+    uint32_t material;
+    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at), &material,
+                               error));
+    struct run *last = (struct run *)obj->runs.data + obj->runs.count - 1;
+    if (last->material == material || last->first == obj->job->scene.triangles.count) {
+        last->material = material;
         return UMB_OK;
     }
-    struct run *room = umbs_array_reserve(&obj->runs, 1, sizeof(*room));
-    if (room == NULL) {
-        return no_memory(error);
-    }
-    *room = next;
-    obj->runs.count++;
-    return UMB_OK;
+    return add_run(obj, material, error);
 }
 
 /* Reads one library, or warns: a scene without its materials still casts shadows. */
@@ -245,37 +248,23 @@ static enum umb_status read_libraries(struct obj *obj, struct umbb_cursor line,
     return status;
 }
 
-static int takes_word(struct umbb_cursor *line, const char *word)
-{
-    size_t length = strlen(word);
-    if ((size_t)(line->end - line->at) <= length || memcmp(line->at, word, length) != 0 ||
-        (line->at[length] != ' ' && line->at[length] != '\t')) {
-        return 0;
-    }
-    line->at += length + 1;
-    return 1;
-}
-
 static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
 {
-    if (!umbb_skip_blanks(&line)) {
-        return UMB_OK;
-    }
-    switch (*line.at) {
-    case 'v':
-        if (takes_word(&line, "v")) {
-            return read_vertex(obj, line, error);
+    static const struct {
+        const char *word;
+        enum umb_status (*read)(struct obj *, struct umbb_cursor, struct umb_error *);
+    } statements[] = {
+        {"v", read_vertex},         {"vt", read_uv}, {"f", read_face}, {"usemtl", use_material},
+        {"mtllib", read_libraries},
+    };
+    const char *word;
+    const size_t length = umbb_take_token(&line, &word);
+    for (size_t i = 0; line.at < line.end && i < sizeof statements / sizeof statements[0]; i++) {
+        if (umbb_is_word(word, length, statements[i].word)) {
+            return statements[i].read(obj, line, error);
         }
-        return takes_word(&line, "vt") ? read_uv(obj, line, error) : UMB_OK;
-    case 'f':
-        return takes_word(&line, "f") ? read_face(obj, line, error) : UMB_OK;
-    case 'u':
-        return takes_word(&line, "usemtl") ? use_material(obj, line, error) : UMB_OK;
-    case 'm':
-        return takes_word(&line, "mtllib") ? read_libraries(obj, line, error) : UMB_OK;
-    default:
-        return UMB_OK;
     }
+    return UMB_OK;
 }
 
 /* Joins a line that ends in a backslash with those after it; '\' and '\n' count as blanks. */
@@ -297,9 +286,8 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     const struct umbb_file *file = &obj->job->file;
     struct umbb_cursor text = {file->bytes, file->bytes + file->size};
     struct umbb_cursor line;
-    if (file->size >= 3 && memcmp(file->bytes, "\xef\xbb\xbf", 3) == 0) {
-        text.at += 3;
-    }
+    text.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
+    UMB__TRY(add_run(obj, NONE, error));
     while (umbb_take_line(&text, &line)) {
         obj->line_number++;
         if (line.end > line.at && (line.end[-1] == '\\' || line.end[-1] == '\r')) {
@@ -315,31 +303,15 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The material of run i, and its end; the run before the first usemtl has none. */
-static struct run get_run(const struct obj *obj, size_t i, uint32_t *end)
-{
-    const struct run *runs = obj->runs.data;
-    struct run run = {0, NONE};
-    if (i > 0) {
-        run = runs[i - 1];
-    }
-    *end = i < obj->runs.count ? runs[i].first : (uint32_t)obj->job->scene.triangles.count;
-    return run;
-}
-
-static int has_texture(const struct obj *obj, uint32_t material)
-{
-    const struct umbs_material *materials = obj->job->scene.materials.data;
-    return material != NONE && materials[material].texture != UMBS_NO_INDEX;
-}
-
 /* The group of a triangle: 0 for none, else its material's. A triangle without coordinates for its
  * material's texture counts as without material: it is opaque. */
 static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
 {
+    const struct umbs_material *materials = obj->job->scene.materials.data;
     const struct made_of *made = obj->made.data;
     int is_bare = material == NONE;
-    for (int k = 0; k < 3 && has_texture(obj, material); k++) {
+    const int has_texture = !is_bare && materials[material].texture != UMBS_NO_INDEX;
+    for (int k = 0; k < 3 && has_texture; k++) {
         is_bare |= made[triangle[k]].uv == NONE;
     }
     return is_bare ? 0 : (size_t)material + 1;
@@ -350,12 +322,12 @@ static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3]
 {
     struct umbs_scene_builder *scene = &obj->job->scene;
     const uint32_t(*triangles)[3] = scene->triangles.data;
-    uint32_t end, bare = 0;
-    for (size_t i = 0; i <= obj->runs.count; i++) {
-        struct run run = get_run(obj, i, &end);
-        for (uint32_t k = run.first; k < end; k++) {
-            const size_t at = group_of(obj, run.material, triangles[k]);
-            bare += at == 0 && run.material != NONE;
+    const struct run *runs = obj->runs.data; /* the last one is the end */
+    uint32_t bare = 0;
+    for (size_t i = 0; i + 1 < obj->runs.count; i++) {
+        for (uint32_t k = runs[i].first; k < runs[i + 1].first; k++) {
+            const size_t at = group_of(obj, runs[i].material, triangles[k]);
+            bare += at == 0 && runs[i].material != NONE;
             starts[at + 1]++;
         }
     }
@@ -368,10 +340,9 @@ static void group(const struct obj *obj, uint32_t *starts, uint32_t (*sorted)[3]
     for (size_t i = 1; i < scene->materials.count + 2; i++) {
         starts[i] += starts[i - 1];
     }
-    for (size_t i = 0; i <= obj->runs.count; i++) {
-        struct run run = get_run(obj, i, &end);
-        for (uint32_t k = run.first; k < end; k++) {
-            const size_t at = group_of(obj, run.material, triangles[k]);
+    for (size_t i = 0; i + 1 < obj->runs.count; i++) {
+        for (uint32_t k = runs[i].first; k < runs[i + 1].first; k++) {
+            const size_t at = group_of(obj, runs[i].material, triangles[k]);
             memcpy(sorted[starts[at]++], triangles[k], sizeof(*sorted));
         }
     }
@@ -413,30 +384,33 @@ done:
 
 static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
 {
-    struct umbs_scene_builder *scene = &obj->job->scene;
-    if (obj->face_count == 0) {
+    if (obj->faces.count == 0) {
         return obj->points.count == 0 ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
                                       : umb_fail(error, UMB_E_BAD_SCENE,
                                                  "%zu vertices and no faces", obj->points.count);
     }
-    if (scene->triangles.count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "none of %llu faces can be used (not finite, bad index or fewer than 3 "
-                        "corners)",
-                        (unsigned long long)obj->face_count);
-    }
+    UMB__TRY(umbb_faces_check(&obj->faces, error));
+    UMB__TRY(add_run(obj, NONE, error));
     return end_meshes(obj, error);
 }
 
 enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct obj obj = {.job = job};
-    umbb_faces_init(&obj.faces, &job->scene);
-    umbb_material_table_init(&obj.materials, &job->scene);
-    umbb_texture_table_init(&obj.textures, job);
+    static const char *const others[] = {"glTF", "ply\n", "ply\r", "{", "<"};
+    int is_obj = umbb_is_text(&job->file);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        is_obj &= !umbb_starts_with(&job->file, others[i]);
+    }
+    if (!is_obj) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the file is not OBJ text");
+    }
+    struct obj obj = {.job = job,
+                      .faces = {.scene = &job->scene},
+                      .materials = {.scene = &job->scene},
+                      .textures = {.job = job}};
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        /* Without textures it is not needed: makes room for the sort. */
+        /* Without textures the pairs are not needed; freeing them makes room for the sort. */
         if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;

@@ -6,6 +6,7 @@
  * Elements are read in the order of the file; faces that stand before the vertices are skipped
  * first and read afterwards. Counts are compared with the rest of the bytes before any allocation
  * for them, and each item takes at least one byte, so no loop outlives the file.
+ * Source: G. Turk, The PLY Polygon File Format, 1994.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -13,18 +14,243 @@
 
 #include "bake/import/face_builder.h"
 #include "bake/import/import_job.h"
-#include "bake/import/ply_header.h"
 #include "bake/import/text_number.h"
 #include "base/try.h"
 
+#define ELEMENTS_MAX   16
+#define PROPERTIES_MAX 128
+#define WORDS_MAX      8 /* the longest statement of a header has 5 words */
+#define COUNT(array)   (sizeof(array) / sizeof((array)[0]))
+
+enum encoding {
+    ASCII = 0,
+    LITTLE_ENDIAN_BINARY,
+    BIG_ENDIAN_BINARY,
+};
+
+/* Scalar type of a property. */
+struct type {
+    const char *old_name, *name;
+    char kind;      /* i: signed integer, u: unsigned integer, f: floating point */
+    uint32_t bytes; /* size of a value in the binary encodings */
+};
+
+static const struct type types[] = {
+    {"char", "int8", 'i', 1},     {"uchar", "uint8", 'u', 1},    {"short", "int16", 'i', 2},
+    {"ushort", "uint16", 'u', 2}, {"int", "int32", 'i', 4},      {"uint", "uint32", 'u', 4},
+    {"float", "float32", 'f', 4}, {"double", "float64", 'f', 8},
+};
+
+/* Meaning of a property. */
+enum role {
+    OTHER = 0,
+    X, /* coordinates of a vertex, then its texture coordinates */
+    Y,
+    Z,
+    U,
+    V,
+    CORNERS, /* list of a face: numbers of its vertices */
+};
+
+static const struct {
+    const char *element, *name;
+    enum role role;
+} meanings[] = {
+    {"vertex", "x", X},
+    {"vertex", "y", Y},
+    {"vertex", "z", Z},
+    {"vertex", "u", U},
+    {"vertex", "v", V},
+    {"vertex", "s", U},
+    {"vertex", "t", V},
+    {"vertex", "texture_u", U},
+    {"vertex", "texture_v", V},
+    {"face", "vertex_indices", CORNERS},
+    {"face", "vertex_index", CORNERS},
+};
+
+struct property {
+    const struct type *type, *count_type; /* count_type: of a list's count; NULL: no list */
+    enum role role;
+};
+
+struct element {
+    char name[16]; /* cut after 15 bytes */
+    uint64_t count;
+    uint32_t property_count;
+    struct property properties[PROPERTIES_MAX];
+};
+
 struct ply {
     struct umbb_import *job;
-    struct umbb_ply_header header;
-    struct umbb_cursor data;
+    enum encoding encoding;
+    uint32_t element_count;
+    struct element elements[ELEMENTS_MAX];
+    struct umbb_cursor data; /* rest of the file behind the header */
     struct umbb_faces faces;
-    uint64_t face_count;
     int has_uvs;
 };
+
+/* Words of a line of the header. */
+struct words {
+    uint32_t count;
+    const char *text[WORDS_MAX];
+    size_t length[WORDS_MAX];
+};
+
+static void split(struct umbb_cursor line, struct words *words)
+{
+    words->count = 0;
+    while (words->count < WORDS_MAX && umbb_skip_blanks(&line)) {
+        words->length[words->count] = umbb_take_token(&line, &words->text[words->count]);
+        words->count++;
+    }
+}
+
+static int is_word(const struct words *words, uint32_t index, const char *word)
+{
+    return index < words->count && umbb_is_word(words->text[index], words->length[index], word);
+}
+
+/* The type that a word names, or NULL. */
+static const struct type *find_type(const struct words *words, uint32_t index)
+{
+    for (size_t i = 0; i < COUNT(types); i++) {
+        if (is_word(words, index, types[i].old_name) || is_word(words, index, types[i].name)) {
+            return &types[i];
+        }
+    }
+    return NULL;
+}
+
+static int has_role(const struct element *element, enum role role)
+{
+    for (uint32_t i = 0; i < element->property_count; i++) {
+        if (element->properties[i].role == role) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* The meaning of a property; of several with one meaning only the first has it. */
+static enum role find_role(const struct element *element, const struct words *words, uint32_t index,
+                           int is_list)
+{
+    for (size_t i = 0; i < COUNT(meanings); i++) {
+        if (strcmp(element->name, meanings[i].element) == 0 &&
+            is_word(words, index, meanings[i].name) && is_list == (meanings[i].role == CORNERS)) {
+            return has_role(element, meanings[i].role) ? OTHER : meanings[i].role;
+        }
+    }
+    return OTHER;
+}
+
+static const char *add_property(struct ply *ply, const struct words *words)
+{
+    if (ply->element_count == 0) {
+        return "property before any element";
+    }
+    struct element *element = &ply->elements[ply->element_count - 1];
+    if (element->property_count >= PROPERTIES_MAX) {
+        return "more than 128 properties in an element";
+    }
+    const int is_list = is_word(words, 1, "list");
+    const uint32_t name = is_list ? 4 : 2;
+    if (words->count <= name) {
+        return "property without a name";
+    }
+    struct property property = {.type = find_type(words, name - 1),
+                                .count_type = is_list ? find_type(words, 2) : NULL,
+                                .role = find_role(element, words, name, is_list)};
+    if (property.type == NULL || (is_list && property.count_type == NULL)) {
+        return "property of an unknown type";
+    }
+    if (is_list && property.count_type->kind == 'f') {
+        return "list whose count is no integer";
+    }
+    element->properties[element->property_count++] = property;
+    return NULL;
+}
+
+static const char *add_element(struct ply *ply, const struct words *words)
+{
+    if (ply->element_count >= ELEMENTS_MAX) {
+        return "more than 16 elements";
+    }
+    struct element *element = &ply->elements[ply->element_count];
+    int64_t count = -1;
+    if (words->count >= 3) {
+        struct umbb_cursor number = {words->text[2], words->text[2] + words->length[2]};
+        if (!umbb_take_integer(&number, &count) || number.at != number.end) {
+            count = -1;
+        }
+    }
+    if (count < 0) {
+        return "element without a name and a count";
+    }
+    size_t length =
+        words->length[1] < sizeof(element->name) ? words->length[1] : sizeof(element->name) - 1;
+    memcpy(element->name, words->text[1], length);
+    element->count = (uint64_t)count;
+    ply->element_count++;
+    return NULL;
+}
+
+static const char *read_format(struct ply *ply, const struct words *words)
+{
+    static const char *const names[] = {"ascii", "binary_little_endian", "binary_big_endian"};
+    for (size_t i = 0; i < COUNT(names) && is_word(words, 2, "1.0"); i++) {
+        if (is_word(words, 1, names[i])) {
+            ply->encoding = (enum encoding)i;
+            return NULL;
+        }
+    }
+    return "unknown format";
+}
+
+/* Reads the header, line by line. In: ply: data: the file. */
+static enum umb_status read_header(struct ply *ply, struct umb_error *error)
+{
+    struct umbb_cursor line;
+    struct words words;
+    int has_format = 0;
+    for (unsigned number = 1; umbb_take_line(&ply->data, &line); number++) {
+        const char *fault = NULL;
+        split(line, &words);
+        if (number == 1) {
+            fault = is_word(&words, 0, "ply") ? NULL : "'ply' is missing";
+        } else if (is_word(&words, 0, "end_header")) {
+            return has_format ? UMB_OK
+                              : umb_fail(error, UMB_E_BAD_SCENE, "header has no format line");
+        } else if (is_word(&words, 0, "format")) {
+            fault = read_format(ply, &words);
+            has_format = 1;
+        } else if (is_word(&words, 0, "element")) {
+            fault = add_element(ply, &words);
+        } else if (is_word(&words, 0, "property")) {
+            fault = add_property(ply, &words);
+        } else if (words.count > 0 && !is_word(&words, 0, "comment") &&
+                   !is_word(&words, 0, "obj_info")) {
+            fault = "unknown keyword";
+        }
+        if (fault != NULL) {
+            return umb_fail(error, UMB_E_BAD_SCENE, "header line %u: %s", number, fault);
+        }
+    }
+    return umb_fail(error, UMB_E_BAD_SCENE, "header has no end_header");
+}
+
+/* The first element called name, or NULL. */
+static const struct element *find_element(const struct ply *ply, const char *name)
+{
+    for (uint32_t i = 0; i < ply->element_count; i++) {
+        if (strcmp(ply->elements[i].name, name) == 0) {
+            return &ply->elements[i];
+        }
+    }
+    return NULL;
+}
 
 /* Loads a binary value of `bytes` bytes as an integer. */
 static uint64_t load_bits(const char *at, size_t bytes, int big)
@@ -38,59 +264,37 @@ static uint64_t load_bits(const char *at, size_t bytes, int big)
     return bits;
 }
 
-static double bits_to_value(uint64_t bits, enum umbb_ply_type type)
+static double bits_to_value(uint64_t bits, const struct type *type)
 {
+    const uint64_t sign = UINT64_C(1) << (8 * type->bytes - 1);
+    const uint32_t low = (uint32_t)bits;
     float single;
     double value;
-    uint32_t low = (uint32_t)bits;
-    switch (type) {
-    case UMBB_PLY_INT8:
-        return (double)(int8_t)bits;
-    case UMBB_PLY_INT16:
-        return (double)(int16_t)bits;
-    case UMBB_PLY_INT32:
-        return (double)(int32_t)bits;
-    case UMBB_PLY_FLOAT32:
-        memcpy(&single, &low, sizeof(single));
-        return (double)single;
-    case UMBB_PLY_FLOAT64:
-        memcpy(&value, &bits, sizeof(value));
-        return value;
-    case UMBB_PLY_UINT8:
-    case UMBB_PLY_UINT16:
-    case UMBB_PLY_UINT32:
-        break;
-    }
-    return (double)bits;
+    memcpy(&single, &low, sizeof(single));
+    memcpy(&value, &bits, sizeof(value));
+    return type->kind == 'f'   ? (type->bytes == 4 ? (double)single : value)
+           : type->kind == 'i' ? (double)(int64_t)((bits ^ sign) - sign)
+                               : (double)bits;
 }
 
 /* Takes one value; integers of 32 bits are exact in a double. Returns 0 at the end of the data. */
-static int take_value(struct ply *ply, enum umbb_ply_type type, double *value)
+static int take_value(struct ply *ply, const struct type *type, double *value)
 {
-    if (ply->header.encoding == UMBB_PLY_ASCII) {
+    if (ply->encoding == ASCII) {
         return umbb_take_double(&ply->data, value);
     }
-    size_t bytes = umbb_ply_type_bytes(type);
+    size_t bytes = type->bytes;
     if ((size_t)(ply->data.end - ply->data.at) < bytes) {
         return 0;
     }
-    uint64_t bits = load_bits(ply->data.at, bytes, ply->header.encoding == UMBB_PLY_BIG);
+    uint64_t bits = load_bits(ply->data.at, bytes, ply->encoding == BIG_ENDIAN_BINARY);
     ply->data.at += bytes;
     *value = bits_to_value(bits, type);
     return 1;
 }
 
-static enum umb_status bad_item(const struct umbb_ply_element *element, uint64_t item,
-                                struct umb_error *error)
-{
-    return umb_fail(error, UMB_E_BAD_SCENE,
-                    "element '%s', item %" PRIu64 " of %" PRIu64
-                    ": the file ends or the number is none",
-                    element->name, item + 1, element->count);
-}
-
 /* Takes the count of a list. Returns 0 if it is missing or invalid. */
-static int take_count(struct ply *ply, const struct umbb_ply_property *property, uint64_t *count)
+static int take_count(struct ply *ply, const struct property *property, uint64_t *count)
 {
     double value;
     if (!take_value(ply, property->count_type, &value) || !(value >= 0.0) ||
@@ -101,16 +305,16 @@ static int take_count(struct ply *ply, const struct umbb_ply_property *property,
     return 1;
 }
 
-/* Skips one property of one item. */
-static int skip_property(struct ply *ply, const struct umbb_ply_property *property)
+/* Skips a list of one item. */
+static int skip_list(struct ply *ply, const struct property *property)
 {
-    uint64_t count = 1;
+    uint64_t count;
     double ignored;
-    if (property->is_list && !take_count(ply, property, &count)) {
+    if (!take_count(ply, property, &count)) {
         return 0;
     }
-    if (ply->header.encoding != UMBB_PLY_ASCII) {
-        uint64_t bytes = count * umbb_ply_type_bytes(property->type); /* below 2^35 */
+    if (ply->encoding != ASCII) {
+        uint64_t bytes = count * property->type->bytes; /* below 2^35 */
         if (bytes > (uint64_t)(ply->data.end - ply->data.at)) {
             return 0;
         }
@@ -125,90 +329,59 @@ static int skip_property(struct ply *ply, const struct umbb_ply_property *proper
     return 1;
 }
 
-static enum umb_status skip_element(struct ply *ply, const struct umbb_ply_element *element,
-                                    struct umb_error *error)
-{
-    for (uint64_t i = 0; element->property_count > 0 && i < element->count; i++) {
-        for (uint32_t k = 0; k < element->property_count; k++) {
-            if (!skip_property(ply, &element->properties[k])) {
-                return bad_item(element, i, error);
-            }
-        }
-    }
-    return UMB_OK;
-}
-
-static enum umb_status read_vertices(struct ply *ply, const struct umbb_ply_element *element,
-                                     struct umb_error *error)
-{
-    for (uint64_t i = 0; i < element->count; i++) {
-        double values[UMBB_PLY_CORNERS + 1] = {0};
-        for (uint32_t k = 0; k < element->property_count; k++) {
-            const struct umbb_ply_property *property = &element->properties[k];
-            int good = property->is_list ? skip_property(ply, property)
-                                         : take_value(ply, property->type, &values[property->role]);
-            if (!good) {
-                return bad_item(element, i, error);
-            }
-        }
-        float uv[2] = {(float)values[UMBB_PLY_U], (float)values[UMBB_PLY_V]};
-        if (!isfinite(uv[0]) || !isfinite(uv[1])) {
-            uv[0] = uv[1] = 0.0F;
-        }
-        UMB__TRY(umbs_scene_add_vertex(&ply->job->scene, &values[UMBB_PLY_X],
-                                       ply->has_uvs ? uv : NULL, error));
-    }
-    return UMB_OK;
-}
-
-static enum umb_status read_corners(struct ply *ply, const struct umbb_ply_element *element,
-                                    const struct umbb_ply_property *property, uint64_t item,
-                                    struct umb_error *error)
-{
-    uint64_t count;
-    if (!take_count(ply, property, &count)) {
-        return bad_item(element, item, error);
-    }
-    for (uint64_t i = 0; i < count; i++) {
-        double value;
-        if (!take_value(ply, property->type, &value)) {
-            return bad_item(element, item, error);
-        }
-        int good = value >= 0.0 && value < (double)UINT32_MAX && floor(value) >= value;
-        UMB__TRY(umbb_face_corner(&ply->faces, good ? (uint64_t)value : UMBB_BAD_CORNER, error));
-    }
-    return umbb_face_end(&ply->faces, error);
-}
-
-static enum umb_status read_faces(struct ply *ply, const struct umbb_ply_element *element,
+static enum umb_status add_vertex(struct ply *ply, const double values[CORNERS],
                                   struct umb_error *error)
 {
-    for (uint64_t i = 0; i < element->count; i++) {
-        for (uint32_t k = 0; k < element->property_count; k++) {
-            const struct umbb_ply_property *property = &element->properties[k];
-            enum umb_status status = UMB_OK;
-            if (property->role == UMBB_PLY_CORNERS) {
-                status = read_corners(ply, element, property, i, error);
-            } else if (!skip_property(ply, property)) {
-                status = bad_item(element, i, error);
-            }
-            if (status != UMB_OK) {
-                return status;
-            }
-        }
+    float uv[2] = {(float)values[U], (float)values[V]};
+    if (!isfinite(uv[0]) || !isfinite(uv[1])) {
+        uv[0] = uv[1] = 0.0F;
     }
-    ply->face_count = element->count;
-    return UMB_OK;
+    return umbs_scene_add_vertex(&ply->job->scene, &values[X], ply->has_uvs ? uv : NULL, error);
 }
 
-static int has_role(const struct umbb_ply_element *element, enum umbb_ply_role role)
+/* Reads the corners of a face. Out: good: 0 if the list cannot be read. */
+static enum umb_status add_face(struct ply *ply, const struct property *property, int *good,
+                                struct umb_error *error)
 {
-    for (uint32_t i = 0; i < element->property_count; i++) {
-        if (element->properties[i].role == role) {
-            return 1;
-        }
+    uint64_t count;
+    *good = take_count(ply, property, &count);
+    for (uint64_t i = 0; *good && i < count; i++) {
+        double value;
+        *good = take_value(ply, property->type, &value);
+        int is_index = *good && value >= 0.0 && value < (double)UINT32_MAX && floor(value) >= value;
+        UMB__TRY(
+            umbb_face_corner(&ply->faces, is_index ? (uint64_t)value : UMBB_BAD_CORNER, error));
     }
-    return 0;
+    return *good ? umbb_face_end(&ply->faces, error) : UMB_OK;
+}
+
+/* Reads the items of an element, or skips them. */
+static enum umb_status read_element(struct ply *ply, const struct element *element, int is_used,
+                                    struct umb_error *error)
+{
+    const int is_vertex = is_used && strcmp(element->name, "vertex") == 0;
+    for (uint64_t i = 0; element->property_count > 0 && i < element->count; i++) {
+        double values[CORNERS + 1] = {0};
+        for (uint32_t k = 0; k < element->property_count; k++) {
+            const struct property *property = &element->properties[k];
+            int good = 1;
+            if (is_used && property->role == CORNERS) {
+                UMB__TRY(add_face(ply, property, &good, error));
+            } else {
+                good = property->count_type != NULL
+                           ? skip_list(ply, property)
+                           : take_value(ply, property->type, &values[property->role]);
+            }
+            if (!good) {
+                return umb_fail(error, UMB_E_BAD_SCENE,
+                                "element '%s', item %" PRIu64 " of %" PRIu64
+                                ": the file ends, or this is not a number",
+                                element->name, i + 1, element->count);
+            }
+        }
+        UMB__TRY(is_vertex ? add_vertex(ply, values, error) : UMB_OK);
+    }
+    return UMB_OK;
 }
 
 /* Refuses counts that the rest of the bytes cannot hold: at least one byte a value, more in
@@ -216,14 +389,14 @@ static int has_role(const struct umbb_ply_element *element, enum umbb_ply_role r
 static enum umb_status check_counts(const struct ply *ply, struct umb_error *error)
 {
     uint64_t left = (uint64_t)(ply->data.end - ply->data.at);
-    for (uint32_t i = 0; i < ply->header.element_count; i++) {
-        const struct umbb_ply_element *element = &ply->header.elements[i];
+    for (uint32_t i = 0; i < ply->element_count; i++) {
+        const struct element *element = &ply->elements[i];
         uint64_t least = 0;
         for (uint32_t k = 0; k < element->property_count; k++) {
-            const struct umbb_ply_property *property = &element->properties[k];
-            least += ply->header.encoding == UMBB_PLY_ASCII ? 1
-                     : property->is_list ? umbb_ply_type_bytes(property->count_type)
-                                         : umbb_ply_type_bytes(property->type);
+            const struct property *property = &element->properties[k];
+            least += ply->encoding == ASCII         ? 1
+                     : property->count_type != NULL ? property->count_type->bytes
+                                                    : property->type->bytes;
         }
         if (least > 0 && element->count > left / least) {
             return umb_fail(error, UMB_E_BAD_SCENE,
@@ -238,75 +411,57 @@ static enum umb_status check_counts(const struct ply *ply, struct umb_error *err
 
 static enum umb_status check_header(struct ply *ply, struct umb_error *error)
 {
-    const struct umbb_ply_element *vertex = umbb_ply_find(&ply->header, "vertex");
-    const struct umbb_ply_element *face = umbb_ply_find(&ply->header, "face");
+    const struct element *vertex = find_element(ply, "vertex");
+    const struct element *face = find_element(ply, "face");
     if (vertex == NULL || vertex->count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "no vertices and no faces");
     }
     if (face == NULL || face->count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "%" PRIu64 " vertices and no faces", vertex->count);
     }
-    if (!has_role(vertex, UMBB_PLY_X) || !has_role(vertex, UMBB_PLY_Y) ||
-        !has_role(vertex, UMBB_PLY_Z)) {
+    if (!has_role(vertex, X) || !has_role(vertex, Y) || !has_role(vertex, Z)) {
         return umb_fail(error, UMB_E_BAD_SCENE, "element 'vertex' has no x, y and z");
     }
-    if (!has_role(face, UMBB_PLY_CORNERS)) {
+    if (!has_role(face, CORNERS)) {
         return umb_fail(error, UMB_E_BAD_SCENE, "element 'face' has no list vertex_indices");
     }
-    ply->has_uvs = has_role(vertex, UMBB_PLY_U) && has_role(vertex, UMBB_PLY_V);
+    ply->has_uvs = has_role(vertex, U) && has_role(vertex, V);
     return check_counts(ply, error);
 }
 
-/* Reads all elements in order; faces that come first wait for the vertices. */
+/* Reads the elements in order; faces that come first are skipped until the vertices are known. */
 static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 {
-    const struct umbb_ply_element *vertex = umbb_ply_find(&ply->header, "vertex");
-    const struct umbb_ply_element *face = umbb_ply_find(&ply->header, "face");
-    struct umbb_cursor waiting = {NULL, NULL};
-    enum umb_status status = UMB_OK;
-    int vertices_read = 0;
-    for (uint32_t i = 0; status == UMB_OK && i < ply->header.element_count; i++) {
-        const struct umbb_ply_element *element = &ply->header.elements[i];
-        if (element == vertex) {
-            status = read_vertices(ply, element, error);
-            vertices_read = 1;
-        } else if (element == face && vertices_read) {
-            return read_faces(ply, element, error); /* the rest of the file is not needed */
-        } else {
-            waiting = element == face ? ply->data : waiting;
-            status = skip_element(ply, element, error);
-        }
-        if (status == UMB_OK && waiting.at != NULL && vertices_read) {
-            ply->data = waiting;
-            return read_faces(ply, face, error);
-        }
+    const struct element *vertex = find_element(ply, "vertex");
+    const struct element *face = find_element(ply, "face");
+    struct umbb_cursor faces = {NULL, NULL};
+    for (const struct element *at = ply->elements; at != vertex; at++) {
+        faces = at == face ? ply->data : faces;
+        UMB__TRY(read_element(ply, at, 0, error));
     }
-    return status;
+    UMB__TRY(read_element(ply, vertex, 1, error));
+    if (faces.at != NULL) {
+        ply->data = faces;
+    }
+    for (const struct element *at = vertex + 1; faces.at == NULL && at != face; at++) {
+        UMB__TRY(read_element(ply, at, 0, error));
+    }
+    return read_element(ply, face, 1, error); /* the rest of the file is not needed */
 }
 
 enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct ply ply = {.job = job};
-    UMB__TRY(umbb_ply_header_read(job->file.bytes, job->file.size, &ply.header, error));
-    struct umbs_scene_builder *scene = &job->scene;
-    ply.data.at = job->file.bytes + ply.header.bytes;
-    ply.data.end = job->file.bytes + job->file.size;
-    umbb_faces_init(&ply.faces, scene);
+    struct ply ply = {.job = job,
+                      .faces = {.scene = &job->scene},
+                      .data = {job->file.bytes, job->file.bytes + job->file.size}};
+    UMB__TRY(read_header(&ply, error));
     enum umb_status status = check_header(&ply, error);
     if (status == UMB_OK) {
         status = read_elements(&ply, error);
     }
+    if (status == UMB_OK) {
+        status = umbb_faces_end_scene(&ply.faces, error);
+    }
     umbb_faces_finish(&ply.faces);
-    if (status != UMB_OK) {
-        return status;
-    }
-    if (scene->triangles.count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "none of %" PRIu64
-                        " faces can be used (not finite, bad index or fewer than 3 corners)",
-                        ply.face_count);
-    }
-    status = umbs_scene_end_mesh(scene, 0, (uint32_t)scene->positions.count,
-                                 (uint32_t)scene->triangles.count, UMBS_NO_INDEX, error);
-    return status == UMB_OK ? umbs_scene_add_instance(scene, 0, NULL, error) : status;
+    return status;
 }

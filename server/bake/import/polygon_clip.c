@@ -8,13 +8,13 @@
  * polygon no other corner can become an ear by it. The queue also spreads the cuts over the
  * polygon, which makes fewer needles than a fan.
  *
- * Only a corner that is not strictly convex can be the first inside an ear. Of those only the ones
- * in the grid cells under the ear's bounding box are tested. The grid is lazy: a corner that has
+ * Only a corner that is not strictly convex can be the first inside an ear, so only such corners
+ * are in the grid. An ear is tested against the cells under its bounding box. A corner that has
  * become convex or was cut off leaves its cell at the next visit to the cell.
  *
- * It ends on any input: when no ear is left, the rule is relaxed step by step, and the last rule
- * takes any corner. Each ear shortens the ring by one. Polygons that are not simple need many such
- * searches; when the budget of tests is used up, the rest becomes a fan.
+ * The clipping ends on any input: each ear shortens the ring by one corner. When no ear is left,
+ * the rule is relaxed step by step, and the last rule takes any corner. Polygons that are not
+ * simple need many such searches. When the budget of tests is used up, the rest becomes a fan.
  */
 #include "bake/import/polygon_clip.h"
 
@@ -33,69 +33,50 @@ enum corner_flag {
     CORNER_REFLEX = 1, /* or straight: not strictly convex */
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
-    /* A neighbour was cut off since it was queued: goes to the end of the queue. */
+    /* A neighbour was cut off since the corner was queued: the corner goes to the end. */
     CORNER_AGAIN = 8,
     CORNER_IN_CELL = 16,
 };
 
-#define ALLOWANCE 128U         /* tests a corner; a rough coast of 65536 corners takes 67 */
-#define POOL      (1ULL << 26) /* tests beyond that, for all polygons together */
+#define ALLOWANCE 128U         /* number of tests for each corner; a rough coast needs 67 */
+#define POOL      (1ULL << 26) /* number of further tests for all polygons together */
 #define NO_CORNER UINT32_MAX
-
-static void free_arrays(struct umbb_polygon *polygon)
-{
-    free(polygon->points);
-    free(polygon->flat);
-    free(polygon->previous);
-    free(polygon->next);
-    free(polygon->queue);
-    free(polygon->flags);
-    free(polygon->cells);
-    free(polygon->cell_next);
-    free(polygon->triangles);
-    polygon->points = NULL;
-    polygon->flat = NULL;
-    polygon->previous = polygon->next = polygon->queue = NULL;
-    polygon->flags = NULL;
-    polygon->cells = polygon->cell_next = NULL;
-    polygon->triangles = NULL;
-    polygon->capacity = 0;
-}
 
 enum umb_status umbb_polygon_reserve(struct umbb_polygon *polygon, size_t corners,
                                      struct umb_error *error)
 {
-    if (corners <= polygon->capacity) {
+    struct umbb_polygon *p = polygon;
+    if (corners <= p->capacity) {
         return UMB_OK;
     }
     if (corners > UMBB_POLYGON_CORNERS_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "a face has %zu corners, limit %u", corners,
                         UMBB_POLYGON_CORNERS_MAX);
     }
-    free_arrays(polygon);
-    size_t capacity = corners + corners / 2 + 8;
-    polygon->points = malloc(capacity * sizeof(*polygon->points));
-    polygon->flat = malloc(capacity * sizeof(*polygon->flat));
-    polygon->previous = malloc(capacity * sizeof(*polygon->previous));
-    polygon->next = malloc(capacity * sizeof(*polygon->next));
-    polygon->queue = malloc(capacity * sizeof(*polygon->queue));
-    polygon->flags = malloc(capacity);
-    polygon->cells = malloc(capacity * sizeof(*polygon->cells));
-    polygon->cell_next = malloc(capacity * sizeof(*polygon->cell_next));
-    polygon->triangles = malloc(capacity * sizeof(*polygon->triangles));
-    if (polygon->points == NULL || polygon->flat == NULL || polygon->previous == NULL ||
-        polygon->next == NULL || polygon->queue == NULL || polygon->flags == NULL ||
-        polygon->cells == NULL || polygon->cell_next == NULL || polygon->triangles == NULL) {
-        free_arrays(polygon);
+    const size_t n = corners + corners / 2 + 8;
+    free(p->points);
+    p->capacity = 0;
+    /* One block: the widest items first, so that each array is aligned. */
+    p->points = malloc(n * (sizeof *p->points + sizeof *p->flat + sizeof *p->triangles +
+                            5 * sizeof *p->next + sizeof *p->flags));
+    if (p->points == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face of %zu corners", corners);
     }
-    polygon->capacity = capacity;
+    p->flat = (void *)(p->points + n);
+    p->triangles = (void *)(p->flat + n);
+    p->previous = (void *)(p->triangles + n);
+    p->next = p->previous + n;
+    p->queue = p->next + n;
+    p->cells = p->queue + n;
+    p->cell_next = p->cells + n;
+    p->flags = (void *)(p->cell_next + n);
+    p->capacity = n;
     return UMB_OK;
 }
 
 void umbb_polygon_finish(struct umbb_polygon *polygon)
 {
-    free_arrays(polygon);
+    free(polygon->points);
     memset(polygon, 0, sizeof(*polygon));
 }
 
@@ -156,16 +137,6 @@ static int same_point(const double a[2], const double b[2])
     return a[0] == b[0] && a[1] == b[1];
 }
 
-static double smallest(double a, double b, double c)
-{
-    return fmin(fmin(a, b), c);
-}
-
-static double largest(double a, double b, double c)
-{
-    return fmax(fmax(a, b), c);
-}
-
 /* The row or column of cells that contains a coordinate. */
 static uint32_t cell_at(const struct umbb_polygon *polygon, double value, int axis)
 {
@@ -214,7 +185,7 @@ static void spend(struct umbb_polygon *polygon)
     polygon->budget -= polygon->budget > 0;
 }
 
-/* Whether point p keeps the triangle a, b, c, which turns left, from being an ear. */
+/* Returns 1 if point p keeps a triangle, whose corners turn left, from being an ear. */
 static int is_inside(const double *const triangle[3], const double *p, enum ear_rule rule)
 {
     if (same_point(p, triangle[0]) || same_point(p, triangle[1]) || same_point(p, triangle[2])) {
@@ -226,7 +197,7 @@ static int is_inside(const double *const triangle[3], const double *p, enum ear_
     return rule == EAR_CLEAR ? ab >= 0 && bc >= 0 && ca >= 0 : ab > 0 && bc > 0 && ca > 0;
 }
 
-/* Tests the corners of one cell, and removes those that no longer belong there. */
+/* Tests the corners of one cell against a triangle, and takes convex corners out of the cell. */
 static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
                               const double *const triangle[3], enum ear_rule rule)
 {
@@ -247,15 +218,16 @@ static int is_blocked_in_cell(struct umbb_polygon *polygon, uint32_t *cell,
     return 0;
 }
 
-/* Whether another corner of the ring keeps this one from being an ear. */
+/* Returns 1 if another corner of the ring keeps this one from being an ear. */
 static int is_blocked(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule rule)
 {
     const double *const ear[3] = {polygon->flat[polygon->previous[corner]], polygon->flat[corner],
                                   polygon->flat[polygon->next[corner]]};
     uint32_t first[2], last[2];
     for (int axis = 0; axis < 2; axis++) {
-        first[axis] = cell_at(polygon, smallest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
-        last[axis] = cell_at(polygon, largest(ear[0][axis], ear[1][axis], ear[2][axis]), axis);
+        const double a = ear[0][axis], b = ear[1][axis], c = ear[2][axis];
+        first[axis] = cell_at(polygon, fmin(fmin(a, b), c), axis);
+        last[axis] = cell_at(polygon, fmax(fmax(a, b), c), axis);
     }
     for (uint32_t row = first[1]; row <= last[1]; row++) {
         for (uint32_t column = first[0]; column <= last[0]; column++) {
@@ -294,7 +266,7 @@ static uint32_t dequeue(struct umbb_polygon *polygon)
     return corner;
 }
 
-/* Determines a corner's kind again. */
+/* Finds out anew whether a corner is reflex or an ear. */
 static void examine(struct umbb_polygon *polygon, uint32_t corner)
 {
     uint8_t *flags = &polygon->flags[corner];
@@ -356,13 +328,6 @@ static void emit(struct umbb_polygon *polygon, uint32_t at, uint32_t a, uint32_t
     polygon->triangles[at][2] = c;
 }
 
-static void fan(struct umbb_polygon *polygon, uint32_t count)
-{
-    for (uint32_t i = 0; i + 2 < count; i++) {
-        emit(polygon, i, 0, i + 1, i + 2);
-    }
-}
-
 /* Cuts the ring of `left` corners from `start` on into a fan. */
 static void fan_ring(struct umbb_polygon *polygon, uint32_t at, uint32_t start, uint32_t left)
 {
@@ -420,21 +385,18 @@ static void clip_within_budget(struct umbb_polygon *polygon, uint32_t count)
 
 void umbb_polygon_triangulate(struct umbb_polygon *polygon, uint32_t count)
 {
-    if (count == 3 || !flatten(polygon, count)) {
-        fan(polygon, count);
-        return;
-    }
     uint32_t reflex_count = 0;
     for (uint32_t i = 0; i < count; i++) {
         polygon->previous[i] = i > 0 ? i - 1 : count - 1;
         polygon->next[i] = i + 1 < count ? i + 1 : 0;
     }
-    for (uint32_t i = 0; i < count; i++) {
+    const int has_area = count > 3 && flatten(polygon, count);
+    for (uint32_t i = 0; has_area && i < count; i++) {
         polygon->flags[i] = corner_turn(polygon, i) > 0.0 ? 0 : CORNER_REFLEX;
         reflex_count += polygon->flags[i] != 0;
     }
-    if (count == 4 && reflex_count == 0) {
-        fan(polygon, count);
+    if (!has_area || (count == 4 && reflex_count == 0)) {
+        fan_ring(polygon, 0, 0, count);
         return;
     }
     clip_within_budget(polygon, count);

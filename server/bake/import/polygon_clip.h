@@ -18,20 +18,20 @@
 
 /* Working memory, reused from polygon to polygon. Zero it before first use. */
 struct umbb_polygon {
-    double (*points)[3]; /* [capacity], filled by the caller */
+    double (*points)[3]; /* [capacity], filled by the caller; owns the arrays below, too */
     double (*flat)[2];
     uint32_t *previous, *next;
-    uint32_t *queue; /* corners that may be ears, a ring */
+    uint32_t *queue; /* ring buffer of corners that may be ears */
     uint8_t *flags;
-    uint32_t *cells;     /* a grid over the polygon: the first corner in each cell */
-    uint32_t *cell_next; /* the next corner in the same cell */
-    uint32_t side;       /* cells along each axis */
+    uint32_t *cells;     /* grid over the polygon: the first corner in each cell */
+    uint32_t *cell_next; /* next corner in the same cell */
+    uint32_t side;       /* number of cells along each axis */
     double low[2], extent[2];
     size_t queue_first, queue_count;
-    uint64_t budget;    /* tests of a cell or a corner that are left for this polygon */
-    uint64_t overdrawn; /* tests beyond the allowances of all polygons so far */
-    uint32_t rough;     /* polygons so far that ran out of budget: the rest of each is a fan */
-    uint32_t (*triangles)[3]; /* [capacity], the result: corner numbers */
+    uint64_t budget;    /* number of tests of a cell or a corner left for this polygon */
+    uint64_t overdrawn; /* number of tests beyond the allowances, all polygons so far */
+    uint32_t rough;     /* number of polygons so far that ran out of budget and end as a fan */
+    uint32_t (*triangles)[3]; /* [capacity] corner numbers, the result */
     size_t capacity;
 };
 

@@ -54,6 +54,35 @@ size_t umbb_take_token(struct umbb_cursor *cursor, const char **token)
     return (size_t)(cursor->at - *token);
 }
 
+int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line)
+{
+    if (text->at >= text->end) {
+        return 0;
+    }
+    const char *newline = memchr(text->at, '\n', (size_t)(text->end - text->at));
+    line->at = text->at;
+    line->end = newline != NULL ? newline : text->end;
+    text->at = newline != NULL ? newline + 1 : text->end;
+    return 1;
+}
+
+struct umbb_cursor umbb_trim(struct umbb_cursor line)
+{
+    while (line.at < line.end && (*line.at == ' ' || *line.at == '\t')) {
+        line.at++;
+    }
+    while (line.at < line.end &&
+           (line.end[-1] == ' ' || line.end[-1] == '\t' || line.end[-1] == '\r')) {
+        line.end--;
+    }
+    return line;
+}
+
+int umbb_is_word(const char *token, size_t length, const char *word)
+{
+    return length == strlen(word) && memcmp(token, word, length) == 0;
+}
+
 /* Reads a token that the exact product does not cover. */
 static int slow_double(const char *token, size_t length, double *value)
 {

@@ -25,12 +25,21 @@ int umbb_at_blank(const struct umbb_cursor *cursor);
 /* Takes the next run of bytes without blanks; length 0 at the end. */
 size_t umbb_take_token(struct umbb_cursor *cursor, const char **token);
 
+/* 1 if the token is this word. */
+int umbb_is_word(const char *token, size_t length, const char *word);
+
+/* Takes one line off the cursor, without its end; returns 0 at the end of the text. */
+int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line);
+
+/* The rest of a line without blanks around it; names may contain blanks. */
+struct umbb_cursor umbb_trim(struct umbb_cursor line);
+
 /*
  * Takes the next token as a number, correctly rounded as by strtod in the C locale, with its "inf"
  * and "nan".
  *
- * Out:   value. Returns 1, or 0 if there is no token or it is not a number; the token is taken
- * anyway.
+ * Out:   value. Returns 1, or 0 if there is no token or the token is not a number. The token is
+ *        taken in either case.
  */
 int umbb_take_double(struct umbb_cursor *cursor, double *value);
 

@@ -11,26 +11,26 @@
  */
 #include "bake/import/import_job.h"
 
-/* Most image names read for one scene, whether usable or not. */
+/* Limit of image names in one scene, usable or not. */
 #define UMBB_IMAGES_MAX 4096U
 
+/* Zero it, but for `job`, before its first use. */
 struct umbb_texture_table {
     struct umbb_import *job; /* borrowed: its scene receives the textures */
-    struct umbs_array known; /* struct known, in the order of first use */
-    uint64_t texels;         /* decoded so far */
+    struct umbs_array known; /* array of struct known, in the order of first use */
+    uint64_t texels;         /* number of texels decoded so far */
 };
 
 /* An image, as a scene refers to it. */
 struct umbb_image {
-    const char *name; /* the scene's name for it: a file's name, or any unique one */
+    const char *name; /* file name, or a name that no other image of the scene has */
     size_t name_length;
-    const void *bytes; /* the encoded image; NULL: in the file of that name */
+    const void *bytes; /* encoded image; NULL: the image is in the file of that name */
     size_t size;
     int luminance;                    /* see umbb_png_alpha */
     uint32_t wrap_s, wrap_t, nearest; /* see umbs_texture */
 };
 
-void umbb_texture_table_init(struct umbb_texture_table *table, struct umbb_import *job);
 void umbb_texture_table_finish(struct umbb_texture_table *table);
 
 /*
@@ -42,5 +42,32 @@ void umbb_texture_table_finish(struct umbb_texture_table *table);
 UMB_CHECKED enum umb_status umbb_texture_get(struct umbb_texture_table *table,
                                              const struct umbb_image *image, uint32_t *index,
                                              struct umb_error *error);
+
+/* Limits of texels: of one image, and of all images of a scene together. */
+#define UMBB_IMAGE_TEXELS_MAX  (UINT64_C(1) << 28)
+#define UMBB_IMAGES_TEXELS_MAX (UINT64_C(1) << 30)
+
+struct umbb_alpha_image {
+    uint8_t *texels; /* uint8[height][width], the lowest row first; NULL: the image has no alpha */
+    uint32_t width, height;
+};
+
+/* 1 if the bytes begin as a PNG does. */
+int umbb_is_png(const void *bytes, size_t size);
+
+/*
+ * Decodes the alpha channel of a PNG by libpng: 8 bits a texel for every kind of file (palettes,
+ * colour keys and 16 bits included). Colours, profiles and text are ignored.
+ *
+ * In:    max_texels: limit of the image. luminance: 1: an image without alpha gives its grey, or
+ *        its green, instead (the meaning of map_d).
+ * Out:   image: free texels.
+ * Fails: E_LIMIT (max_texels, sides), E_BAD_SCENE (damaged), E_NO_MEMORY.
+ * Trust: safe on hostile bytes.
+ * Cost:  memory for one row, for interlaced images all rows.
+ */
+UMB_CHECKED enum umb_status umbb_png_alpha(const void *bytes, size_t size, uint64_t max_texels,
+                                           int luminance, struct umbb_alpha_image *image,
+                                           struct umb_error *error);
 
 #endif

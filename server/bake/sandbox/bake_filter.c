@@ -33,91 +33,48 @@
     ((uint32_t)(CLONE_NEWNS | CLONE_NEWCGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER |      \
                 CLONE_NEWPID | CLONE_NEWNET))
 
-static const uint16_t allowed[] = {
-/* files; Landlock restricts which */
-#if defined(__x86_64__) /* later architectures only have their younger forms */
-    SYS_open,
-    SYS_access,
-    SYS_stat,
-    SYS_lstat,
-    SYS_readlink,
-    SYS_mkdir,
-    SYS_unlink,
-    SYS_rename,
-    SYS_poll,
+/* Calls that later architectures only have in younger forms. */
+#if defined(__x86_64__)
+static const uint16_t elder_files[] = {
+    SYS_open,  SYS_access, SYS_stat,   SYS_lstat, SYS_readlink,
+    SYS_mkdir, SYS_unlink, SYS_rename, SYS_poll,
+};
+static const uint16_t elder_programs[] = {SYS_fork, SYS_vfork};
+#else
+static const uint16_t elder_files[] = {SYS_openat};
+static const uint16_t elder_programs[] = {SYS_execve};
 #endif
-    SYS_openat,
-    SYS_openat2,
-    SYS_faccessat,
-    SYS_faccessat2,
-    SYS_newfstatat,
-    SYS_statx,
-    SYS_fstat,
-    SYS_readlinkat,
-    SYS_getcwd,
-    SYS_getdents64,
-    SYS_mkdirat,
-    SYS_unlinkat,
-    SYS_renameat,
-    SYS_renameat2,
-    SYS_read,
-    SYS_readv,
-    SYS_pread64,
-    SYS_write,
-    SYS_writev,
-    SYS_pwrite64,
-    SYS_lseek,
-    SYS_ftruncate,
-    SYS_fsync,
-    SYS_fdatasync,
-    SYS_close,
-    /* memory */
-    SYS_brk,
-    SYS_munmap,
-    SYS_mremap,
-    SYS_madvise,
-    /* threads */
-    SYS_futex,
-    SYS_set_robust_list,
-    SYS_rseq,
-    SYS_sched_yield,
-    SYS_sched_getaffinity,
-    SYS_getcpu,
-    SYS_gettid,
-    SYS_getpid,
-    SYS_getppid,
-    SYS_exit,
-    SYS_exit_group,
-    /* signals, clocks, facts */
-    SYS_rt_sigaction,
-    SYS_rt_sigprocmask,
-    SYS_rt_sigreturn,
-    SYS_sigaltstack,
-    SYS_restart_syscall,
-    SYS_clock_gettime,
-    SYS_clock_getres,
-    SYS_clock_nanosleep,
-    SYS_nanosleep,
-    SYS_gettimeofday,
-    SYS_getrandom,
-    SYS_sysinfo,
-    SYS_uname,
-    SYS_getrusage,
-    SYS_getuid,
-    SYS_geteuid,
-    SYS_getgid,
-    SYS_getegid,
-    SYS_ppoll,
-    /* the importer's end */
-    SYS_waitid,
+
+/* Calls on files; Landlock restricts which files. */
+static const uint16_t files[] = {
+    SYS_openat,  SYS_openat2,   SYS_faccessat,  SYS_faccessat2, SYS_newfstatat,
+    SYS_statx,   SYS_fstat,     SYS_readlinkat, SYS_getcwd,     SYS_getdents64,
+    SYS_mkdirat, SYS_unlinkat,  SYS_renameat,   SYS_renameat2,  SYS_read,
+    SYS_readv,   SYS_pread64,   SYS_write,      SYS_writev,     SYS_pwrite64,
+    SYS_lseek,   SYS_ftruncate, SYS_fsync,      SYS_fdatasync,  SYS_close,
+};
+
+/* Memory and threads. */
+static const uint16_t threads[] = {
+    SYS_brk,     SYS_munmap,      SYS_mremap,
+    SYS_madvise, SYS_futex,       SYS_set_robust_list,
+    SYS_rseq,    SYS_sched_yield, SYS_sched_getaffinity,
+    SYS_getcpu,  SYS_gettid,      SYS_getpid,
+    SYS_getppid, SYS_exit,        SYS_exit_group,
+};
+
+/* Signals, clocks, facts about the machine, and the end of the importer. */
+static const uint16_t facts[] = {
+    SYS_rt_sigaction,    SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_sigaltstack,
+    SYS_restart_syscall, SYS_clock_gettime,  SYS_clock_getres, SYS_clock_nanosleep,
+    SYS_nanosleep,       SYS_gettimeofday,   SYS_getrandom,    SYS_sysinfo,
+    SYS_uname,           SYS_getrusage,      SYS_getuid,       SYS_geteuid,
+    SYS_getgid,          SYS_getegid,        SYS_ppoll,        SYS_waitid,
     SYS_wait4,
 };
 
+/* Calls of an attacker only. */
 static const uint16_t killed[] = {
-#if defined(__x86_64__)
-    SYS_fork,
-    SYS_vfork,
-#endif
     SYS_execve,
     SYS_execveat,
     SYS_ptrace,
@@ -159,7 +116,7 @@ static const uint16_t killed[] = {
     SYS_kexec_load,
 };
 
-static void allow_conditions(struct umbb_filter *filter, int importer, int files)
+static void allow_conditions(struct umbb_filter *filter, int importer, int socket)
 {
     const uint32_t all = UINT32_MAX;
     const struct umbb_filter_condition conditions[] = {
@@ -181,9 +138,9 @@ static void allow_conditions(struct umbb_filter *filter, int importer, int files
         {SYS_fcntl, 1, all, F_ADD_SEALS},
     };
     const struct umbb_filter_condition talk[] = {
-        {SYS_kill, 0, all, (uint32_t)importer},  {SYS_kill, 0, all, (uint32_t)-importer},
-        {SYS_sendmsg, 0, all, (uint32_t)files},  {SYS_recvmsg, 0, all, (uint32_t)files},
-        {SYS_recvfrom, 0, all, (uint32_t)files},
+        {SYS_kill, 0, all, (uint32_t)importer},   {SYS_kill, 0, all, (uint32_t)-importer},
+        {SYS_sendmsg, 0, all, (uint32_t)socket},  {SYS_recvmsg, 0, all, (uint32_t)socket},
+        {SYS_recvfrom, 0, all, (uint32_t)socket},
     };
     for (size_t i = 0; i < COUNT(conditions); i++) {
         umbb_filter_if(filter, &conditions[i]);
@@ -194,7 +151,7 @@ static void allow_conditions(struct umbb_filter *filter, int importer, int files
     umbb_filter_if_null(filter, SYS_utimensat, 1); /* for open files: marks a tile as used */
 }
 
-int umbb_bake_filter_enter(int importer, int files)
+int umbb_bake_filter_enter(int importer, int socket)
 {
     /* Other values of these arguments: libraries try to map more of themselves. */
     static const uint16_t refused[] = {SYS_mmap, SYS_mprotect};
@@ -202,9 +159,13 @@ int umbb_bake_filter_enter(int importer, int files)
                                        SYS_sendmsg, SYS_recvmsg, SYS_recvfrom};
     struct umbb_filter filter = {.count = 0};
     umbb_filter_begin(&filter);
-    umbb_filter_calls(&filter, allowed, COUNT(allowed), SECCOMP_RET_ALLOW);
+    umbb_filter_calls(&filter, elder_files, COUNT(elder_files), SECCOMP_RET_ALLOW);
+    umbb_filter_calls(&filter, files, COUNT(files), SECCOMP_RET_ALLOW);
+    umbb_filter_calls(&filter, threads, COUNT(threads), SECCOMP_RET_ALLOW);
+    umbb_filter_calls(&filter, facts, COUNT(facts), SECCOMP_RET_ALLOW);
+    umbb_filter_calls(&filter, elder_programs, COUNT(elder_programs), SECCOMP_RET_KILL_PROCESS);
     umbb_filter_calls(&filter, killed, COUNT(killed), SECCOMP_RET_KILL_PROCESS);
-    allow_conditions(&filter, importer, files);
+    allow_conditions(&filter, importer, socket);
     umbb_filter_calls(&filter, refused, COUNT(refused), REFUSE);
     umbb_filter_calls(&filter, stopped, COUNT(stopped), SECCOMP_RET_KILL_PROCESS);
     return umbb_filter_load(&filter, UNKNOWN);

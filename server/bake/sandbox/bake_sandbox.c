@@ -15,13 +15,13 @@
 #include "common/child_process.h"
 
 #define RULES_MAX 192U
-#define FILES_MAX 256U /* descriptors: a bake has a dozen */
-/* In addition to --memory: stacks, libraries, the allocator. */
+#define FILES_MAX 256U /* limit of descriptors; a bake has a dozen */
+/* Bytes in addition to --memory: stacks, libraries, the allocator. */
 #define SLACK_BYTES  ((uint64_t)2 << 30)
-#define THREAD_BYTES ((uint64_t)48 << 20) /* a stack and an arena of malloc */
+#define THREAD_BYTES ((uint64_t)48 << 20) /* bytes of a thread's stack and arena of malloc */
 
 /* Tables of the system that the C library and Embree's threads read: processors, pages, paths of
- * libraries. They contain no user's data. */
+ * libraries. No table contains data of a user. */
 static const struct umbb_path_rule system_rules[] = {
     {"/etc/ld.so.cache", UMBB_PATH_READ},
     {"/sys/devices/system/cpu", UMBB_PATH_READ},
@@ -43,7 +43,8 @@ static void add_rule(struct rule_list *list, const char *path, enum umbb_path_us
     }
 }
 
-/* In the loader's list the program has no name, and the kernel's vDSO has no path. */
+/* Allows a loaded library. In the loader's list the program has no name, and the kernel's vDSO has
+ * no path; both are passed over. */
 static int add_library(struct dl_phdr_info *info, size_t size, void *user)
 {
     (void)size;

@@ -12,11 +12,11 @@
  *     seccomp     the calls that Landlock does not see: no program, socket, other process or
  *                 executable page, no change of rights (bake_filter.c).
  *
- * There are two steps, because the importer starts between them. Paths are first. The calls follow
- * when the importer runs, before a byte of the scene or of the importer's answers is read
- * (umbs_import_options.shut_in).
+ * The bake enters in two steps, because the importer starts between them. The first step restricts
+ * paths. The second restricts calls, when the importer runs and before a byte of the scene or of
+ * the importer's answers is read (umbs_import_options.shut_in).
  *
- * Sanitizer builds need what the filter forbids and go without, as the importer does
+ * Sanitizer builds need calls that the filter forbids, so they run without the sandbox
  * (umbb_sandbox_exempt).
  */
 #include <stdint.h>
@@ -24,15 +24,15 @@
 #include "umbrage/status.h"
 
 enum umbb_sandbox_mode {
-    UMBB_SANDBOX_AVAILABLE = 0, /* the layers that the kernel has; a missing one is a notice */
-    UMBB_SANDBOX_REQUIRED = 1,  /* all layers; without one the bake fails */
-    UMBB_SANDBOX_OFF = 2,
+    UMBB_SANDBOX_AVAILABLE = 0, /* the layers that the kernel has, with a notice for each other */
+    UMBB_SANDBOX_REQUIRED = 1,  /* all layers; if one is missing, the bake fails */
+    UMBB_SANDBOX_OFF = 2,       /* no layer */
 };
 
 struct umbb_bake_sandbox {
     enum umbb_sandbox_mode mode;
-    int landlock_abi; /* 0: not entered */
-    int seccomp;      /* 1: loaded */
+    int landlock_abi; /* ABI of the entered Landlock; 0: not entered */
+    int seccomp;      /* 1: the filter is loaded */
 };
 
 /*

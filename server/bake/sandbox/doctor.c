@@ -4,6 +4,7 @@
 #include "bake/sandbox/doctor.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <sched.h>
 #include <stdio.h>
 #include <string.h>
@@ -76,7 +77,7 @@ static long long limit_of(int resource)
     return value.rlim_cur == RLIM_INFINITY ? -1 : (long long)value.rlim_cur;
 }
 
-/* In: json: NULL = text, here and below. */
+/* Prints facts about the machine. In: json: writer of JSON; NULL, here and below: prints text. */
 static void print_machine(struct umbu_json *json)
 {
     struct utsname kernel;
@@ -151,17 +152,17 @@ static void end_table(struct umbu_json *json)
     }
 }
 
-/* A table of acts, those of one place, in one cage. */
+/* Acts of one place, tried in one cage and printed as a table. */
 struct series {
-    const char *title; /* the name in JSON */
-    const char *words; /* the line above the acts */
+    const char *title; /* name in JSON */
+    const char *words; /* line above the acts */
     const struct umbb_act *acts;
     size_t count;
     unsigned place;
     enum umbb_cage cage;
 };
 
-/* Out: acts that are not denied. */
+/* Returns the number of acts that are not denied. */
 static unsigned try_series(const struct series *series, const struct umbb_ground *ground,
                            struct umbu_json *json)
 {
@@ -179,7 +180,14 @@ static unsigned try_series(const struct series *series, const struct umbb_ground
     return allowed;
 }
 
-/* Out: files that can be read. */
+static void make_absolute(const char *file, char path[UMBB_GROUND_PATH])
+{
+    char folder[UMBB_GROUND_PATH / 2] = "";
+    const int is_below = file[0] != '/' && getcwd(folder, sizeof folder) != NULL;
+    (void)snprintf(path, UMBB_GROUND_PATH, "%s%s%s", folder, is_below ? "/" : "", file);
+}
+
+/* Returns the number of files that can be read. */
 static unsigned try_forbidden(const struct request *request, const struct umbb_ground *ground,
                               struct umbu_json *json)
 {
@@ -188,8 +196,10 @@ static unsigned try_forbidden(const struct request *request, const struct umbb_g
         begin_table("forbidden", "bake, files of --forbid", json);
     }
     for (size_t i = 0; request->forbid[i] != NULL; i++) {
-        umbb_bake_acts_forbid(request->forbid[i]);
-        const int verdict = umbb_doctor_try(&umbb_bake_act_forbidden, UMBB_CAGE_BAKE, ground);
+        char path[UMBB_GROUND_PATH];
+        make_absolute(request->forbid[i], path);
+        const struct umbb_act act = {"read", UMBB_IN_BAKE, path, .flags = O_RDONLY | O_NONBLOCK};
+        const int verdict = umbb_doctor_try(&act, UMBB_CAGE_BAKE, ground);
         allowed += verdict != UMBB_ACT_REFUSED;
         print_line(request->forbid[i], verdict < 0 ? "UNKNOWN" : verdicts[verdict], json);
     }
@@ -197,7 +207,7 @@ static unsigned try_forbidden(const struct request *request, const struct umbb_g
     return allowed;
 }
 
-/* Out: needs that are not met. */
+/* Returns the number of needs that are not met. */
 static unsigned try_needs(const struct umbb_ground *ground, struct umbu_json *json)
 {
     unsigned broken = 0;
@@ -252,7 +262,6 @@ static int examine(const struct request *request, const struct umbb_ground *grou
     print_machine(json);
     print_layers(&layers, &bake, json);
     if (importer && !umbb_sandbox_exempt()) {
-        umbb_bake_acts_on(ground);
         allowed = try_all(request, ground, baker, json);
         code = allowed > 0 ? 1 : code;
     }

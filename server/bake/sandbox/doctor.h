@@ -15,7 +15,7 @@ enum umbb_verdict {
 
 /* The cage in which an act is tried. */
 enum umbb_cage {
-    UMBB_CAGE_NONE = 0, /* outside, to test the test */
+    UMBB_CAGE_NONE = 0, /* no cage: tests that the act works at all */
     UMBB_CAGE_IMPORTER,
     UMBB_CAGE_LANDLOCK, /* the importer's Landlock alone */
     UMBB_CAGE_BAKE,
@@ -25,7 +25,7 @@ enum umbb_cage {
 /*
  * Tries an act in a separate process.
  *
- * In:  ground: of the cages of the bake, else unused.
+ * In:  ground: folder for the cages of the bake and for paths of acts; else unused.
  * Out: the verdict, or -1 if no process could be started or entered the cage.
  */
 int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,

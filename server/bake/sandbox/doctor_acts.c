@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The forbidden acts (doctor_acts.h). They run in a separate process that is discarded, so nothing
- * needs undoing. An act that could do harm if it were allowed (a signal, a changed mount) has
- * harmless arguments. If a right is checked before the arguments, a bad argument suffices: any
- * error but a refusal counts as allowed (doctor.c).
+ * The forbidden acts (doctor_acts.h). Each runs in a separate process that ends afterwards, so
+ * nothing needs undoing. An act that could do harm if it were allowed (a signal, a changed mount)
+ * has harmless arguments. A bad argument is enough where the kernel checks the right first: any
+ * error but a refusal counts as allowed (doctor_try.c).
  */
 #define _GNU_SOURCE /* clone flags, pipe2, syscall */
 #include "bake/sandbox/doctor_acts.h"
@@ -21,50 +21,30 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-static long read_passwd(void)
+#define ABSENT "/proc/umbrage-doctor" /* no file has that name */
+
+long umbb_act_attempt(const struct umbb_act *act, const struct umbb_ground *ground)
 {
-    return open("/etc/passwd", O_RDONLY);
+    char path[UMBB_GROUND_PATH], target[UMBB_GROUND_PATH];
+    if (act->attempt != NULL) {
+        return act->attempt();
+    }
+    umbb_ground_path(ground, act->path, path);
+    if (act->on_one != NULL) {
+        return act->on_one(path);
+    }
+    if (act->on_two != NULL) {
+        umbb_ground_path(ground, act->target, target);
+        return act->on_two(path, target);
+    }
+    return act->on_mode != NULL ? act->on_mode(path, act->flags)
+                                : open(path, (int)act->flags, 0600);
 }
 
-static long read_root_folder(void)
-{
-    return open("/", O_RDONLY | O_DIRECTORY);
-}
-
-static long look_at_path(void)
+static int look_at_path(const char *path)
 {
     struct stat facts;
-    return stat("/etc/passwd", &facts);
-}
-
-static long create_file(void)
-{
-    return open("/tmp", O_TMPFILE | O_RDWR, 0600);
-}
-
-static long make_folder(void)
-{
-    return mkdir("/proc/umbrage-doctor", 0700);
-}
-
-static long remove_file(void)
-{
-    return unlink("/proc/umbrage-doctor");
-}
-
-static long rename_file(void)
-{
-    return rename("/proc/umbrage-doctor", "/proc/umbrage-doctor2");
-}
-
-static long link_file(void)
-{
-    return symlink("/etc/passwd", "/proc/umbrage-doctor");
-}
-
-static long change_mode(void)
-{
-    return chmod("/proc/umbrage-doctor", 0777);
+    return stat(path, &facts);
 }
 
 static long internet_socket(void)
@@ -96,7 +76,7 @@ static long write_elsewhere(void)
 static long start_program(void)
 {
     char *const arguments[] = {NULL};
-    return execve("/proc/umbrage-doctor", arguments, arguments);
+    return execve(ABSENT, arguments, arguments);
 }
 
 static long fork_process(void)
@@ -185,35 +165,35 @@ static long watch_events(void)
 #define PATHS (UMBB_IN_IMPORTER | UMBB_IN_LANDLOCK)
 
 const struct umbb_act umbb_acts[] = {
-    {"read a file", read_passwd, PATHS},
-    {"read a folder", read_root_folder, PATHS},
-    {"look at a path", look_at_path, UMBB_IN_IMPORTER},
-    {"create a file", create_file, PATHS},
-    {"create a folder", make_folder, UMBB_IN_IMPORTER},
-    {"remove a file", remove_file, UMBB_IN_IMPORTER},
-    {"rename a file", rename_file, UMBB_IN_IMPORTER},
-    {"make a link", link_file, UMBB_IN_IMPORTER},
-    {"change a file's mode", change_mode, UMBB_IN_IMPORTER},
-    {"make an internet socket", internet_socket, BOTH},
-    {"make a unix socket", unix_socket, BOTH},
-    {"make a netlink socket", netlink_socket, BOTH},
-    {"connect", connect_out, BOTH},
-    {"write to another descriptor", write_elsewhere, UMBB_IN_IMPORTER},
-    {"start a program", start_program, BOTH},
-    {"fork", fork_process, BOTH},
-    {"signal the parent", signal_parent, BOTH},
-    {"ptrace", trace_parent, BOTH},
-    {"read another process's memory", read_other_memory, BOTH},
-    {"map executable memory", executable_memory, BOTH},
-    {"make memory executable", make_executable, BOTH},
-    {"mount", mount_something, BOTH},
-    {"enter a new namespace", new_namespace, BOTH},
-    {"change the root", change_root, BOTH},
-    {"change the user", become_root, BOTH},
-    {"load a BPF program", load_bpf, BOTH},
-    {"use io_uring", use_io_uring, BOTH},
-    {"use userfaultfd", use_userfaultfd, BOTH},
-    {"use the keyring", use_keyring, BOTH},
-    {"watch performance events", watch_events, BOTH},
+    {"read a file", PATHS, "/etc/passwd", .flags = O_RDONLY},
+    {"read a folder", PATHS, "/", .flags = O_RDONLY | O_DIRECTORY},
+    {"look at a path", UMBB_IN_IMPORTER, "/etc/passwd", .on_one = look_at_path},
+    {"create a file", PATHS, "/tmp", .flags = O_TMPFILE | O_RDWR},
+    {"create a folder", UMBB_IN_IMPORTER, ABSENT, .flags = 0700, .on_mode = mkdir},
+    {"remove a file", UMBB_IN_IMPORTER, ABSENT, .on_one = unlink},
+    {"rename a file", UMBB_IN_IMPORTER, ABSENT, .target = ABSENT "2", .on_two = rename},
+    {"make a link", UMBB_IN_IMPORTER, "/etc/passwd", .target = ABSENT, .on_two = symlink},
+    {"change a file's mode", UMBB_IN_IMPORTER, ABSENT, .flags = 0777, .on_mode = chmod},
+    {"make an internet socket", BOTH, .attempt = internet_socket},
+    {"make a unix socket", BOTH, .attempt = unix_socket},
+    {"make a netlink socket", BOTH, .attempt = netlink_socket},
+    {"connect", BOTH, .attempt = connect_out},
+    {"write to another descriptor", UMBB_IN_IMPORTER, .attempt = write_elsewhere},
+    {"start a program", BOTH, .attempt = start_program},
+    {"fork", BOTH, .attempt = fork_process},
+    {"signal the parent", BOTH, .attempt = signal_parent},
+    {"ptrace", BOTH, .attempt = trace_parent},
+    {"read another process's memory", BOTH, .attempt = read_other_memory},
+    {"map executable memory", BOTH, .attempt = executable_memory},
+    {"make memory executable", BOTH, .attempt = make_executable},
+    {"mount", BOTH, .attempt = mount_something},
+    {"enter a new namespace", BOTH, .attempt = new_namespace},
+    {"change the root", BOTH, .attempt = change_root},
+    {"change the user", BOTH, .attempt = become_root},
+    {"load a BPF program", BOTH, .attempt = load_bpf},
+    {"use io_uring", BOTH, .attempt = use_io_uring},
+    {"use userfaultfd", BOTH, .attempt = use_userfaultfd},
+    {"use the keyring", BOTH, .attempt = use_keyring},
+    {"watch performance events", BOTH, .attempt = watch_events},
 };
 const size_t umbb_act_count = sizeof(umbb_acts) / sizeof(umbb_acts[0]);

@@ -10,31 +10,43 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static void name_all(struct umbb_ground *ground)
+static const char *const folders[] = {"scene", "work", "other"};
+static const char *const files[] = {"scene/scene.ply", "work/mine.umb", "other/tokens",
+                                    "other/jobs.db", "other/tile.umbt"};
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+
+void umbb_ground_path(const struct umbb_ground *ground, const char *name,
+                      char path[UMBB_GROUND_PATH])
 {
-    const struct {
-        char *to;
-        const char *name;
-    } names[] = {
-        {ground->scene, "scene"},
-        {ground->scene_file, "scene/scene.ply"},
-        {ground->work, "work"},
-        {ground->mine, "work/mine.umb"},
-        {ground->link, "work/link"},
-        {ground->other, "other"},
-        {ground->tokens, "other/tokens"},
-        {ground->table, "other/jobs.db"},
-        {ground->tile, "other/tile.umbt"},
-    };
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        (void)snprintf(names[i].to, UMBB_GROUND_PATH, "%s/%s", ground->folder, names[i].name);
-    }
+    const int is_below = name[0] != '/';
+    (void)snprintf(path, UMBB_GROUND_PATH, "%s%s%s", is_below ? ground->folder : "",
+                   is_below ? "/" : "", name);
 }
 
 static int make_file(const char *path)
 {
     const int fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-    return fd >= 0 && write(fd, "secret\n", 7) == 7 && close(fd) == 0 ? 0 : -1;
+    return fd >= 0 && write(fd, "secret\n", 7) == 7 && close(fd) == 0;
+}
+
+/* Fills the folder. Returns 0, and errno, if a part cannot be made. */
+static int fill(struct umbb_ground *ground)
+{
+    char path[UMBB_GROUND_PATH], tokens[UMBB_GROUND_PATH];
+    int good = 1;
+    umbb_ground_path(ground, "scene", ground->scene);
+    umbb_ground_path(ground, "work", ground->work);
+    for (size_t i = 0; good && i < COUNT(folders); i++) {
+        umbb_ground_path(ground, folders[i], path);
+        good = mkdir(path, 0700) == 0;
+    }
+    for (size_t i = 0; good && i < COUNT(files); i++) {
+        umbb_ground_path(ground, files[i], path);
+        good = make_file(path);
+    }
+    umbb_ground_path(ground, "other/tokens", tokens);
+    umbb_ground_path(ground, "work/link", path);
+    return good && symlink(tokens, path) == 0;
 }
 
 static int make_folder_in(struct umbb_ground *ground, const char *parent)
@@ -56,12 +68,7 @@ enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *e
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "no folder for the tries (TMPDIR, /tmp, /var/tmp)");
     }
-    name_all(ground);
-    if (mkdir(ground->scene, 0700) != 0 || mkdir(ground->work, 0700) != 0 ||
-        mkdir(ground->other, 0700) != 0 || make_file(ground->scene_file) != 0 ||
-        make_file(ground->mine) != 0 || make_file(ground->tokens) != 0 ||
-        make_file(ground->table) != 0 || make_file(ground->tile) != 0 ||
-        symlink(ground->tokens, ground->link) != 0) {
+    if (!fill(ground)) {
         const enum umb_status status = umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                                                       "cannot fill '%.60s'", ground->folder);
         umbb_ground_remove(ground);
@@ -70,24 +77,18 @@ enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *e
     return UMB_OK;
 }
 
-/* An allowed action leaves its files behind: only known names are removed. */
+/* An allowed action leaves its files behind: only known names are removed, contents first. */
 void umbb_ground_remove(struct umbb_ground *ground)
 {
-    static const char *const made[] = {"work/new", "work/stolen", "other/new", "other/mine",
-                                       "scene/new"};
+    static const char *const all[] = {
+        "work/new",  "work/stolen", "work/link",       "work/mine.umb", "work",
+        "other/new", "other/mine",  "other/tokens",    "other/jobs.db", "other/tile.umbt",
+        "other",     "scene/new",   "scene/scene.ply", "scene",         "",
+    };
     char path[UMBB_GROUND_PATH];
-    if (ground->folder[0] == '\0') {
-        return;
-    }
-    for (size_t i = 0; i < sizeof made / sizeof made[0]; i++) {
-        (void)snprintf(path, sizeof path, "%s/%s", ground->folder, made[i]);
+    for (size_t i = 0; ground->folder[0] != '\0' && i < COUNT(all); i++) {
+        umbb_ground_path(ground, all[i], path);
         (void)remove(path);
-    }
-    const char *const all[] = {ground->scene_file, ground->mine,  ground->link,  ground->tokens,
-                               ground->table,      ground->tile,  ground->scene, ground->work,
-                               ground->other,      ground->folder};
-    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
-        (void)remove(all[i]);
     }
     ground->folder[0] = '\0';
 }

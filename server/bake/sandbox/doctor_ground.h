@@ -12,14 +12,11 @@
 #include "bake/sandbox/sandbox_parts.h"
 #include "umbrage/status.h"
 
-#define UMBB_GROUND_PATH 256
+#define UMBB_GROUND_PATH 4096
 
 struct umbb_ground {
     char folder[64];
-    char scene[UMBB_GROUND_PATH], scene_file[UMBB_GROUND_PATH];
-    char work[UMBB_GROUND_PATH], mine[UMBB_GROUND_PATH], link[UMBB_GROUND_PATH];
-    char other[UMBB_GROUND_PATH], tokens[UMBB_GROUND_PATH], table[UMBB_GROUND_PATH],
-        tile[UMBB_GROUND_PATH];
+    char scene[UMBB_GROUND_PATH], work[UMBB_GROUND_PATH]; /* paths of these folders */
 };
 
 #define UMBB_GROUND_RULES 2
@@ -28,6 +25,10 @@ struct umbb_ground {
 UMB_CHECKED enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *error);
 
 void umbb_ground_remove(struct umbb_ground *ground);
+
+/* The path of a name below the folder; an absolute name stays as it is. */
+void umbb_ground_path(const struct umbb_ground *ground, const char *name,
+                      char path[UMBB_GROUND_PATH]);
 
 /* Paths that a bake of the scene into the work folder may open. */
 void umbb_ground_rules(const struct umbb_ground *ground,

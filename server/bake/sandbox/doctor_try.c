@@ -12,8 +12,8 @@
 
 #define EXIT_NO_CAGE 9 /* exit code of the process that tries an act */
 
-/* True for errors that mean a missing right, not a wrong call. Landlock refuses a rename or link
- * between folders of different rights with EXDEV. */
+/* Returns 1 for errors that mean a missing right, not a wrong call. Landlock answers a rename or
+ * link between folders of different rights with EXDEV. */
 static int is_refusal(int code)
 {
     return code == EACCES || code == EPERM || code == ENOSYS || code == EXDEV;
@@ -58,7 +58,7 @@ static void attempt(const struct umbb_act *act, enum umbb_cage cage,
         _exit(EXIT_NO_CAGE);
     }
     errno = 0;
-    const long result = act->attempt();
+    const long result = umbb_act_attempt(act, ground);
     _exit(result >= 0 ? UMBB_ACT_ALLOWED : is_refusal(errno) ? UMBB_ACT_REFUSED : UMBB_ACT_FAILED);
 }
 
@@ -85,8 +85,8 @@ int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,
     return -1;
 }
 
-/* Has a child fill `bytes` and reads them: the importer's filter lets it write to descriptor 2
- * alone. */
+/* Runs `fill` in a child and reads the bytes that it leaves, through descriptor 2: the importer's
+ * filter allows writing to no other. */
 static int ask_child(void (*fill)(void *bytes, const void *with), const void *with, void *bytes,
                      size_t count)
 {

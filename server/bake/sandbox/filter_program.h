@@ -21,22 +21,24 @@
 
 #define UMBB_FILTER_CODE_MAX 512
 
-/* Program under construction. `count` grows beyond the array's size, so that the load detects an
- * overflow. */
+/* Program under construction. `count` may grow beyond the size of the array; umbb_filter_load then
+ * fails. */
 struct umbb_filter {
     struct sock_filter code[UMBB_FILTER_CODE_MAX];
     size_t count;
 };
 
-/* A call that is allowed if one argument, masked, has a value. The low 32 bits are compared: that
- * is all the kernel takes of descriptors, process numbers, commands and protection bits. */
+/* Call that is allowed if one argument, masked, has a value. The low 32 bits are compared, because
+ * the kernel uses no more of descriptors, process numbers, commands and protection bits. */
 struct umbb_filter_condition {
     uint16_t call;
     uint8_t argument;
     uint32_t mask, value;
 };
 
-/* Kills a call of another architecture, whose numbers would mean other calls. */
+/* Begins a program: calls of another architecture, whose numbers mean other calls, kill the
+ * process.
+ */
 void umbb_filter_begin(struct umbb_filter *filter);
 
 /* Sets the action of each of these calls: SECCOMP_RET_*. */

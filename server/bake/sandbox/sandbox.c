@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Enters the layers in their order (sandbox.h): each one forbids calls that the earlier ones
- * need. */
+/* Enters the layers in their order (sandbox.h): each one forbids calls that the earlier ones need.
+ * Sources: unshare(2), user_namespaces(7). */
+#define _GNU_SOURCE /* unshare */
 #include "bake/sandbox/sandbox.h"
 
 #include <errno.h>
+#include <sched.h>
 #include <string.h>
 #include <sys/prctl.h>
 
@@ -13,6 +15,12 @@
 #ifndef EXEMPT /* coverage builds set it: the filter would kill a process that writes its counts */
 #define EXEMPT UMB__SANITIZED
 #endif
+
+static int enter_namespaces(void)
+{
+    const int others = CLONE_NEWNET | CLONE_NEWIPC | CLONE_NEWUTS | CLONE_NEWNS;
+    return unshare(CLONE_NEWUSER | others) == 0 || unshare(others) == 0;
+}
 
 int umbb_sandbox_exempt(void)
 {
@@ -29,7 +37,7 @@ enum umb_status umbb_sandbox_enter(struct umbb_sandbox *out, struct umb_error *e
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_DUMPABLE, 0, 0, 0, 0) != 0) {
         return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "sandbox: prctl");
     }
-    out->namespaces = umbb_namespaces_enter();
+    out->namespaces = enter_namespaces();
     out->landlock_abi = umbb_landlock_enter(NULL, 0);
     out->seccomp = umbb_filter_enter();
     if (!out->seccomp && errno == ENOMEM) {

@@ -16,13 +16,13 @@ struct umbb_path_rule {
     enum umbb_path_use use;
 };
 
-/* Each returns 1 if the calling process is now inside, else 0 and errno. */
-int umbb_namespaces_enter(void);
-int umbb_filter_enter(void); /* the importer's */
+/* Enters the importer's filter. Returns 1 if the calling process is now inside, else 0 and errno.
+ * */
+int umbb_filter_enter(void);
 
-/* The bake's filter. In: importer: the number of its process, 0: none runs; files: the socket to
- * it. */
-int umbb_bake_filter_enter(int importer, int files);
+/* Enters the bake's filter; returns as umbb_filter_enter. In: importer: number of its process, 0:
+ * none runs. socket: descriptor of the socket to it. */
+int umbb_bake_filter_enter(int importer, int socket);
 
 /* Denies every path but those of the rules to the calling thread. Returns the ABI of the kernel's
  * Landlock, or 0 and errno: nothing is denied. */

@@ -15,6 +15,7 @@
 #include "base/compat.h"
 #include "base/try.h"
 #include "daemon/service/services.h"
+#include "query/stages.h"
 
 /* Bytes of a reply's prefix, stats and ids. */
 #define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES))
@@ -23,26 +24,14 @@
  * thread switches cost more than they save. */
 #define INLINE_WORK 2048
 
-/* Cost of a penumbra in look-ups of one tap: under a narrow light, and in addition for each radian
- * of the light's extent. */
-#define PENUMBRA_WORK        32
-#define PENUMBRA_WORK_RADIAN 900.0
-
-/* Look-ups of one tap that equal a footprint: two levels of 32. */
-#define FOOTPRINT_WORK 64
-
 /* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
 static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
 {
     uint64_t taps = settings->taps > 0 ? settings->taps : 1;
-    uint64_t each = 0;
-    if (settings->filter == UMB_FILTER_PENUMBRA) {
-        const double extent = settings->light_extent < 1 ? settings->light_extent : 1;
-        each = PENUMBRA_WORK + (extent > 0 ? (uint64_t)(PENUMBRA_WORK_RADIAN * extent) : 0);
-    } else if (settings->filter == UMB_FILTER_FOOTPRINT) {
-        each = FOOTPRINT_WORK;
-    }
-    return (uint64_t)count * (each + (taps * taps + 7) / 8);
+    const struct umb__filter *filter = umb__filter_of(settings->filter);
+    const double each =
+        filter->work + filter->work_radian * fmax(fmin(settings->light_extent, 1), 0);
+    return (uint64_t)count * ((uint64_t)each + (taps * taps + 7) / 8);
 }
 
 /* Mean edge in metres of the voxels that a part looks up. */
@@ -81,7 +70,7 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     (void)umb_asset_get_curve(asset, part->light, rows, &count);
     for (size_t i = 0; i < count; i++) {
         if (rows[i].level == part->level && rows[i].taps == part->taps &&
-            settings.filter == UMB_FILTER_BOX) { /* filter that the curve was measured with */
+            umb_filter_get_info(settings.filter)->has_curve) {
             reply->visibility_error = rows[i].visibility_error;
             reply->lines = rows[i].lines;
         }

@@ -19,7 +19,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "bake/import/import_child.h"
 #include "bake/import/import_job.h"
 #include "common/open_beneath.h"
 #include "scene/scene.h"

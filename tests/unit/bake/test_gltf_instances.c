@@ -4,8 +4,6 @@
 
 #include <math.h>
 
-#include "bake/import/gltf_instances.h"
-
 /* Two places: moved floats, turned bytes, scaled floats. */
 #define ROTATIONS 24
 #define SCALES    32
@@ -23,6 +21,7 @@ static void make_places(unsigned char bytes[BYTES])
 /* A triangle 0 0 0, 1 0 0, 0 1 0 and those places; what is given is put in. */
 struct parts {
     const char *attributes, *nodes, *roots, *places_uri, *move; /* move: of accessor 1 */
+    const char *shape_uri;                                      /* NULL: tri.bin */
 };
 
 static const char *gltf(const struct parts *parts)
@@ -32,7 +31,7 @@ static const char *gltf(const struct parts *parts)
         text, sizeof text,
         "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"EXT_mesh_gpu_instancing\"],"
         "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\"],"
-        "\"buffers\":[{\"uri\":\"tri.bin\",\"byteLength\":36},{\"uri\":\"%s\",\"byteLength\":56}],"
+        "\"buffers\":[{\"uri\":\"%s\",\"byteLength\":36},{\"uri\":\"%s\",\"byteLength\":56}],"
         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":1,\"byteLength\":32},"
         "{\"buffer\":1,\"byteOffset\":32,\"byteLength\":24,\"byteStride\":12}],"
         "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"
@@ -45,14 +44,15 @@ static const char *gltf(const struct parts *parts)
         "\"scene\":0,\"scenes\":[{\"nodes\":[%s]}],\"nodes\":[%s{\"mesh\":0,"
         "\"translation\":[100,0,0],\"extensions\":{\"EXT_mesh_gpu_instancing\":{"
         "\"attributes\":{%s}}}}]}",
-        parts->places_uri, parts->move, parts->roots, parts->nodes, parts->attributes);
+        parts->shape_uri != NULL ? parts->shape_uri : "tri.bin", parts->places_uri, parts->move,
+        parts->roots, parts->nodes, parts->attributes);
     assert_in_range(length, 1, sizeof text - 1);
     return text;
 }
 
 #define MOVE "\"bufferView\":1,\"componentType\":5126,\"count\":2,"
 #define ALL  "\"TRANSLATION\":1,\"ROTATION\":2,\"SCALE\":3"
-static const struct parts whole = {ALL, "", "0", "places.bin", MOVE};
+static const struct parts whole = {ALL, "", "0", "places.bin", MOVE, NULL};
 
 static int make_files(void **state)
 {
@@ -115,7 +115,7 @@ static void the_nodes_of_the_file_are_found_again_in_the_tree(void **state)
     expect_corner(scene, 1, 1, 206, 4, 6);
     umbs_scene_destroy(scene);
     parts.nodes = "{\"mesh\":0},";
-    parts.roots = "0,1"; /* Assimp puts a root above them */
+    parts.roots = "0,1";
     scene = import_text("roots.gltf", gltf(&parts));
     assert_int_equal(scene->view.instance_count, 3);
     expect_corner(scene, 0, 1, 1, 0, 0);
@@ -148,18 +148,19 @@ static void places_that_cannot_be_read_are_refused_by_name(void **state)
     static const struct {
         const char *attributes, *uri, *move, *words;
     } cases[] = {
-        {"\"TRANSLATION\":9", "places.bin", MOVE, "accessors[9] of instances does not exist"},
-        {"\"TRANSLATION\":2", "places.bin", MOVE, "accessors[2] of instances is of a type"},
-        {"\"ROTATION\":1", "places.bin", MOVE, "accessors[1] of instances is of a type"},
+        {"\"TRANSLATION\":9", "places.bin", MOVE, "accessors[9] does not exist"},
+        {"\"TRANSLATION\":2", "places.bin", MOVE, "accessors[2] of TRANSLATION must be VEC3"},
+        {"\"ROTATION\":1", "places.bin", MOVE, "accessors[1] of ROTATION must be VEC4"},
         {"\"TRANSLATION\":1,\"SCALE\":4", "places.bin", MOVE, "of 2 and of 1 elements"},
         {ALL, "missing.bin", MOVE, "missing.bin"},
-        {ALL, "tri.bin", MOVE, "accessors[3] of instances lies outside of its buffer"},
+        {ALL, "tri.bin", MOVE, "bufferViews[2] lies outside of its buffer"},
         {"\"TRANSLATION\":1", "places.bin", "\"bufferView\":1,\"componentType\":5126,\"count\":3,",
-         "accessors[1] of instances lies outside"},
+         "accessors[1] of TRANSLATION lies outside"},
         {"\"TRANSLATION\":1", "places.bin", "\"bufferView\":7,\"componentType\":5126,\"count\":2,",
-         "accessors[1] of instances has no bufferView"},
+         "bufferViews[7] does not exist"},
         {"\"TRANSLATION\":1", "places.bin",
-         "\"bufferView\":1,\"componentType\":5126,\"count\":2,\"sparse\":{},", "is sparse"},
+         "\"bufferView\":1,\"componentType\":5126,\"count\":2,\"sparse\":{},",
+         "has a sparse count"},
         {"\"TRANSLATION\":1", "places.bin",
          "\"bufferView\":1,\"byteOffset\":9223372036854775807,\"componentType\":5126,\"count\":2,",
          "lies outside"},
@@ -167,42 +168,25 @@ static void places_that_cannot_be_read_are_refused_by_name(void **state)
          "transform of node"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        const struct parts parts = {cases[i].attributes, "", "0", cases[i].uri, cases[i].move};
+        const struct parts parts = {cases[i].attributes, "",  "0", cases[i].uri,
+                                    cases[i].move,       NULL};
         expect_refusal("refused.gltf", gltf(&parts), cases[i].words);
     }
-}
-
-/* Opens all places of all nodes, as a reader for read_here. */
-static enum umb_status read_places(struct umbb_import *job, struct umb_error *error)
-{
-    struct umbb_gltf_instances instances = {0};
-    enum umb_status status = umbb_gltf_instances_find(&instances, job, UMBB_KIND_GLTF, error);
-    for (uint32_t node = 0; status == UMB_OK && node < instances.nodes.count; node++) {
-        struct umbb_gltf_places places;
-        struct umb_error ignored;
-        double local[3][4];
-        const size_t children = umbb_gltf_child_count(&instances, node);
-        (void)umbb_gltf_child(&instances, node, children);
-        if (umbb_gltf_places_open(&instances, node, &places, &ignored) == UMB_OK) {
-            for (uint32_t i = 0; i < places.count && i < 100; i++) {
-                (void)umbb_gltf_place(&places, i, local);
-            }
-        }
-    }
-    (void)umbb_gltf_child(&instances, umbb_gltf_root(&instances), 0);
-    umbb_gltf_instances_finish(&instances);
-    return status == UMB_OK ? umb_fail(error, UMB_E_BAD_SCENE, "no scene was made") : status;
 }
 
 static void every_prefix_and_change_is_harmless(void **state)
 {
     (void)state;
     struct parts data = whole;
-    data.places_uri = "data:;base64,AACAPwAAAEAAAEBAAAAAAAAAAAAAAKDAAAAAfwAAWloAAABAAAAAQAAAAEA=";
+    data.places_uri =
+        "data:;base64,"
+        "AACAPwAAAEAAAEBAAAAAAAAAAAAAAKDAAAAAfwAAWloAAABAAAAAQAAAAEAAAIA/AACAPwAAgD8=";
+    data.shape_uri = "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     const char *text = gltf(&data);
     const size_t size = strlen(text);
+    assert_int_equal(read_here(umbb_gltf_read, text, size), UMB_OK);
     for (size_t cut = 0; cut < size; cut++) {
-        (void)read_here(read_places, text, cut);
+        (void)read_here(umbb_gltf_read, text, cut);
     }
     char *copy = malloc(size);
     assert_non_null(copy);
@@ -211,7 +195,7 @@ static void every_prefix_and_change_is_harmless(void **state)
         for (size_t i = 0; i < sizeof swap - 1; i++) {
             memcpy(copy, text, size);
             copy[at] = swap[i];
-            (void)read_here(read_places, copy, size);
+            (void)read_here(umbb_gltf_read, copy, size);
         }
     }
     free(copy);

@@ -176,7 +176,7 @@ static void ply_headers_that_are_wrong_name_the_line(void **state)
     expect_refusal("e.ply", "ply\nformat ascii 1.0\nelement vertex 1\n", "no end_header");
     expect_refusal("f.ply", "ply\nelement vertex 1\nend_header\n", "no format line");
     expect_refusal("g.ply", "ply\nformat ascii 1.0\nnonsense\n", "line 3: unknown keyword");
-    expect_refusal("h.ply", "PLY\n", "does not begin with 'ply'");
+    expect_refusal("h.ply", "PLY\n", "'ply' is missing");
     expect_refusal("i.ply",
                    "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 1\n"
                    "property list uchar int vertex_indices\nend_header\n0\n3 0 0 0\n",

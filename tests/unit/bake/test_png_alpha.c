@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bake/import/png_alpha.h"
+#include "bake/import/texture_table.h"
 #include "make_png.h"
 
 enum {

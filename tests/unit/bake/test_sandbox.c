@@ -58,7 +58,6 @@ static int make_ground(void **state)
     static struct umbb_ground ground;
     struct umb_error error;
     *state = &ground;
-    umbb_bake_acts_on(&ground);
     return umbb_ground_make(&ground, &error) == UMB_OK ? 0 : -1;
 }
 

@@ -11,7 +11,6 @@
 
 #include "base/bytes.h"
 #include "curve/curve_measure.h"
-#include "curve/octree_window.h"
 #include "make_asset.h"
 
 enum {

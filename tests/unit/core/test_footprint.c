@@ -319,7 +319,7 @@ static void footprints_out_of_range_are_named(void **state)
         {{.filter = UMB_FILTER_FOOTPRINT, .eye = {0, INFINITY, 0}}, "eye.y: inf"},
         {{.filter = UMB_FILTER_FOOTPRINT, .level = 3}, "level: 3 beside filter"},
         {{.pixel_rad = 0.1}, "pixel_rad: 0.1 belongs to the footprint filter"},
-        {{.filter = (enum umb_filter)4}, "filter: 4, unknown"},
+        {{.filter = (enum umb_filter)5}, "filter: 5, unknown"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         assert_int_equal(umb_query_prepare(f.asset, &cases[i].settings, &query, &error),

@@ -6,6 +6,7 @@ static const struct umb_query_settings ways[] = {
     {.light = 0, .taps = 1},
     {.light = 0, .taps = 17},
     {.light = 0, .taps = 9, .filter = UMB_FILTER_TENT},
+    {.light = 0, .taps = 7, .filter = UMB_FILTER_GAUSSIAN},
     {.light = 1, .taps = 5, .bias_mode = UMB_BIAS_METRES, .bias = 0.5},
 };
 

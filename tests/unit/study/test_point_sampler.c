@@ -201,17 +201,16 @@ static enum umb_status view(const struct umbt_scene *scene, const char *camera_t
                                                 .box = scene->box,
                                                 .z_up = 1,
                                                 .to_light = {0.0, 0.6, 0.8}};
-    const struct umbt_point_view request = {.scene = scene,
-                                            .camera = &camera,
-                                            .subject = &subject,
-                                            .width = 64,
-                                            .height = 36,
-                                            .count = count,
-                                            .threads = 2};
+    const struct umbt_pixel_request request = {.scene = scene,
+                                               .camera = &camera,
+                                               .subject = &subject,
+                                               .size = {64, 36},
+                                               .count = count,
+                                               .threads = 2};
     if (camera_text != NULL) {
         assert_int_equal(umbt_camera_parse(camera_text, &camera, error), UMB_OK);
     }
-    return umbt_points_view(&request, set, error);
+    return umbt_points_of_pixels(&request, set, error);
 }
 
 static void a_view_gives_as_many_points_as_asked_for(void **state)

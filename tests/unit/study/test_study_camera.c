@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "study/camera.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 
 /* Doubles through sin and cos of degrees: a few ulp of 1. */
 #define TOLERANCE 1e-12

@@ -10,7 +10,7 @@
 #include <string.h>
 #include "study/shading.h"
 #include "study/study_scene.h"
-#include "study/study_vec.h"
+#include "study/study_math.h"
 #include "study/traced_shadow.h"
 
 static void near_check(const char *what, double have, double want, double tolerance)

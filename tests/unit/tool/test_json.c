@@ -118,6 +118,18 @@ static void numbers_are_rounded_to_their_digits(void **state)
     expect_text(file, "[0.667,0.666666667,null,0.10000000000000001]\n");
 }
 
+static void lists_of_numbers_are_members_in_their_order(void **state)
+{
+    FILE *file = open_text();
+    struct umbu_json json = {.file = file};
+    (void)state;
+    umbu_json_begin(&json, NULL, '{');
+    UMBU_JSON_VALUES(&json, 3, {"a", 2.0 / 3}, {"b", INFINITY});
+    UMBU_JSON_COUNTS(&json, {"c", UINT64_MAX}, {"d", 0});
+    umbu_json_close(&json);
+    expect_text(file, "{\"a\":0.667,\"b\":null,\"c\":18446744073709551615,\"d\":0}\n");
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -127,6 +139,7 @@ int main(void)
         cmocka_unit_test(json_strings_are_always_utf8),
         cmocka_unit_test(bytes_may_hold_nuls_and_end_within_a_character),
         cmocka_unit_test(numbers_are_rounded_to_their_digits),
+        cmocka_unit_test(lists_of_numbers_are_members_in_their_order),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

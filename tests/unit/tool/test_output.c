@@ -233,6 +233,30 @@ static void errors_of_a_sink_are_explained_by_its_output(void **state)
     folder_remove();
 }
 
+/* Writes user, a text, and fails if that begins with '!'. */
+static enum umb_status put_text(void *user, const struct umb_sink *sink, struct umb_error *error)
+{
+    const char *text = user;
+    const enum umb_status status = sink->write(sink->user, text, strlen(text));
+    (void)error;
+    return text[0] == '!' ? UMB_E_CORRUPT : status;
+}
+
+static void a_failed_writer_leaves_the_old_file(void **state)
+{
+    struct umb_error error = {.status = UMB_OK};
+    char good[] = "new", bad[] = "!bad";
+    (void)state;
+    folder_make();
+    assert_int_equal(umbu_output_write_by(folder_file("a"), 0, put_text, good, &error), UMB_OK);
+    assert_int_equal(umbu_output_write_by(folder_file("a"), 0, put_text, bad, &error),
+                     UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "cannot write"));
+    assert_content(folder_file("a"), "new");
+    assert_int_equal(count_files(folder), 1);
+    folder_remove();
+}
+
 static void a_command_talks_where_its_data_do_not_go(void **state)
 {
     (void)state;
@@ -263,6 +287,7 @@ int main(void)
         cmocka_unit_test(commands_write_to_devices_and_keep_permissions),
         cmocka_unit_test(signals_take_the_temporary_with_them),
         cmocka_unit_test(errors_of_a_sink_are_explained_by_its_output),
+        cmocka_unit_test(a_failed_writer_leaves_the_old_file),
         cmocka_unit_test(a_command_talks_where_its_data_do_not_go),
         cmocka_unit_test(folders_are_synced_or_their_error_told),
     };

@@ -130,6 +130,21 @@ static void ranges_are_done_in_blocks(void **state)
     assert_int_equal(atomic_load(&none.calls), 0);
 }
 
+static void do_item(void *user, size_t i)
+{
+    atomic_fetch_add(&((atomic_int *)user)[i], 1);
+}
+
+static void each_item_of_a_range_is_done_once(void **state)
+{
+    (void)state;
+    for (unsigned threads = 0; threads <= 4; threads++) {
+        clear();
+        assert_int_equal(umbu_range_each(threads, ITEMS - 1, 100, do_item, done, NULL), UMB_OK);
+        assert_each_once(ITEMS - 1);
+    }
+}
+
 static void a_failed_block_ends_the_range(void **state)
 {
     (void)state;
@@ -155,6 +170,7 @@ int main(void)
         cmocka_unit_test(slices_are_done_once_each),
         cmocka_unit_test(the_owner_waits_for_what_it_needs),
         cmocka_unit_test(ranges_are_done_in_blocks),
+        cmocka_unit_test(each_item_of_a_range_is_done_once),
         cmocka_unit_test(a_failed_block_ends_the_range),
         cmocka_unit_test(processors_are_counted),
     };

@@ -141,7 +141,8 @@ static void filters_keep_their_numbers_and_unknown_ones_are_refused(void **state
     } cases[] = {
         {UMB_FILTER_TENT, 0, NULL},
         {UMB_FILTER_PENUMBRA, 0.25, NULL},
-        {4, 0, "filter: 4 is not one of"},
+        {UMB_FILTER_GAUSSIAN, 0, NULL},
+        {5, 0, "filter: 5 is not one of"},
         {UMB_FILTER_PENUMBRA, 1.5, "light_extent: 1.5 is not within 0..1"},
         {UMB_FILTER_PENUMBRA, (double)NAN, "light_extent: nan"},
     };

@@ -1,0 +1,168 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Checks the settings of a query: first each by itself, then what they say together. */
+#include <math.h>
+#include <stddef.h>
+
+#include "base/reserved.h"
+#include "base/try.h"
+#include "query/stages.h"
+#include "umbrage/curve.h"
+
+#define AT(field) offsetof(struct umb_query_settings, field)
+
+/* A setting: its values go from 0 to `most`. */
+struct setting {
+    const char *name;
+    size_t place; /* Offset in bytes in struct umb_query_settings */
+    enum {
+        CHOICE, /* A value of an enum */
+        TAPS,   /* An odd number; 0: unset */
+        NUMBER  /* A double */
+    } kind;
+    double most;
+    const char *unit;
+    size_t taken_by; /* Offset of the flag in struct umb_filter_info of the filters that take the
+                        setting; 0: all do */
+};
+
+static const struct setting SETTINGS[] = {
+    {"taps", AT(taps), TAPS, UMB_TAPS_MAX, "", 0},
+    {"bias_mode", AT(bias_mode), CHOICE, UMB_BIAS_NONE, "", 0},
+    {"format", AT(format), CHOICE, UMB_ANSWER_BIT, "", 0},
+    {"bias", AT(bias), NUMBER, UMB_BIAS_MAX, "", 0},
+    {"filter", AT(filter), CHOICE, UMB_FILTERS - 1, "", 0},
+    {"light_extent", AT(light_extent), NUMBER, UMB_EXTENT_MAX, " rad",
+     offsetof(struct umb_filter_info, has_extent)},
+    {"pixel_rad", AT(pixel_rad), NUMBER, 1, "", offsetof(struct umb_filter_info, has_footprints)},
+};
+
+static bool is_taken(const struct setting *row, enum umb_filter filter)
+{
+    int flag;
+    memcpy(&flag, (const uint8_t *)umb_filter_get_info(filter) + row->taken_by, sizeof flag);
+    return flag != 0;
+}
+
+/* Checks one setting against its range, and against the filter if that need not take it. */
+static enum umb_status check_setting(const struct umb_query_settings *settings,
+                                     const struct setting *row, struct umb_error *error)
+{
+    const uint8_t *at = (const uint8_t *)settings + row->place;
+    if (row->kind != NUMBER) {
+        uint32_t value;
+        memcpy(&value, at, sizeof value);
+        if (row->kind == CHOICE) {
+            return value <= row->most
+                       ? UMB_OK
+                       : umb_fail(error, UMB_E_ARGUMENT, "%s: %d, unknown", row->name, (int)value);
+        }
+        return value == 0 || (value <= row->most && value % 2 == 1)
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT, "%s: %u, must be odd and at most %g",
+                              row->name, value, row->most);
+    }
+    double value;
+    memcpy(&value, at, sizeof value);
+    if (!(value >= 0 && value <= row->most)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: %g%s, must be 0 to %g", row->name, value,
+                        row->unit, row->most);
+    }
+    if (row->taken_by == 0 || value == 0 || is_taken(row, settings->filter)) {
+        return UMB_OK;
+    }
+    enum umb_filter owner = UMB_FILTER_BOX;
+    while (owner < UMB_FILTERS - 1 && !is_taken(row, owner)) {
+        owner++;
+    }
+    return umb_fail(error, UMB_E_ARGUMENT, "%s: %g%s belongs to the %s filter", row->name, value,
+                    row->unit, umb_filter_name(owner));
+}
+
+/* Checks that the light takes the filter. */
+static enum umb_status check_light(const struct umb__plan *plan, struct umb_error *error)
+{
+    const struct umb_query_settings *settings = plan->settings;
+    const bool metres = settings->footprint_m != 0 && !plan->filter->info.has_footprints;
+    if (metres && settings->taps != 0) {
+        return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g beside %u taps; give one of both",
+                        settings->footprint_m, settings->taps);
+    }
+    if (plan->light->kind == UMB_LIGHT_DIRECTIONAL || (plan->filter->any_light && !metres)) {
+        return UMB_OK;
+    }
+    return umb_fail(error, UMB_E_UNSUPPORTED,
+                    "%s: light %u is not directional; it takes the box filter and taps",
+                    plan->filter->any_light ? "footprint_m" : "filter", settings->light);
+}
+
+/* Checks coarse look-ups: one tap of parallel light, and a level that every layout of the file
+ * has. */
+static enum umb_status check_level(const struct umb__plan *plan, struct umb_error *error)
+{
+    const struct umb_query_settings *settings = plan->settings;
+    const uint32_t highest = umb_level_max(plan->frustum->log2_size);
+    if (settings->level == 0) {
+        return UMB_OK;
+    }
+    if (plan->light->kind != UMB_LIGHT_DIRECTIONAL) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "level: light %u is not directional; it takes level 0", settings->light);
+    }
+    if (settings->level % 2 == 0 || settings->level < UMB_LEVEL_BRICK ||
+        settings->level > highest) {
+        return umb_fail(error, UMB_E_ARGUMENT, "level: %u, must be 0 or odd and %d to %u",
+                        settings->level, UMB_LEVEL_BRICK, highest);
+    }
+    const char *beside = settings->taps > 1                   ? "taps"
+                         : settings->footprint_m != 0         ? "footprint_m"
+                         : settings->filter != UMB_FILTER_BOX ? "filter"
+                                                              : NULL;
+    return beside == NULL ? UMB_OK
+                          : umb_fail(error, UMB_E_ARGUMENT,
+                                     "level: %u beside %s; coarse look-ups take one tap",
+                                     settings->level, beside);
+}
+
+/* Refuses what reads around the window. Under the static rule only the voxels of windows of points
+ * on surfaces are defined. */
+static enum umb_status check_static(const struct umb__plan *plan, struct umb_error *error)
+{
+    const int is_window = plan->filter->info.is_window;
+    if (plan->content->receiver_mask_cells == NULL || (is_window && plan->settings->level == 0)) {
+        return UMB_OK;
+    }
+    return umb_fail(error, UMB_E_UNSUPPORTED,
+                    "%s: the asset was baked under the static rule, which leaves out what lies "
+                    "off the surfaces; it takes level 0 and filters that read the window alone",
+                    is_window ? "level" : "filter");
+}
+
+enum umb_status umb__plan_make(const struct umb_asset *asset,
+                               const struct umb_query_settings *settings, struct umb__plan *plan,
+                               struct umb_error *error)
+{
+    const struct umb__content *content = &asset->canonical.content;
+    if (UMB__UNKNOWN(settings, "settings", error)) {
+        return UMB_E_ARGUMENT;
+    }
+    if (settings->light >= content->light_count) {
+        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
+                        content->light_count);
+    }
+    for (size_t i = 0; i < sizeof SETTINGS / sizeof SETTINGS[0]; i++) {
+        UMB__TRY(check_setting(settings, &SETTINGS[i], error));
+    }
+    const struct umb_light_info *light = &content->lights[settings->light];
+    *plan = (struct umb__plan){.asset = asset,
+                               .content = content,
+                               .settings = settings,
+                               .filter = umb__filter_of(settings->filter),
+                               .light = light,
+                               .frustum = &content->frusta[light->first_frustum]};
+    UMB__TRY(check_light(plan, error));
+    UMB__TRY(check_level(plan, error));
+    if (plan->filter->check != NULL) {
+        UMB__TRY(plan->filter->check(plan, error));
+    }
+    return check_static(plan, error);
+}

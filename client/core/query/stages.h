@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_CORE_QUERY_STAGES_H
+#define UMBRAGE_CORE_QUERY_STAGES_H
+/*
+ * What a query is made of: a filter, and the stages that answer a batch. filter.c lists the
+ * filters, query.c the stages in their order.
+ *
+ * A stage answers a batch by calling the stage inside it; the innermost one is a kernel. Preparing
+ * a query sets up the stages that apply, from the kernel outwards, so that a stage that does not
+ * apply costs a query nothing.
+ */
+#include "format/asset_parts.h"
+#include "query/query_parts.h"
+
+/* What a query is prepared from. */
+struct umb__plan {
+    const struct umb_asset *asset;
+    const struct umb__content *content; /* Content of the asset */
+    const struct umb_query_settings *settings;
+    const struct umb__filter *filter;
+    const struct umb_light_info *light;
+    const struct umb_frustum_info *frustum; /* First frustum of the light */
+};
+
+/* A filter. */
+struct umb__filter {
+    struct umb_filter_info info;
+    bool any_light;      /* True: spot and point lights take it, too */
+    const char *partial; /* Reason for which partial assets refuse it; NULL: they take it */
+    /* Check of the settings that only this filter takes; NULL: it takes none. */
+    enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
+    umb__kernel *kernel; /* Kernel; NULL: that of windows */
+    /* Function that sets up what only this filter has, after all stages; NULL: nothing. */
+    void (*set)(const struct umb__plan *plan, struct umb__query *query);
+    size_t slice; /* Number of points of a slice; 0: the number depends on the taps (batch.c) */
+    /* Number of look-ups of one tap that cost as much as a point, beside those of its window; and
+     * in addition for each radian of the light's extent. */
+    double work, work_radian;
+};
+
+/* Returns a filter; one named "unknown" for any other number. */
+const struct umb__filter *umb__filter_of(enum umb_filter filter);
+
+extern const struct umb__filter umb__filter_tent, umb__filter_gaussian;
+extern const struct umb__filter umb__filter_penumbra, umb__filter_footprint;
+
+/* A stage. */
+struct umb__stage {
+    bool (*applies)(const struct umb__plan *plan);
+    void (*set)(const struct umb__plan *plan, struct umb__query *query);
+};
+
+extern const struct umb__stage umb__faces_stage, umb__transmittance_stage, umb__receiver_mask_stage;
+
+/* Checks the settings against the asset and the filter, and fills in the plan. */
+UMB_CHECKED enum umb_status umb__plan_make(const struct umb_asset *asset,
+                                           const struct umb_query_settings *settings,
+                                           struct umb__plan *plan, struct umb_error *error);
+
+/* Returns the bias towards the light, in metres, of points without a normal in a window of `taps`
+ * texels. In: q: with its bias, which counts unless the mode is automatic. */
+double umb__no_normal_m(const struct umb__plan *plan, const struct umb__query *q, int32_t taps);
+
+/* Width in voxels of the widest texel of a light's transmittance maps; 0: no caster of the light is
+ * translucent. */
+int32_t umb__transmittance_texel(const struct umb_asset *asset, const struct umb_light_info *light);
+
+/* Returns the transmittance of translucent casters for point i, 0..1. */
+double umb__transmittance_at(const struct umb__query *query, const struct umb_points *points,
+                             size_t i);
+
+/* Returns whether point i is undefined under the static rule. In: query: with the stage of the
+ * receiver mask. */
+bool umb__receiver_mask_is_undefined(const struct umb__query *query,
+                                     const struct umb_points *points, size_t i);
+
+/* Returns the footprint of point i in metres; 0 if it has none above 0. */
+double umb__footprint_of(const struct umb__query *query, const struct umb_points *points, size_t i);
+
+#endif
