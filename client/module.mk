@@ -70,7 +70,7 @@ endef
 $(eval $(call page,client/tool/report_head.html))
 $(eval $(call page,client/load/load_page.html))
 
-CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c))
+CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c client/cli/*/*.c))
 LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c)) $(BUILD)/gen/load_page.o
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a

@@ -76,7 +76,7 @@ system: $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
 release-needs: all $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
-release-tests: release-needs
+release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
 # The random cases of segments, columns and boxes in full: three frames of 350000 each.
@@ -212,15 +212,13 @@ mutants-short: ## a handful of them
 -include tests/coverage/coverage.mk
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
-	@$(MAKE) --no-print-directory lint layers
+	@$(MAKE) --no-print-directory lint
 	@$(MAKE) --no-print-directory -j$(CORES) release-tests
 	@$(MAKE) --no-print-directory sanitize-short
 
-layers: ## prove the include rules
+layers: $(PROGRAMS) ## prove the include rules, and that no files or folders call each other in a circle
 	@/usr/bin/python3 tests/lint/layers.py
-
-circles: $(PROGRAMS) ## prove from the object files that no files of the daemon call each other in a circle
-	@/usr/bin/python3 tests/lint/circles.py --build $(BUILD) server/daemon
+	@/usr/bin/python3 tests/lint/circles.py --build $(BUILD)
 
 prose-sample: ## 60 comments and 24 paragraphs drawn at random (SEED=1)
 	@/usr/bin/python3 tests/lint/prose_sample.py $(or $(SEED),1)
@@ -235,7 +233,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers circles lint tidy prose-sample format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage derive: shadow maps for a GPU, from a file or a daemon's asset. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -4,7 +4,7 @@
  * its bytes beside the output as OUT.part, and the next fetch continues after them. The file gets
  * its name only after its pages are proven to belong to the id.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -3,7 +3,7 @@
  * umbrage frames: a frame loop against a daemon. Each frame is a camera and its depth picture. The
  * answers come packed over one stream, as changes to the frame before if the daemon still has it.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -6,7 +6,7 @@
  */
 #include "cli_http.h"
 
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "tool/clock.h"
 
 #include <curl/curl.h>

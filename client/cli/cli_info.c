@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage info: describes an asset of a file or a daemon, as text or as JSON. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <inttypes.h>
 #include <stdio.h>

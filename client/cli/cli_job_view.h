@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CLI_CLI_JOB_VIEW_H
 #define UMBRAGE_CLI_CLI_JOB_VIEW_H
 /* Watching and printing jobs, for the sub-commands about jobs. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "tool/json.h"
 #include "umbrage/jobs.h"
 

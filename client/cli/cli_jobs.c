@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage watch, jobs, cancel and rm: the jobs of submitted scenes. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage list: the assets of a daemon. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <inttypes.h>
 #include <stdio.h>

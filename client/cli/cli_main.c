@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage: finds the sub-command and runs it. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "umbrage/version.h"
 
 #include <stdio.h>

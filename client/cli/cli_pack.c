@@ -3,7 +3,7 @@
  * umbrage pack and unpack: the same content in the other encoding. The id is computed again while
  * packing and must stay the same, so that a damaged file or a bug never replaces a good file.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <stdio.h>
 #include "tool/json.h"

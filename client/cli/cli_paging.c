@@ -3,7 +3,7 @@
  * umbrage stream: fetches the part of an asset that a box, a camera, a path or some points need,
  * from a file, a web server or a daemon, and shows how it sharpens.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <errno.h>
 #include <inttypes.h>

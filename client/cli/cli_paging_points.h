@@ -3,7 +3,7 @@
 #define UMBRAGE_CLI_CLI_PAGING_POINTS_H
 /* Points that `umbrage stream` asks after each step: figures and pictures. */
 #include <stdbool.h>
-#include "cli_points.h"
+#include "cli/shared/cli_points.h"
 #include "umbrage/region.h"
 
 #define UMBC_PAGING_POINTS_MAX (16U << 20)

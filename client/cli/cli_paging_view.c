@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "tool/keys.h"
 #include "tool/tool_try.h"
 

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CLI_CLI_QUERY_OPTIONS_H
 #define UMBRAGE_CLI_CLI_QUERY_OPTIONS_H
 /* The options of `umbrage query`, read and checked. */
-#include "cli_common.h"
-#include "cli_points.h"
+#include "cli/shared/cli_common.h"
+#include "cli/shared/cli_points.h"
 #include "umbrage/curve.h"
 
 enum umbc_encoding {

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cli_points.h"
+#include "cli/shared/cli_points.h"
 #include "tool/clock.h"
 #include "tool/tool_try.h"
 

@@ -7,7 +7,7 @@
  *
  *     begin;  after each read: batch;  during its answers: show, as often as wanted;  end.
  */
-#include "cli_points.h"
+#include "cli/shared/cli_points.h"
 #include "tool/progress.h"
 #include "umbrage/asset.h"
 #include "umbrage/volume.h"

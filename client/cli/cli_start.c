@@ -3,7 +3,7 @@
  * Starts programs of the server side in place of this one. They are searched for only in the
  * running program's own folder, so that another file of that name in PATH is never run.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <errno.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage submit: hands a scene to a daemon to be baked. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <stdlib.h>
 #include <string.h>

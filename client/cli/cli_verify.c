@@ -5,7 +5,7 @@
  * computes the id from the bytes that a query reads. With --scene, umbrage-study is started
  * instead.
  */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <stdio.h>
 #include <string.h>

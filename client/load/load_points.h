@@ -14,7 +14,7 @@
  *
  * The same asset, seed and counts give the same pool.
  */
-#include "cli/cli_points.h"
+#include "cli/shared/cli_points.h"
 #include "umbrage/client.h"
 
 enum umbc_load_kind {

@@ -3,7 +3,7 @@
 #define UMBRAGE_LOAD_LOAD_PRINT_H
 /* Both ends of `umbrage load`: its options, and its result as text, as JSON and as a page. */
 #include <stdio.h>
-#include "cli/cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "load/load_run.h"
 #include "load/load_sweep.h"
 

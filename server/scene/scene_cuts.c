@@ -383,3 +383,23 @@ void umbs_cuts_open_parts(const struct umbs_cuts *cuts, struct umbs_parts *parts
         }
     }
 }
+
+void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int translucents)
+{
+    const size_t count = cuts->of != NULL ? (size_t)cuts->view->world_triangle_count : 0;
+    int any = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t number = cuts->of[i];
+        if (number != UMBS_CUT_NONE &&
+            (umbs_cut_is_translucent(cuts, number) ? translucents : cut_outs)) {
+            cuts->of[i] = UMBS_CUT_NONE;
+        }
+        any |= cuts->of[i] != UMBS_CUT_NONE;
+    }
+    if (!any) {
+        const struct umbs_cuts figures = {
+            .view = cuts->view, .figures = cuts->figures, .translucent = cuts->translucent};
+        umbs_cuts_finish(cuts);
+        *cuts = figures;
+    }
+}

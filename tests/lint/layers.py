@@ -18,7 +18,6 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*["<]([^">]+)[">]', re.MULTILIN
 
 CORE = ["client/include", "client/core"]
 TOOL = [*CORE, "client/tool"]
-SHARED_BY_COMMANDS = [f"client/cli/cli_{name}.h" for name in ("common", "points")]
 # A part, and the parts, folders or single headers that it may include.
 PARTS = {
     "client/include": [],
@@ -30,7 +29,7 @@ PARTS = {
     "client/tool": ["client/include", "client/core/base"],
     # The command is the first customer of the public headers; the load test is one of its commands.
     "client/cli": ["client/include", "client/tool"],
-    "client/load": ["client/include", "client/tool", *SHARED_BY_COMMANDS],
+    "client/load": ["client/include", "client/tool", "client/cli/shared"],
     "server/common": [*TOOL, "proto/net/openssl_sha256.h"],
     "server/scene": [*TOOL, "server/common"],
     "server/store": [*TOOL, "server/common"],
@@ -61,6 +60,7 @@ LIBRARIES = {
 
 # Bottom floor first; a word is a folder or a file without its ending. Every file has one floor.
 FLOORS = {
+    "client/cli": ["shared/*", "*"],
     "client/core": ["base/*", "format/*", "query/*", "curve/*", "partial/*", "maps/*"],
     "server/bake": [
         "base/*",

@@ -67,16 +67,6 @@ static void set_level(const struct umb__plan *plan, struct umb__query *q)
 static const struct umb__stage level_stage = {has_level, set_level};
 #endif
 
-double umb__no_normal_m(const struct umb__plan *plan, const struct umb__query *q, int32_t taps)
-{
-    if (plan->settings->bias_mode != UMB_BIAS_AUTO) {
-        return q->no_normal_m;
-    }
-    /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
-    return UMB__BIAS_SLACK * (2.0 * taps + 1.0) / (2.0 * sqrt(3.0)) *
-           umb__length(plan->frustum->voxel_step[2]);
-}
-
 static bool is_parallel(const struct umb__plan *plan)
 {
 #ifdef UMB_WITHOUT_FACES

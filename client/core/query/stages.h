@@ -59,7 +59,16 @@ UMB_CHECKED enum umb_status umb__plan_make(const struct umb_asset *asset,
 
 /* Returns the bias towards the light, in metres, of points without a normal in a window of `taps`
  * texels. In: q: with its bias, which counts unless the mode is automatic. */
-double umb__no_normal_m(const struct umb__plan *plan, const struct umb__query *q, int32_t taps);
+static inline double umb__no_normal_m(const struct umb__plan *plan, const struct umb__query *q,
+                                      int32_t taps)
+{
+    if (plan->settings->bias_mode != UMB_BIAS_AUTO) {
+        return q->no_normal_m;
+    }
+    /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
+    return UMB__BIAS_SLACK * (2.0 * taps + 1.0) / (2.0 * sqrt(3.0)) *
+           umb__length(plan->frustum->voxel_step[2]);
+}
 
 /* Width in voxels of the widest texel of a light's transmittance maps; 0: no caster of the light is
  * translucent. */

@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/cli_points.h"
+#include "cli/shared/cli_points.h"
 
 static char folder[] = "umbrage-points-XXXXXX";
 static char path[64];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shared pieces of the sub-commands, see cli_common.h. */
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 
 #include <errno.h>
 #include <stdarg.h>

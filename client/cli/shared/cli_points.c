@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading points, see cli_points.h. */
-#include "cli_points.h"
+#include "cli/shared/cli_points.h"
 
 #include <errno.h>
 #include <math.h>
@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "tool/base.h"
-#include "cli_common.h"
+#include "cli/shared/cli_common.h"
 #include "tool/tool_try.h"
 
 #define SHOWN 60    /* bytes of a bad line in a message */
