@@ -41,14 +41,18 @@ check("calls that go one way are no circle", code == 0 and "none among 3 files" 
 code, told = circles({**one_way, POOL: "void g(void); void f(void) { g(); }"})
 check("two files that call each other are one", code == 1 and "circle of 2 files" in told and
       f"{POOL} -> {BATCH}: g" in told and f"{BATCH} -> {POOL}: f" in told, told)
+for one, other in (("client/core/format/page_parse", "client/core/query/query"),
+                   ("server/bake/depth/tile", "server/bake/tiles/tile_cache"), (CALL, BATCH)):
+    code, told = circles({one: "void b(void); void a(void) { b(); }", other: "void a(void); void b(void) { a(); }"})
+    check(f"a circle planted in {one.rsplit('/', 2)[0]} is seen", code == 1 and "circle of 2 files" in told, told)
 code, told = circles({**one_way, POOL: "void f(void) {} void i(void); void j(void) { i(); }",
                       "server/daemon/call/call_reply": "void i(void) {}"})
 check("folders that call each other are one", code == 1 and "circle of 2 folders" in told and
       "of 2 files" not in told, told)
 code, told = circles({**one_way, POOL: "void h(void); void f(void) { h(); }"}, "server/daemon/work")
 check("calls out of the named folders do not count", code == 0, told)
-code, told = circles({"server/bake/depth/depth_store": "void f(void); void g(void) {} void h(void) { f(); }",
-                      "server/bake/depth/depth_store_avx2": "void g(void); void f(void) { g(); }"})
+code, told = circles({"server/bake/depth/depth_kernels": "void f(void); void g(void) {} void h(void) { f(); }",
+                      "server/bake/depth/depth_kernels_avx2": "void g(void); void f(void) { g(); }"})
 check("a file and its vector variant are one file", code == 0 and "1 files" in told, told)
 
 sys.path.insert(0, LINT)
