@@ -62,7 +62,7 @@ struct umbw_row {
                                        1 if the field is present; count_size 0: none */
     size_t stride;            /* Distance of elements in bytes; 0: none */
     double most;              /* Largest number, most elements, or most bytes of a single
-                                       sub-message; 0: any */
+                                       sub-message, all its pieces together; 0: any */
     const struct umbw_table *table; /* Table of a sub-message */
     const int
         *values; /* Values of the struct's enum, by those of the .proto file; NULL: the same */

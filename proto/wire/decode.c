@@ -21,7 +21,7 @@
 /* Last occurrence of a field, and the number of all. */
 struct found {
     const uint8_t *bytes; /* Payload of the last occurrence; NULL if absent */
-    size_t size;
+    size_t size;          /* Its bytes; of a single sub-message: those of all pieces */
     size_t count;
     uint64_t value; /* Last value of a varint or of 64 bits */
 };
@@ -130,7 +130,11 @@ static enum umb_status note_item(struct decoder *decoder, const struct umbw_tabl
         return umb_fail(decoder->error, UMB_E_TOO_LARGE, "%s%s: %zu are over the limit of %.0f",
                         table->prefix, field->name, found->count + 1, row->most);
     }
-    *found = (struct found){item->payload, item->payload_size, found->count + 1, item->value};
+    /* The pieces of a sub-message are joined: together they have its size. */
+    const bool joined = row->table != NULL && field->label != PROTOBUF_C_LABEL_REPEATED;
+    const size_t before = joined ? found->size : 0;
+    *found =
+        (struct found){item->payload, before + item->payload_size, found->count + 1, item->value};
     return UMB_OK;
 }
 
@@ -254,7 +258,9 @@ static enum umb_status take_element(const struct slot *slot, uint64_t bits, size
     return UMB_OK;
 }
 
-/* Takes the elements of one occurrence of a repeated number, packed or a single one. */
+/* Takes the elements of one occurrence of a repeated number, packed or a single one. It stops at
+ * the first one beyond `most`, since a packed field may be as long as the message. Elements of 8
+ * bytes are counted nevertheless. */
 static enum umb_status take_elements(const struct slot *slot, const uint8_t *at, size_t size,
                                      size_t most, size_t *count)
 {
@@ -264,7 +270,7 @@ static enum umb_status take_elements(const struct slot *slot, const uint8_t *at,
     if (fixed && size % sizeof bits != 0) {
         return REFUSE(slot, "length is %zu bytes, must be a multiple of 8", size);
     }
-    for (; at < end; (*count)++) {
+    for (; at < end && *count <= most; (*count)++) {
         if (fixed) {
             bits = umb__load64(at);
             at += sizeof bits;
@@ -275,6 +281,7 @@ static enum umb_status take_elements(const struct slot *slot, const uint8_t *at,
             UMB__TRY(take_element(slot, bits, *count));
         }
     }
+    *count += fixed ? (size_t)(end - at) / sizeof bits : 0;
     return UMB_OK;
 }
 

@@ -75,6 +75,43 @@ static void whatever_comes_stays_within_the_limits(void **state)
     umbw_buffer_finish(&buffer);
 }
 
+/* A packed field as long as a message is read up to the limit only. */
+static void long_lists_are_read_up_to_the_limit(void **state)
+{
+    (void)state;
+    enum {
+        ELEMENTS = 1000
+    };
+    uint8_t message[8 + ELEMENTS] = {0x0a, 1, 'a', 0x12, (ELEMENTS & 0x7f) | 0x80, ELEMENTS >> 7};
+    struct umbw_region_request request;
+    struct umb_error error = {0};
+    memset(message + 6, 0xff, ELEMENTS); /* after the limit: no varint */
+    memset(message + 6, 1, UMBW_RANGES_MAX + 1);
+    assert_int_equal(umbw_decode_region_request(message, 6 + ELEMENTS, &request, &error),
+                     UMB_E_ARGUMENT);
+    assert_string_equal(error.message, "offsets: 129 are over the limit of 128");
+}
+
+/* The pieces of a view are limited together: none of them is too long by itself. */
+static void pieces_of_a_view_are_limited_together(void **state)
+{
+    (void)state;
+    enum {
+        PIECES = 9,
+        PIECE = 132
+    }; /* bytes of a piece with its tag and length */
+    uint8_t message[3 + PIECES * PIECE] = {0x0a, 1, 'a'};
+    struct umbw_derive_request request;
+    struct umb_error error = {0};
+    for (size_t i = 0; i < PIECES; i++) { /* each holds an unknown field */
+        static const uint8_t head[] = {0x42, 129, 1, 0xfa, 0x07, 126};
+        memcpy(message + 3 + i * PIECE, head, sizeof head);
+    }
+    assert_int_equal(umbw_decode_derive_request(message, sizeof message, &request, &error),
+                     UMB_E_ARGUMENT);
+    assert_string_equal(error.message, "view: 1161 bytes, at most 1024");
+}
+
 static struct umbw_derive_request derive_sample(int cascades)
 {
     struct umbw_derive_request request = {
@@ -141,6 +178,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(requests_and_replies_come_back_as_they_went),
         cmocka_unit_test(requests_for_maps_come_back_as_they_went),
+        cmocka_unit_test(long_lists_are_read_up_to_the_limit),
+        cmocka_unit_test(pieces_of_a_view_are_limited_together),
         cmocka_unit_test(whatever_comes_stays_within_the_limits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
