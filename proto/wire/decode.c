@@ -105,11 +105,25 @@ static uint32_t wire_type(const ProtobufCFieldDescriptor *field)
     }
 }
 
-static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,
-                                 const struct umbw_item *item, bool nested, struct found *found)
+/* Finds a field; NULL: the message does not have it. Most fields come in order, so it tries *next,
+ * the field behind the last one, first. */
+static inline const ProtobufCFieldDescriptor *find_field(const ProtobufCMessageDescriptor *message,
+                                                         uint32_t number,
+                                                         const ProtobufCFieldDescriptor **next)
 {
-    const ProtobufCFieldDescriptor *field =
-        protobuf_c_message_descriptor_get_field(table->descriptor, item->number);
+    const ProtobufCFieldDescriptor *field = *next;
+    if (field == message->fields + message->n_fields || field->id != number) {
+        field = protobuf_c_message_descriptor_get_field(message, number);
+    }
+    *next = field != NULL ? field + 1 : *next;
+    return field;
+}
+
+static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,
+                                 const struct umbw_item *item, bool nested,
+                                 const ProtobufCFieldDescriptor **next, struct found *found)
+{
+    const ProtobufCFieldDescriptor *field = find_field(table->descriptor, item->number, next);
     if (field == NULL) { /* It may come from a newer peer */
         return !nested || decoder->unknown++ < UMBW_FIELDS_MAX
                    ? UMB_OK
@@ -142,6 +156,7 @@ static enum umb_status note_item(struct decoder *decoder, const struct umbw_tabl
 static enum umb_status scan(struct decoder *decoder, const struct umbw_table *table,
                             struct span span, struct found *found)
 {
+    const ProtobufCFieldDescriptor *next = table->descriptor->fields;
     struct umbw_item item;
     bool any;
     memset(found, 0, table->descriptor->n_fields * sizeof *found);
@@ -158,7 +173,7 @@ static enum umb_status scan(struct decoder *decoder, const struct umbw_table *ta
             return umb_fail(decoder->error, UMB_E_TOO_LARGE,
                             "message: its parts have more than %d fields", UMBW_NESTED_MAX);
         }
-        UMB__TRY(note_item(decoder, table, &item, span.number != 0, found));
+        UMB__TRY(note_item(decoder, table, &item, span.number != 0, &next, found));
     }
 }
 

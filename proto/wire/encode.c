@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/bytes.h"
+#include "base/compat.h"
 #include "base/try.h"
 #include "base/utf8.h"
 #include "wire/field.h"
@@ -44,10 +45,24 @@ static void put_bytes(struct sink *sink, const void *bytes, size_t size)
     sink->size += size;
 }
 
-static void put_varint(struct sink *sink, uint64_t value)
+/* Writes a varint of several bytes. Such rare work stands apart: its caller saves no registers for
+ * it. */
+static __attribute__((noinline)) void put_long(struct sink *sink, uint64_t value)
 {
-    uint8_t unused[10];
+    uint8_t unused[10] UMB__UNSET;
     sink->size += umbw_varint_write(value, sink->bytes != NULL ? sink->bytes + sink->size : unused);
+}
+
+static inline void put_varint(struct sink *sink, uint64_t value)
+{
+    if (value >= 0x80) {
+        put_long(sink, value);
+        return;
+    }
+    if (sink->bytes != NULL) {
+        sink->bytes[sink->size] = (uint8_t)value;
+    }
+    sink->size++;
 }
 
 static void put_fixed64(struct sink *sink, uint64_t value)
@@ -92,7 +107,8 @@ static const void *load_pointer(const struct slot *slot)
 }
 
 /* Returns the wire's number of a value of the struct's enum. */
-static uint64_t wire_enum(struct sink *sink, const struct slot *slot, uint32_t value)
+static __attribute__((noinline)) uint64_t wire_enum(struct sink *sink, const struct slot *slot,
+                                                    uint32_t value)
 {
     const ProtobufCEnumDescriptor *type = slot->field->descriptor;
     for (unsigned i = 0; i < type->n_values; i++) { /* they count from 0 */
@@ -105,16 +121,22 @@ static uint64_t wire_enum(struct sink *sink, const struct slot *slot, uint32_t v
     return 0;
 }
 
+/* Fails: the number is not within the row's limit. */
+static __attribute__((noinline)) void refuse_number(struct sink *sink, const struct slot *slot,
+                                                    double value)
+{
+    (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%.9g is not within 0..%.9g", value, slot->row->most);
+}
+
 /* Returns a number as a varint or 64 bits have it. In: bits: the member's. */
-static uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t bits)
+static inline uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t bits)
 {
     double value;
     switch (slot->field->type) {
     case PROTOBUF_C_TYPE_DOUBLE:
         memcpy(&value, &bits, sizeof value);
         if (slot->row->most > 0 && !(value >= 0 && value <= slot->row->most)) {
-            (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%.9g is not within 0..%.9g", value,
-                         slot->row->most);
+            refuse_number(sink, slot, value);
         }
         return value == 0 ? 0 : bits; /* -0 is left out, too */
     case PROTOBUF_C_TYPE_ENUM:
@@ -128,26 +150,29 @@ static uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t
     }
 }
 
-static void put_number(struct sink *sink, const struct slot *slot)
+/* Returns the bits of a number's member. */
+static inline uint64_t load_number(const struct slot *slot)
 {
     const uint8_t *at = slot->in + slot->row->offset + slot->index * slot->row->stride;
     uint32_t narrow;
     uint64_t bits;
     if (slot->row->size == sizeof narrow) {
         memcpy(&narrow, at, sizeof narrow);
-        bits = narrow;
-    } else {
-        memcpy(&bits, at, sizeof bits);
+        return narrow;
     }
-    if (bits == 0 && slot->row->values == NULL) {
-        return;
-    }
+    memcpy(&bits, at, sizeof bits);
+    return bits;
+}
+
+/* Writes a number that is not 0 in the struct. */
+static void put_number(struct sink *sink, const struct slot *slot, uint64_t bits)
+{
+    const ProtobufCType type = slot->field->type;
     bits = wire_number(sink, slot, bits);
     if (bits == 0) {
         return;
     }
-    if (slot->field->type == PROTOBUF_C_TYPE_DOUBLE ||
-        slot->field->type == PROTOBUF_C_TYPE_FIXED64) {
+    if (type == PROTOBUF_C_TYPE_DOUBLE || type == PROTOBUF_C_TYPE_FIXED64) {
         put_tag(sink, slot, UMBW_WIRE_FIXED64);
         put_fixed64(sink, bits);
     } else {
@@ -292,6 +317,7 @@ static void put_message(struct sink *sink, const struct slot *slot)
     }
 }
 
+/* Writes a field that is not a single number. */
 static void put_field(struct sink *sink, const struct slot *slot)
 {
     switch (slot->field->type) {
@@ -305,30 +331,39 @@ static void put_field(struct sink *sink, const struct slot *slot)
         put_message(sink, slot);
         break;
     default:
-        if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
-            put_numbers(sink, slot);
-        } else {
-            put_number(sink, slot);
-        }
+        put_numbers(sink, slot);
     }
+}
+
+/* True for a single number. */
+static inline bool is_number(const ProtobufCFieldDescriptor *field)
+{
+    return field->type < PROTOBUF_C_TYPE_STRING && field->label != PROTOBUF_C_LABEL_REPEATED;
 }
 
 static void put_struct(struct sink *sink, const struct umbw_table *table, const uint8_t *in,
                        size_t index)
 {
+    const struct umbw_row *last = NULL;
     struct slot slot = {table, table->rows, table->descriptor->fields, in, index};
-    struct slot last = {0};
     for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
-        if (slot.row->flags & UMBW_LAST) {
-            last = slot;
+        if (is_number(slot.field)) {
+            const uint64_t bits = load_number(&slot);
+            if (bits != 0 || slot.row->values != NULL) {
+                put_number(sink, &slot, bits);
+            }
+        } else if (slot.row->flags & UMBW_LAST) {
+            last = slot.row;
         } else {
             put_field(sink, &slot);
         }
         slot.row++;
         slot.field++;
     }
-    if (last.row != NULL) {
-        put_field(sink, &last);
+    if (last != NULL) {
+        slot.row = last;
+        slot.field = &table->descriptor->fields[last - table->rows];
+        put_field(sink, &slot);
     }
 }
 

@@ -26,6 +26,16 @@ bool umbw_varint_read(const uint8_t **at, const uint8_t *end, uint64_t *value)
     return false;
 }
 
+/* umbw_varint_read; most varints have one byte. */
+static inline bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t *value)
+{
+    if (*at != end && **at < 0x80) {
+        *value = *(*at)++;
+        return true;
+    }
+    return umbw_varint_read(at, end, value);
+}
+
 /* Finds the payload of an item whose tag is read; false if it does not fit or is a group. */
 static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8_t *end)
 {
@@ -34,7 +44,7 @@ static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8
     item->value = 0;
     switch (item->type) {
     case UMBW_WIRE_VARINT:
-        if (!umbw_varint_read(at, end, &item->value)) {
+        if (!read_varint(at, end, &item->value)) {
             return false;
         }
         item->payload_size = (size_t)(*at - item->payload);
@@ -46,7 +56,7 @@ static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8
         size = 4;
         break;
     case UMBW_WIRE_BYTES:
-        if (!umbw_varint_read(at, end, &size)) {
+        if (!read_varint(at, end, &size)) {
             return false;
         }
         break;
@@ -70,7 +80,7 @@ enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at, const
 {
     uint64_t tag;
     size_t offset = (size_t)(*at - message);
-    if (!umbw_varint_read(at, end, &tag) || (tag >> 3) == 0 || (tag >> 3) > FIELD_NUMBER_MAX) {
+    if (!read_varint(at, end, &tag) || (tag >> 3) == 0 || (tag >> 3) > FIELD_NUMBER_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "message: no valid field tag at byte %zu", offset);
     }
     item->number = (uint32_t)(tag >> 3);
