@@ -35,7 +35,8 @@
 #include "umbrage/status.h"
 #include "wire/messages.h"
 
-#define UMBW_FIELDS_MAX 65536     /* Most fields of a message, unknown ones too: 1 ms of reading */
+/* Most fields of a message, or of a single sub-message, unknown ones too: 1 ms of reading */
+#define UMBW_FIELDS_MAX 65536
 #define UMBW_NESTED_MAX (1 << 20) /* Most fields of all its sub-messages */
 #define UMBW_ROWS_MAX   32        /* Most rows of a table */
 

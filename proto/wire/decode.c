@@ -157,6 +157,7 @@ static enum umb_status scan(struct decoder *decoder, const struct umbw_table *ta
                             struct span span, struct found *found)
 {
     const ProtobufCFieldDescriptor *next = table->descriptor->fields;
+    const bool is_one_of_many = span.number != 0 && span.parent == NULL;
     struct umbw_item item;
     bool any;
     memset(found, 0, table->descriptor->n_fields * sizeof *found);
@@ -165,7 +166,7 @@ static enum umb_status scan(struct decoder *decoder, const struct umbw_table *ta
         if (!any) {
             return UMB_OK;
         }
-        if (span.number == 0 && fields == UMBW_FIELDS_MAX) {
+        if (!is_one_of_many && fields == UMBW_FIELDS_MAX) {
             return umb_fail(decoder->error, UMB_E_ARGUMENT, "message: has more than %d fields",
                             UMBW_FIELDS_MAX);
         }

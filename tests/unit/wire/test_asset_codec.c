@@ -9,6 +9,7 @@
 #include <string.h>
 #include "grpc/health/v1/health.pb-c.h"
 #include "umbrage/v1/shadows.pb-c.h"
+#include "wire/bakes.h"
 #include "wire/codec.h"
 #include "wire_samples.h"
 
@@ -220,6 +221,36 @@ static void fields_of_parts_meet_a_limit(void **state)
     }
 }
 
+/* A manifest counts like a message, in one piece or in many: its priority again and again. */
+static void fields_of_a_manifest_meet_a_limit(void **state)
+{
+    (void)state;
+    for (size_t over = 0; over <= 1; over++) {
+        const size_t count = 2 * (UMBW_FIELDS_MAX / 2 + over); /* in the second piece */
+        const size_t piece = 4, first = UMBW_FIELDS_MAX / 2 * piece;
+        uint8_t *message = calloc(1, first + 4 + count);
+        struct umbw_submit_request out;
+        struct umb_error error = {.status = UMB_OK};
+        assert_non_null(message);
+        for (size_t i = 0; i < first; i += piece) {
+            memcpy(message + i, (const uint8_t[]){0x0a, 2, 4 << 3, 1}, piece);
+        }
+        uint8_t *second = message + first;
+        second[0] = 0x0a;
+        for (unsigned i = 0; i < 3; i++) {
+            second[1 + i] = (uint8_t)((count >> (7 * i) & 127) | (i < 2 ? 128 : 0));
+        }
+        for (size_t i = 0; i < count; i += 2) {
+            second[4 + i] = 4 << 3;
+        }
+        enum umb_status status =
+            umbw_decode_submit_request(message, first + 4 + count, &out, &error);
+        assert_int_equal(status, over ? UMB_E_ARGUMENT : UMB_OK);
+        umbw_manifest_finish(&out.manifest);
+        free(message);
+    }
+}
+
 static void touch_description(const uint8_t *message, size_t size)
 {
     struct umb_client_description *out;
@@ -384,6 +415,7 @@ int main(void)
         cmocka_unit_test(too_many_lights_are_refused_before_they_cost_memory),
         cmocka_unit_test(nested_unknown_fields_meet_a_limit),
         cmocka_unit_test(fields_of_parts_meet_a_limit),
+        cmocka_unit_test(fields_of_a_manifest_meet_a_limit),
         cmocka_unit_test(description_decoder_survives_prefixes_and_flips),
         cmocka_unit_test(list_round_trip_keeps_order),
         cmocka_unit_test(list_decoder_survives_prefixes_and_flips),
