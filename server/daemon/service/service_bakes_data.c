@@ -122,14 +122,13 @@ void umbd_submit_serve(struct umbd_call *call)
 {
     struct umbw_submit_request request;
     struct umb_error error = {0};
-    enum umb_status status =
-        umbw_decode_submit_request(call->message, call->message_size, &request, &error);
     const int begins = call->state == NULL;
     if (begins ? !umbd_call_take_points(call, UMBD_CALL_POINTS)
                : !umbd_job_request_is_allowed(call)) {
-        umbw_manifest_finish(&request.manifest);
         return;
     }
+    enum umb_status status =
+        umbw_decode_submit_request(call->message, call->message_size, &request, &error);
     if (status == UMB_OK && request.has_manifest != begins) {
         status = umb_fail(&error, UMB_E_ARGUMENT,
                           request.has_manifest ? "manifest: there was one already"
