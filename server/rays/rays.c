@@ -34,7 +34,7 @@ enum {
     HITS_MAX = 128, /* hits kept at a time; rays through a city have fewer than twenty */
 };
 
-/* Barycentric coordinates below this are on the border: float rounding of robust mode, times 16. */
+/* Barycentric coordinate below which a hit is on the border: 16 times the float rounding. */
 static const double border_coordinate = 16 * FLT_EPSILON;
 
 /* Hits closer together than this share of their distance (and of a metre) may be one crossing. */
@@ -93,15 +93,15 @@ static void note_error(void *user, enum RTCError code, const char *text)
     }
 }
 
-/* Copies one of the four-byte numbers of hit i of n, which Embree names for C++ only. Their order
- * is that of struct RTCHit. */
+/* Copies a four-byte number of hit i of n. Embree names these numbers for C++ only; their order is
+ * that of struct RTCHit. */
 static void hit_number(const struct RTCHitN *hit, unsigned n, unsigned i, size_t offset, void *out)
 {
     memcpy(out, (const char *)hit + offset * n + 4 * (size_t)i, 4);
 }
 
-/* Embree's filter for scenes with holes: refuses hits where the texture cuts the triangle out; for
- * one ray or for a packet. */
+/* Embree's filter for scenes with holes, for one ray or for a packet. Refuses hits where the
+ * texture cuts the triangle out. */
 static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
 {
     const struct RTCHitN *hit = arguments->hit;

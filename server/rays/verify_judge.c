@@ -13,8 +13,8 @@
 
 #include "base/vec.h"
 
-/* Float rays leave out casters nearer to a lamp than 2^-16 of a point's distance, which is up to
- * twice W. Casters beyond 2^-12 of the last W are never left out. */
+/* Share of the last W beyond which float rays never leave out a caster. They leave out casters
+ * nearer to a lamp than 2^-16 of a point's distance, which is at most twice W. */
 #define FLOATS_REACH 0x1p-12
 
 enum {
@@ -46,7 +46,8 @@ void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3]
     }
 }
 
-/* A ray from a place. In: direction: NULL: towards the light, up to where casters may be. */
+/* Makes a ray from a place. direction: the ray's direction; NULL: towards the light, up to where
+ * casters may be. */
 static struct umbr_exact_ray ray_from(const struct umbr_verify_block *block, const double local[3],
                                       const double direction[3])
 {
@@ -111,7 +112,7 @@ void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umb
 
 /*
  * 1 if, along a direction, a ray leaves more closed solids than it enters. A ray that first meets
- * an inner side starts inside. Only if it first enters a solid, all crossings must be counted,
+ * an inner side starts inside. If the ray first enters a solid, all crossings must be counted,
  * which costs more than twice as much.
  */
 static int is_inside_along(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray)

@@ -21,8 +21,8 @@ enum {
     RINGS = 4,
 };
 
-/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if none was found
- * within *walks. */
+/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if no boundary
+ * was found within *walks. */
 static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks, double voxel[3])
 {
     if (near) {
@@ -140,9 +140,9 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-/* Depth in voxels of the first hit of the light ray through (x, y), beyond the frustum's last
- * voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves the
- * frustum. */
+/* Computes the depth in voxels of the first hit of the light ray through (x, y). Without a hit the
+ * depth is beyond the frustum's last voxel. Returns the metres of a voxel along the ray; 0 if the
+ * ray leaves the frustum. */
 static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
 {
     const double size = block->light_frame->size;
@@ -165,9 +165,9 @@ static double lit_before(const struct umbr_verify_block *block, double depth)
 }
 
 /*
- * 1 if a number of lit voxels lies within one voxel of those that rays find within one texel: on a
- * grid, and on rings around the centre, since a rod may be thinner than the grid and its edge may
- * run through the centre.
+ * Returns 1 if `lit`, a number of lit voxels, lies within one voxel of those that rays find within
+ * one texel. The rays lie on a grid and on rings around the centre, since a rod may be thinner than
+ * the grid and its edge may run through the centre.
  */
 static int is_near_column(const struct umbr_verify_block *block, const double texel[2], double lit)
 {
@@ -349,7 +349,7 @@ void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
             const double *step = block->light_frame->step[axis];
             edge = fmin(edge, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
         }
-        /* No side is longer than the diagonal, and so no extent of the box in voxels. */
+        /* No extent of the box in voxels is longer than the diagonal. */
         for (int k = 0; k < 3; k++) {
             const double side = umbr_next_unit(block) * BOX_VOXELS * edge / sqrt(3);
             box.min[k] = world[k] - 0.5 * side;

@@ -183,8 +183,9 @@ static uint32_t run_end(const struct finder *f, uint32_t first, uint32_t last)
 }
 
 /*
- * Counts triangles of a run that repeat an earlier one. A triangle is looked at only in the run of
- * its two lowest vertices, so each is seen once; two of them are equal if the third vertex is.
+ * Counts triangles of a run that repeat an earlier one. A triangle is compared only in the run of
+ * its two lowest vertices, so each is seen once. Two triangles of a run are equal if their third
+ * vertices are.
  */
 static int count_duplicates(struct finder *f, uint32_t first, uint32_t end, size_t *duplicates)
 {
@@ -306,8 +307,8 @@ static void add_to_box(struct umbs_part *part, const double (*c)[3])
     }
 }
 
-/* Volume of the tetrahedron between the triangle and the centre of the part's box, so that large
- * coordinates do not cancel each other. */
+/* Returns the volume of the tetrahedron between a triangle and the centre of the part's box. The
+ * centre keeps large coordinates from cancelling each other. */
 static double signed_volume(const struct umbs_part *part, const double (*c)[3])
 {
     double p[3][3], n[3];

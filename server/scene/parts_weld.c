@@ -32,7 +32,7 @@ struct key {
 
 static struct key key_of(const double position[3])
 {
-    /* Adding +0.0 turns -0.0 into +0.0 and changes nothing else that can be compared here. */
+    /* Adding +0.0 turns -0.0 into +0.0 and leaves all other values equal. */
     const double clean[3] = {position[0] + 0.0, position[1] + 0.0, position[2] + 0.0};
     struct key key;
     memcpy(key.bits, clean, sizeof key.bits);

@@ -6,8 +6,9 @@
  * in one contiguous validated buffer.
  *
  * Life: umbs_scene_import starts the importer in its own process, which parses the file and writes
- * a scene buffer into a sealed memfd. This side maps it and checks every count, index and number
- * before any use (umbs_scene_view). Nothing that parses foreign bytes runs in the caller.
+ * a scene buffer into a sealed memfd. The calling process maps the memfd and checks every count,
+ * index and number before any use (umbs_scene_view). Nothing that parses foreign bytes runs in the
+ * caller.
  *
  *     struct umbs_scene *scene;
  *     umbs_scene_import(path, &options, &scene, &error);
@@ -153,8 +154,8 @@ UMB_CHECKED enum umb_status umbs_scene_import(const char *path,
                                               const struct umbs_import_options *options,
                                               struct umbs_scene **out, struct umb_error *error);
 
-/* Checks a scene buffer and fills view; trusts nothing in it. Fails: E_BAD_SCENE, naming the field.
- */
+/* Checks a scene buffer, of which nothing is trusted, and fills view. Fails: E_BAD_SCENE, naming
+ * the field. */
 UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
                                             struct umbs_scene_view *view, struct umb_error *error);
 

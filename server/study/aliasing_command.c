@@ -200,8 +200,8 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Colours a number of pixels a texel: blue below 1, white at 1, red above; full colour at a factor
- * of 16. NaN is grey. */
+/* Returns the colour for a number of pixels per texel: blue below 1, white at 1, red above; full
+ * colour at a factor of 16. NaN is grey. */
 static void heat_color(float most, uint8_t out[3])
 {
     if (isnan(most)) {

@@ -34,7 +34,7 @@ struct umbt_camera {
     double tan_x, tan_y;                /* tangents of half the fields of view */
 };
 
-/* The camera in the form of the libraries, which sees from near_m to far_m. */
+/* Converts a camera to the struct of the libraries, which has a range from near_m to far_m. */
 struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m);
 
 /* Vertical field of view, degrees. */

@@ -13,7 +13,7 @@ struct umbt_rgb {
     double c[3];
 };
 
-/* The surface colour of a group of triangles (a material or a part); equal keys give equal
+/* Returns the surface colour of a group of triangles (a material or a part). Equal keys give equal
  * colours. */
 struct umbt_rgb umbt_surface_color(uint32_t key);
 

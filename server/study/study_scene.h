@@ -31,8 +31,8 @@ struct umbt_scene {
 /* 1 if a plan says that an effect is on. Names of materials in its reasons do not count. */
 int umbt_plan_has(const char *plan, const char *effect);
 
-/* Loads a scene. Fails: as umbs_scene_import, umbs_cuts_find, umbs_scene_flatten, umbs_parts_find,
- * umbr_rays_build. */
+/* Loads a scene. Fails: the errors of umbs_scene_import, umbs_cuts_find, umbs_scene_flatten,
+ * umbs_parts_find and umbr_rays_build. */
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
 
@@ -40,8 +40,8 @@ UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char
 UMB_CHECKED enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
                                                    struct umb_error *error);
 
-/* umbt_scene_init for an asset with this plan. Holes count only if its effect cut-out is on; rays
- * pass through translucent triangles if its effect transmittance is on. */
+/* umbt_scene_init for an asset with this plan. Holes count only if the plan has the effect cut-out
+ * on. Rays pass through translucent triangles if it has the effect transmittance on. */
 UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                                     const char *plan, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */

@@ -2,8 +2,8 @@
 /*
  * The study in words: for errors of 1, 5, 20 cm and so on, the cheapest setting that stays below.
  *
- * A setting stays below an error if 95 % of its wrong answers have a true boundary nearer than
- * that, and hardly any has no boundary within reach.
+ * A setting stays below an error if 95 % of its wrong answers have a true boundary nearer than the
+ * error, and hardly any has no boundary within reach.
  */
 #include "study/study.h"
 
@@ -143,7 +143,7 @@ static void say_rays(struct writer *writer, const struct umbt_study *study,
         rays->ns_area8);
 }
 
-/* The setting of a method and width on the open asset of a resolution, or NULL. */
+/* Returns the setting of a method and filter width on the open asset of a resolution, or NULL. */
 static const struct umbt_study_result *find(const struct umbt_study *study,
                                             enum umbt_study_method method, uint32_t resolution,
                                             uint32_t taps)

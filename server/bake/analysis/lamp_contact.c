@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The boxes of triangles exclude nearly all of them. The other triangles are cut to the face, and
- * their distance is computed. */
+/* Search for surfaces too near to a lamp. A test of bounding boxes excludes nearly all triangles.
+ * Each remaining triangle is cut to the face, and its distance is computed. */
 #include "bake/analysis/frusta.h"
 
 #include <math.h>
@@ -94,8 +94,8 @@ static double greatest(const double position[3], const double corners[3][3], con
     return most;
 }
 
-/* Tests a triangle whose box is near; returns 1 if light would pass through the triangle. In: near,
- * tangent: the face's near distance, and its t with the guard band. */
+/* Returns 1 if light would pass through a triangle whose box is near the light. near: near distance
+ * of the face. tangent: greatest |u| / W of the face, guard band included. */
 static int judge(const double corners[3][3], const double origin[3], const struct umbb_eye *eye,
                  double near, double tangent, struct umbb_contact *contact)
 {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
 #define UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
 /*
- * How far a bake is: on a terminal (tool/progress.h), and for a supervisor.
+ * Progress of a bake, shown on a terminal (tool/progress.h) and written for a supervisor.
  */
 #include <stdint.h>
 #include "tool/progress.h"
@@ -13,7 +13,7 @@ struct umbb_progress {
     uint64_t total; /* number of items of the phase: texels or points */
 };
 
-/* Starts a phase. In: quiet: 1 = never draw. unit: name of a million items, as "Mtexel";
+/* Starts a phase. quiet: 1 = never draw. unit: name of a million items, such as "Mtexel";
  * borrowed. */
 void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total);

@@ -4,9 +4,9 @@
 /*
  * Cut-out casters: which of the covered texels (coverage.h) a caster's texture keeps.
  *
- * A texel's centre lies on a triangle's plane at barycentric weights that are the triangle's edge
- * functions there. They are homogeneous (Olano, Greer 1997): the corners stay X, Y, W, so a
- * triangle cut by the eye's plane needs no other formula. Each weight is clamped to 0..1, so
+ * A triangle's edge functions at a texel's centre are the centre's barycentric weights on the
+ * triangle's plane. Edge functions are homogeneous (Olano, Greer 1997): the corners stay X, Y, W,
+ * so a triangle cut by the eye's plane needs no other formula. Each weight is clamped to 0..1, so
  * texture coordinates stay within the triangle's own: at an edge the predicate may cover a centre
  * that lies outside by rounding. All paths use this one function of triangle, texel and texture.
  */

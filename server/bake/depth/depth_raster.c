@@ -21,7 +21,7 @@
 #include "bake/depth/depth_cells.h"
 #include "bake/depth/proven_squares.h"
 
-/* Sizes of a layer, of its array of 8x8 blocks, and of a thread's layers. */
+/* Number of texels of a layer, of its 8x8 blocks, and of numbers in a thread's layers. */
 #define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
 #define LAYER_FAR     (LAYER_TEXELS / 64)
 #define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
@@ -156,7 +156,7 @@ static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *c
     }
 }
 
-/* Draws a batch, except far sides that `later` has room for (NULL: none). */
+/* Draws a batch. While `later` has room (NULL: none), far sides go there instead. */
 static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_sides *later)
 {
     const struct umbb_casters *casters = &drawing->raster->casters;
@@ -194,7 +194,7 @@ static void draw_cut(struct drawing *drawing, uint32_t triangle, uint32_t cut)
     }
 }
 
-/* Draws the triangles of a list, except far sides that `later` has room for (NULL: none). */
+/* Draws a list of triangles. While `later` has room (NULL: none), far sides go there instead. */
 static void draw_list(struct drawing *drawing, const uint32_t *list, size_t count,
                       struct far_sides *later)
 {

@@ -28,7 +28,7 @@ struct umbb_act {
     int (*on_mode)(const char *path, mode_t mode);
 };
 
-/* Tries the act in this process, with its paths on the ground. Returns what its function does. */
+/* Tries the act in this process, with its paths on the ground. Returns the act's own result. */
 long umbb_act_attempt(const struct umbb_act *act, const struct umbb_ground *ground);
 
 extern const struct umbb_act umbb_acts[];
