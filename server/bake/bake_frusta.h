@@ -31,7 +31,7 @@ struct umbb_frusta_job {
     uint64_t *receiver_mask_cells;
 };
 
-/* Number of tiles of all frusta. Tiles are numbered frustum by frustum, row by row. */
+/* Returns the number of tiles of all frusta. Tiles are numbered frustum by frustum, row by row. */
 uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log2);
 
 /*

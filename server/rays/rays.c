@@ -368,7 +368,7 @@ static int before(const struct crossing *a, const struct crossing *b)
     return a->distance < b->distance || (a->distance == b->distance && a->triangle < b->triangle);
 }
 
-/* Inserts a hit. A repeated one is dropped; if there are too many, the farthest is dropped. */
+/* Inserts a hit. A repeated hit is dropped; if the list is full, the farthest hit is dropped. */
 static void keep_hit(struct crossing_list *list, const struct crossing *hit)
 {
     if (list->has_last && !before(&list->last, hit)) {
@@ -394,7 +394,7 @@ static void keep_hit(struct crossing_list *list, const struct crossing *hit)
     list->hits[at] = *hit;
 }
 
-/* Embree's filter: records the hit and refuses it, so that the ray goes on. */
+/* Embree's filter: records the hit and refuses it, so that the ray continues to the next hit. */
 static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
 {
     /* The context is the list's first member, so the cast yields the list. */
@@ -435,7 +435,7 @@ static int share_a_vertex(const struct umbr_rays *rays, uint32_t a, uint32_t b)
     return 0;
 }
 
-/* 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it. */
+/* Returns 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it. */
 static int crossed_already(const struct umbr_rays *rays, const struct crossing_list *list, size_t i)
 {
     const struct crossing *hit = &list->hits[i];

@@ -63,8 +63,8 @@ UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
                                             struct umb_error *error);
 
 /*
- * 1 if any triangle lies on the ray from `from` along unit `direction`, between near and far
- * metres.
+ * Returns 1 if any triangle lies on the ray from `from` along unit `direction`, between near and
+ * far metres.
  *
  * In: from, direction: finite. near_m: below 0 counts as 0. far_m: may be infinite; a range with
  *     far_m < near_m is empty.
@@ -72,7 +72,7 @@ UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
 int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m);
 
-/* umbr_occluded for eight rays of one direction at once, a packet. Out: occluded: 0 or 1 each. */
+/* Does umbr_occluded for a packet of eight rays of one direction. occluded: 0 or 1 for each ray. */
 void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
                     const double direction[3], double near_m, double far_m, uint8_t occluded[8]);
 

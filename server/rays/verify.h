@@ -38,9 +38,9 @@
 enum umbr_verify_kind {
     /* Points, as above. */
     UMBR_VERIFY_POINTS = 0,
-    /* Segments of all lengths, half of them through a boundary. At four parameters of each, two of
-     * them next to the end of an interval, the intervals say lit or shadowed; that is judged like a
-     * point's answer. */
+    /* Segments of all lengths, half of them through a boundary. Each is tested at four parameters,
+     * two of them next to the end of an interval. Lit or shadowed there is judged like a point's
+     * answer. */
     UMBR_VERIFY_SEGMENTS,
     /* Columns: the first occluder is compared with the nearest hit of the light ray through the
      * texel's centre. An answer inside the band names another voxel, but one within a voxel of

@@ -198,7 +198,7 @@ static void ask_row(const struct umbr_verify_block *block, const struct row *row
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
 }
 
-/* 1 if both voxels at a change are inside closed solids, where answers are unspecified. */
+/* Returns 1 if both voxels at a change are in closed solids, where answers are unspecified. */
 static int is_buried(const struct umbr_verify_block *block, const struct row *row, double change)
 {
     int buried = 1;

@@ -40,7 +40,7 @@ int umbr_light_frame_world(const struct umbr_light_frame *light_frame, const dou
 int umbr_light_frame_voxel(const struct umbr_light_frame *light_frame, const double local[3],
                            double voxel[3]);
 
-/* W of a place: 1 for directional lights, the distance along the axis for others. */
+/* Returns W of a place: 1 for directional lights, the distance along the axis for others. */
 double umbr_light_frame_w(const struct umbr_light_frame *light_frame, const double local[3]);
 
 /* Computes the unit direction from a point to the light, and the distance that must be free for

@@ -74,8 +74,8 @@ static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, dou
     return 0;
 }
 
-/* Draws a parameter of a segment. Every second one lies next to the end of an interval, if there is
- * an interval. In: which: number of the draw. voxels: length of the segment. */
+/* Draws a parameter of a segment. Every second parameter lies next to the end of an interval, if
+ * there is an interval. In: which: number of the draw. voxels: length of the segment. */
 static double draw_parameter(struct umbr_verify_block *block, const struct umb_interval *intervals,
                              size_t count, int which, double voxels)
 {
@@ -189,7 +189,7 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
     return lit >= least - 1 && lit <= most + 1;
 }
 
-/* 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
+/* Returns 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
 static int column_verdict(const struct umbr_verify_block *block, const double voxel[3],
                           const struct umb_column_answer *answer)
 {

@@ -44,8 +44,8 @@ static int keys_equal(const struct key *a, const struct key *b)
     return a->bits[0] == b->bits[0] && a->bits[1] == b->bits[1] && a->bits[2] == b->bits[2];
 }
 
-/* Three rounds of a multiply and xor-shift mixer: coordinates are often small multiples of one
- * step, so all bits of each word must reach all bits of the hash. */
+/* Mixes the key's bits by three rounds of multiply and xor-shift. Coordinates are often small
+ * multiples of one step, so all bits of each word must reach all bits of the hash. */
 static uint32_t hash_of(const struct key *key, uint64_t seed)
 {
     uint64_t h = seed;

@@ -162,7 +162,7 @@ UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
 void umbs_scene_destroy(struct umbs_scene *scene);
 
 /*
- * Hash of the scene's content, not of the file: up axis, world triangles in the order of
+ * Hashes the scene's content, not the file: up axis, world triangles in the order of
  * umbs_scene_flatten, the materials' effects on light, lights. Vertex numbering, the division into
  * meshes and names of materials do not count; the order of triangles and of their corners does.
  *
@@ -191,8 +191,8 @@ void umbs_scene_flatten_part(const struct umbs_scene_view *view,
                              const struct umbs_instance *instance, uint32_t first, uint32_t count,
                              double (*corners)[3][3]);
 
-/* 1 if an instance's transform mirrors. The front faces of such an instance are wound the other way
- * (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
+/* Returns 1 if an instance's transform mirrors. Front faces of such an instance are wound the other
+ * way (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
 int umbs_instance_mirrors(const struct umbs_instance *instance);
 
 #endif

@@ -75,13 +75,13 @@ double umbs_alpha_at(const struct umbs_scene_view *view, const struct umbs_textu
 /* 1 if a material lets a part of the light through. */
 int umbs_is_translucent(const struct umbs_material *material);
 
-/* 1 if `number`, a triangle's entry in `of`, marks a translucent triangle. */
+/* Returns 1 if `number`, a triangle's entry in `of`, marks a translucent triangle. */
 int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number);
 
-/* Share of the light that a material absorbs where its texture's alpha is `alpha`, 0..255. */
+/* Returns the share of light that a material absorbs where its texture has `alpha`, 0..255. */
 double umbs_material_opacity(const struct umbs_material *material, double alpha);
 
-/* Share of the light that a cut triangle absorbs at texture coordinates u, v: 0..1. */
+/* Returns the share of light that a cut triangle absorbs at texture coordinates u, v: 0..1. */
 double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
 /* Treats cut-out triangles, translucent ones, or both as opaque. The figures in `cuts` stay. */

@@ -91,7 +91,7 @@ static int is_coordinate(double value)
     return in_range(value, -UMBS_COORDINATE_MAX, UMBS_COORDINATE_MAX);
 }
 
-/* True for a clean name whose field is NUL to its end, so that equal names are equal bytes. */
+/* Returns whether a name is clean and NUL to its end, so that equal names are equal bytes. */
 static int is_name(const char name[UMB_NAME_SIZE])
 {
     const char *end = memchr(name, '\0', UMB_NAME_SIZE);

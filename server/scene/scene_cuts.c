@@ -34,7 +34,8 @@ struct finder {
     uint8_t *seen;
     uint32_t samples; /* samples of one triangle */
     size_t capacity;  /* capacity of cuts->cuts */
-    /* Texels of the cut and gone triangles, and how many of them are below the cut-off. */
+    /* Number of texels of triangles that are cut or cast nothing, and of those below the
+     * cut-off. */
     double texels, below;
 };
 

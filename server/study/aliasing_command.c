@@ -268,8 +268,8 @@ static void report_text(FILE *to, const struct aliasing *a)
     }
 }
 
-/* resolution_for_p99 is null where no resolution suffices: the light grazes more than 1 % of the
- * points. */
+/* Writes the summary. resolution_for_p99 is null where no resolution suffices, because the light
+ * grazes more than 1 % of the points. */
 static void put_summary(struct umbu_json *json, const struct summary *s, uint64_t resolution)
 {
     umbu_json_integer(json, "points", s->count);

@@ -55,7 +55,7 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
     *v = (j + (n - 0.5 - i) / n) / n;
 }
 
-/* Unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
+/* Computes the unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
     umbt_triangle_cross(corners, normal);

@@ -31,8 +31,8 @@ UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint3
                                               uint32_t aa, uint32_t rows, struct umb_error *error);
 void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
 
-/* Offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no two
- * sub-samples share a row or a column. */
+/* Computes the offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no
+ * two sub-samples share a row or a column. */
 void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
 
 /*

@@ -22,7 +22,7 @@ extern "C" {
 
 struct umbt_nanovdb;
 
-/* 1 if this build has the library; else (nanovdb_absent.c) no grid can be made. */
+/* Returns 1 if this build has the library; else no grid can be made (nanovdb_absent.c). */
 int umbt_nanovdb_is_built(void);
 
 /* Returns the state of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed.

@@ -65,8 +65,8 @@ extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
     }
 
 /*
- * Direction to a scene's first directional light, as the file has it. Without such a light: azimuth
- * 135, elevation 45, as the bake chooses. Returns 1 if the light is the file's.
+ * Finds the direction to a scene's first directional light, as the file has it. Without such a
+ * light: azimuth 135, elevation 45, as the bake chooses. Returns 1 if the light is the file's.
  */
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3]);
 

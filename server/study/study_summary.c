@@ -39,8 +39,8 @@ static int stays_below(const struct umbt_study_result *result, double error_m)
     return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
 }
 
-/* 1 if the time of a is known and shorter than that of b; if both times are unknown, 1 if a reads
- * fewer nodes. */
+/* Returns 1 if the time of a is known and shorter than that of b. If both times are unknown,
+ * returns 1 if a reads fewer nodes. */
 static int is_faster(const struct umbt_study_result *a, const struct umbt_study_result *b)
 {
     const int a_known = a->spread <= UMBT_STUDY_SPREAD_MAX;

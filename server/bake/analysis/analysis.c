@@ -102,7 +102,7 @@ static double area_of(const double corners[3][3])
 
 /* Decides whether the closed rule is used; without the rule all casters are open. In mode auto the
  * rule must be worth its price: it saves bytes at the surfaces of closed parts only, but makes
- * penumbras and columns dearer everywhere. */
+ * penumbras and columns more expensive everywhere. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;

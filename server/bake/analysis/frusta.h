@@ -31,7 +31,7 @@ UMB_CHECKED enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *inpu
                                             struct umb_frustum_info **frusta, uint32_t *count,
                                             struct umb_error *error);
 
-/* Distance from a light to the farthest corner of the casters' box, metres. */
+/* Returns the distance in metres from a light to the farthest corner of the casters' box. */
 double umbb_light_reach(const struct umb_box *bounds, const double position[3]);
 
 /*

@@ -17,8 +17,8 @@
 #define UMBB_WORLD_MAX 1e12
 
 /*
- * Sine and cosine of degrees, exact at multiples of 90. libm is not used: its last bit differs
- * between machines, and the direction enters an asset's id.
+ * Computes sine and cosine of an angle, exact at multiples of 90. libm is not used: its last bit
+ * differs between machines, and the direction enters an asset's id.
  */
 void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine);
 

@@ -21,12 +21,12 @@ double umbb_days_from_2000(int year, int month, int day);
  * degrees of accuracy. */
 #define UMBB_TERRESTRIAL_AHEAD (69.0 / 86400.0)
 
-/* Apparent longitude of the sun on the ecliptic, degrees, 0..360. days: days of terrestrial time
- * from 2000-01-01 12:00. */
+/* Returns the apparent longitude of the sun on the ecliptic, in degrees, 0..360. days: days of
+ * terrestrial time from 2000-01-01 12:00. */
 double umbb_sun_longitude(double days);
 
 /*
- * Unit vector towards the sun.
+ * Computes the unit vector towards the sun.
  *
  * In:  days: days of universal time from 2000-01-01 12:00. latitude_deg, longitude_deg: north and
  *      east.

@@ -21,8 +21,8 @@ struct umbb_slicer {
     int32_t (*least_from)(const int32_t values[64], int32_t z0);
 };
 
-/* The slicer of a set of vector instructions; NULL if this build or this processor lacks the
- * set. */
+/* Returns the slicer of a set of vector instructions; NULL if this build or this processor lacks
+ * the set. */
 const struct umbb_slicer *umbb_slicer(enum umbb_vectors vectors);
 
 /* Plain C: the definition. */

@@ -27,11 +27,11 @@
 
 /*
  * Sets reach to the greatest distance in voxels, on each axis, by which the automatic bias moves a
- * point. In: edge: lengths e of a voxel's edges.
+ * point. edge: lengths e of a voxel's edges.
  *
- * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2, and the moves s nx /
- * ex, s ny / ey and s nz / ez. Products of two components of n are at most 1/2. The result also
- * covers points without a normal (query.c), and has one voxel more for rounding.
+ * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2. The moves are s nx /
+ * ex, s ny / ey, s nz / ez. Products of two components of n are at most 1/2. The result also covers
+ * points without a normal (query.c), and has one voxel more for rounding.
  */
 static void set_reach(const double edge[3], double reach[3])
 {

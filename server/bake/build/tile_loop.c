@@ -408,7 +408,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     };
     const size_t whole[2] = {0, 0};
     UMB__TRY(umbb_column_of_tree(&tree, level, whole, &column, error));
-    /* The column has a single node: shadowed from voxel 0 on, else lit, unless it is mixed. */
+    /* The column has a single node: shadowed if mixed_end is 0, else lit, unless it is mixed. */
     *root = column.mixed_end == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
     if (column.mixed_first < column.mixed_end) {
         *root = loop->runs.items[column.run_first].ref;

@@ -117,7 +117,7 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     return front;
 }
 
-/* The rows among y0 .. y0 + n - 1 that a triangle meets: none if *first > *last. */
+/* Finds the rows among y0 .. y0 + n - 1 that a triangle meets: none if *first > *last. */
 static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverage, int32_t y0,
                                              int32_t n, int32_t *first, int32_t *last)
 {
@@ -152,7 +152,7 @@ static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, 
     *x_last = low < high ? last : first - 1;
 }
 
-/* Number of voxels whose centre lies before depth z, which is within int32_t. */
+/* Returns the number of voxels whose centre lies before depth z, which is within int32_t. */
 static inline int32_t umbb_coverage_round(double z)
 {
     const double t = z - 0.5;
@@ -160,13 +160,13 @@ static inline int32_t umbb_coverage_round(double z)
     return lit + ((double)lit < t);
 }
 
-/* Depth of the row at the anchor's x: the part of the depth that a whole row shares. */
+/* Returns the depth of the row at the anchor's x, which is the same for all texels of the row. */
 static inline double umbb_coverage_row_z(const struct umbb_coverage *coverage, int32_t row)
 {
     return coverage->anchor_z + coverage->gradient_y * (((double)row + 0.5) - coverage->y[0]);
 }
 
-/* Number of voxels of column x whose centre lies before the triangle, 0..size. */
+/* Returns the number of voxels of column x whose centre lies before the triangle, 0..size. */
 static inline int32_t umbb_coverage_lit(const struct umbb_coverage *coverage, double row_z,
                                         int32_t x)
 {

@@ -33,7 +33,7 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
 /* 1 if cut number `cut` casts at the centre of texel (x, y). */
 int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
-/* Share of the light that translucent cut number `cut` absorbs at the centre of texel (x, y). */
+/* Returns the share of light that translucent cut number `cut` absorbs at texel (x, y)'s centre. */
 double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
 /* Index of a caster's cut, UMBS_CUT_NONE if it casts all over. */

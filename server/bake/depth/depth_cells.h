@@ -48,7 +48,7 @@ struct umbb_cell_layer {
     uint32_t first[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* index of the first part */
 };
 
-/* Notes of a block: about half a megabyte. Few triangles touch little of this memory. */
+/* Notes of a block: about half a megabyte. A few triangles use only a small part. */
 struct umbb_cells {
     _Alignas(64) struct umbb_plane planes[UMBB_PLANES_MAX];
     struct umbb_parts parts;

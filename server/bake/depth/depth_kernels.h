@@ -32,8 +32,8 @@ struct umbb_canvas {
     int32_t *front_far, *back_far;
 };
 
-/* Index of the start of row y in a layer n texels wide; its texel x is at 64 * (x >> 3) + (x &
- * 7). */
+/* Returns the index of the start of row y in a layer n texels wide; its texel x is at 64 * (x >> 3)
+ * + (x & 7). */
 static inline size_t umbb_canvas_row(size_t n, size_t y)
 {
     return (y >> 3) * 8 * n + (y & 7) * 8;
@@ -80,7 +80,7 @@ struct umbb_depth_kernels {
     const struct umbb_cells_steps *cells; /* depth_cells.h; NULL: triangles are drawn at once */
 };
 
-/* The kernels of a set; NULL if this build or this processor lacks the set. */
+/* Returns the kernels of a set; NULL if this build or this processor lacks the set. */
 const struct umbb_depth_kernels *umbb_depth_kernels(enum umbb_vectors vectors);
 
 /* Draws a prepared caster into a canvas, without the texels that the caster's texture cuts out.

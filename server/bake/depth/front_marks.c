@@ -21,8 +21,8 @@
 /* Share of its products below which a projected area may be rounding error alone. */
 #define AREA_DOUBT 1e-9
 
-/* Number of casters for each square of 64 x 64 texels up to which marks are worth their cost
- * (measured: eight texels along a triangle's edge). */
+/* Greatest number of casters for each square of 64 x 64 texels at which marks are worth their cost.
+ * Measured: eight texels along a triangle's edge. */
 #define CASTERS_PER_SQUARE 8
 
 #define SLOT_FREE UINT32_MAX

@@ -164,7 +164,8 @@ static void add_border(struct squares *s, const double *a, const double *b)
         if (lower[1] < top || upper[1] > bottom) {
             continue;
         }
-        /* Ends of the edge's part within a texel of the row of squares, as shares of the edge. */
+        /* The part of the edge within a texel of the row of squares: start and end as shares of its
+         * length. */
         const double from = upper[1] < top ? (top - upper[1]) / height : 0.0;
         const double to = lower[1] > bottom ? (bottom - upper[1]) / height : 1.0;
         const double x_from = upper[0] + from * (lower[0] - upper[0]);
@@ -184,7 +185,7 @@ static void add_border(struct squares *s, const double *a, const double *b)
     }
 }
 
-/* True if a triangle lies outside the strip, including the reach of its borders. */
+/* Returns whether a triangle lies outside the strip, including the reach of its borders. */
 static int is_beside(const struct squares *s, const double v[3][3])
 {
     double low = v[0][1] < v[1][1] ? v[0][1] : v[1][1];

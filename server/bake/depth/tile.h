@@ -77,7 +77,7 @@ UMB_CHECKED enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2
                                            int closed_rule, struct umb_error *error);
 void umbb_tile_finish(struct umbb_tile *tile);
 
-/* Index of texel (x, y) of the tile (relative to x0, y0) in lit and end. */
+/* Returns the index of texel (x, y), relative to x0, y0, in the tile's lit and end. */
 static inline size_t umbb_tile_index(const struct umbb_tile *tile, int32_t x, int32_t y)
 {
     const size_t block = (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
@@ -87,7 +87,7 @@ static inline size_t umbb_tile_index(const struct umbb_tile *tile, int32_t x, in
 /* Marks n x n blocks of 8x8 texels, from block (bx, by) on, as background in level 3. */
 void umbb_tile_clear(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n, int32_t background);
 
-/* Fills level 3 of the pyramid for the same n x n blocks from their texels. */
+/* Fills level 3 of the pyramid for n x n blocks, from block (bx, by) on, from their texels. */
 void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n);
 
 /* Fills the pyramid above level 3, except where a square is proven. */

@@ -77,7 +77,7 @@ enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *e
     return UMB_OK;
 }
 
-/* Removes what allowed actions left, and the folder: known names only, contents before folders. */
+/* Removes the folder and what allowed actions left in it: known names only, contents first. */
 void umbb_ground_remove(struct umbb_ground *ground)
 {
     static const char *const all[] = {

@@ -48,9 +48,9 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
 
 /*
- * The functions of the cache. find fails with E_BUSY in mode merge if a result is missing or
- * damaged (temporary: bake the tile and try again). keep fails in mode tile as umbb_tile_encode and
- * umbb_tile_cache_write do.
+ * Returns the functions of the cache. find fails with E_BUSY in mode merge if a result is missing
+ * or damaged (temporary: bake the tile and try again). keep fails in mode tile as umbb_tile_encode
+ * and umbb_tile_cache_write do.
  */
 struct umbb_cached_tiles umbb_tile_folder_cached_tiles(struct umbb_tile_folder *tile_folder);
 
