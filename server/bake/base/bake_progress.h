@@ -31,7 +31,7 @@ void umbb_progress_end(struct umbb_progress *progress);
  *     phase import | analysis | bake | write | verify
  *     plan ...                                     each line of the plan
  *     progress DONE TOTAL UNIT                     of the phase, at most five a second
- *     tiles DONE TOTAL FOUND                       FOUND: of DONE, in the folder of tiles already
+ *     tiles DONE TOTAL FOUND                       FOUND of the DONE tiles came from the cache
  *
  * After a failed write no more lines are written.
  * Threads: one at a time; a process has one bake.

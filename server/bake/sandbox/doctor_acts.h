@@ -14,7 +14,7 @@ enum umbb_act_place {
     UMBB_IN_BAKE_PATHS = 8, /* by the bake's Landlock alone, without its filter */
 };
 
-/* A forbidden action: one of the functions below, or the opening of a path. The result is at least
+/* An action to try: one of the functions below, or the opening of a path. The result is at least
  * 0 if the action was allowed; else -1 and errno. */
 struct umbb_act {
     const char *name;   /* "connect to the network" */
