@@ -21,8 +21,8 @@
 
 #define PAD 0x1p-19
 
-/* Distance by which a ray may miss an edge and still pass through it, as a share of the ray's
- * length: 2^-53 for each of some twenty roundings. Signs alone could leave a gap at a corner. */
+/* Distance by which a ray may miss an edge and still pass through it, as a share of the edge's
+ * distance: 2^-53 for each of some twenty roundings. Signs alone could leave a gap at a corner. */
 #define ROUNDING 0x1p-48
 
 struct umbr_exact {
