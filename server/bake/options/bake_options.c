@@ -196,7 +196,7 @@ static enum umb_status check_task(const struct umbb_options *o, struct umb_error
         const char *text;
     } rules[] = {
         {merges && o->from == NULL,
-         "--from: missing; give the folder that umbrage-bake tile wrote to"},
+         "--from: is needed; give the folder that umbrage-bake tile wrote to"},
         {!merges && o->from != NULL, "--from: only umbrage-bake merge takes it"},
         {o->task != UMBB_TASK_TILE && o->only_given, "--only: only umbrage-bake tile takes it"},
         {!bakes && o->cache != NULL,
