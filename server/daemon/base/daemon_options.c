@@ -320,12 +320,12 @@ static enum umb_status set_from_file(struct umbu_parsed *parsed, const char *nam
 }
 
 /*
- * The INI file (umbraged.conf) is read by libinih: one `name = value` a line, comments with ';',
- * and the section [umbraged], which may be left out. Names are those of the command line without
- * their dashes; `store` and `listen` may be repeated; flags take true or false.
+ * The config file (umbraged.conf, an INI file) is read by libinih: one `name = value` a line,
+ * comments with ';', and an optional section [umbraged]. Names are those of the command line
+ * without their dashes. `store` and `listen` may be repeated; flags take true or false.
  *
- * libinih gives no line numbers to its handler and cuts long lines, so its line source here counts
- * and measures the lines.
+ * libinih gives no line numbers to its handler and cuts long lines. The line source here therefore
+ * counts and measures the lines.
  */
 struct reading {
     FILE *file;
@@ -379,8 +379,8 @@ static int on_value(void *user, const char *section, const char *name, const cha
 }
 
 /*
- * Takes each setting of the file. Fails: E_NO_INPUT, E_PERMISSION, E_IO (the file), E_ARGUMENT (a
- * line, which the message names).
+ * Applies each setting of the file. Fails: E_NO_INPUT, E_PERMISSION or E_IO for the file;
+ * E_ARGUMENT for a line, which the message names.
  */
 static enum umb_status read_config(const char *path, struct umbu_parsed *parsed,
                                    struct umb_error *error)
