@@ -55,7 +55,7 @@ void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level);
  * pair and all later ones are left out.
  *
  * In:    line: NUL-terminated, as umbs_log_event makes it. capacity: bytes of out, at least 3.
- *        Returns the length of the object, which has no terminating NUL.
+ * Returns the length of the object, which has no terminating NUL.
  */
 size_t umbs__log_json(const char *line, char *out, size_t capacity);
 

@@ -49,7 +49,7 @@ UMB_CHECKED enum umb_status umbj_upload_accept(struct umbj_upload *upload, struc
  *
  * In:    jobs: descriptor of the jobs folder.
  * Out:   gone: path in the jobs folder that the caller must remove; "" if there is no bundle.
- *        Returns 0; or -1 with errno, and the bundle is unchanged.
+ * Returns 0; or -1 with errno, and the bundle is unchanged.
  */
 #define UMBJ_GONE_SIZE 128
 int umbj_bundle_take_away(int jobs, const uint8_t key[UMBJ_HASH_BYTES], char gone[UMBJ_GONE_SIZE]);
