@@ -11,7 +11,7 @@ extern const struct umb_sha256 umbs_sha256;
 /* Digest of one buffer. */
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES]);
 
-/* Digest of bytes that come piece by piece: call begin, add any number of times, end. */
+/* Digest of bytes in pieces: call begin, then add any number of times, then end. */
 struct umbs_sha256_run {
     SHA256_CTX context;
 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Common parts of all tries, and the bake on this machine; see bake_try.h. */
+/* Tries of jobs, see bake_try.h: functions for all tries, and the bake on this machine. */
 #include "jobs/bake_try.h"
 
 #include <stdarg.h>

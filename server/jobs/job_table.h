@@ -87,7 +87,7 @@ UMB_CHECKED enum umb_status umbj_table_submit(struct umbj_table *table,
                                               struct umbj_job *job, int *is_new,
                                               struct umb_error *error);
 
-/* Looks for the job that umbj_table_submit would return. Fails: E_NOT_FOUND. */
+/* Finds the existing job that umbj_table_submit would return. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner,
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);

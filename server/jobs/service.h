@@ -64,7 +64,7 @@ struct umbj_service_options {
      * always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
-    /* For tests; NULL: the system's clocks, and an executor made from the options above. */
+    /* Replacements for tests; NULL: the system's clocks, an executor by the options above. */
     const struct umbj_clocks *clocks;
     struct umbj_executor *executor; /* the service's, also if create fails */
 };

@@ -188,7 +188,7 @@ UMB_CHECKED enum umb_status umbs_reader_acquire(struct umbs_reader *reader, cons
 int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders);
 void umbs_reader_refresh(struct umbs_reader *reader);
 
-/* Fails with the E_NOT_FOUND of umbs_store_acquire: there is no such asset. */
+/* Fails with the E_NOT_FOUND and the message of umbs_store_acquire for a missing asset. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
 
 /* Takes a further reference. Never waits. */

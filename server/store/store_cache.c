@@ -114,7 +114,7 @@ static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
     return umbu_output_replace(path, UMBU_OUTPUT_PRIVATE, key, UMBS_KEY_BYTES, error);
 }
 
-/* Reads the key. The daemon with write access makes a new one if there is no usable key. */
+/* Reads the key. If there is no usable key, a daemon with write access makes a new one. */
 static enum umb_status take_key(struct umbs_cache *cache, struct umb_error *error)
 {
     char path[UMBS_PATH_SIZE];
