@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The encoder of all messages, see codec.h: the same walk counts the bytes first, and then writes
+/* The encoder of all messages, see codec.h. The same code first counts the bytes and then writes
  * them. */
 #include "wire/codec.h"
 
@@ -105,7 +105,7 @@ static uint64_t wire_enum(struct sink *sink, const struct slot *slot, uint32_t v
     return 0;
 }
 
-/* Returns a number as a varint or 64 bits have it. In: bits: the member's. */
+/* Returns the bits of a member in the form in which a varint or a 64-bit field stores them. */
 static uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t bits)
 {
     double value;

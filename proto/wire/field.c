@@ -26,7 +26,8 @@ bool umbw_varint_read(const uint8_t **at, const uint8_t *end, uint64_t *value)
     return false;
 }
 
-/* Finds the payload of an item whose tag is read; false if it does not fit or is a group. */
+/* Finds the payload of a field whose tag has been read. Returns false if the payload is cut off or
+ * is a group. */
 static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8_t *end)
 {
     uint64_t size;
