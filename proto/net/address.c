@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* True if all characters may stand in a host; colons and zones only between brackets. */
+/* Returns true if all characters are allowed in a host: colons and IPv6 zones only between
+ * brackets. */
 static bool is_host(const char *text, size_t length, bool bracketed)
 {
     static const char allowed[] =

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_NET_ADDRESS_H
 #define UMBRAGE_NET_ADDRESS_H
 /*
- * Addresses of daemons as they are written: tcp:HOST:PORT (HOST may be [::1]), tls:HOST:PORT or
- * unix:PATH. Client and daemon share one grammar. Nothing here looks a name up.
+ * Addresses of daemons as text: tcp:HOST:PORT (HOST may be [::1]), tls:HOST:PORT or unix:PATH.
+ * Client and daemon use the same grammar. No function here resolves a host name.
  */
 #include <stddef.h>
 #include "umbrage/status.h"
@@ -26,11 +26,11 @@ struct umbn_address {
 };
 
 /*
- * Parses an address. A host has letters, digits, '.', '-' and '_' only, or is an IPv6 number in
- * brackets, so that it is valid in a header.
+ * Parses an address. A host has only letters, digits, '.', '-' and '_', or is an IPv6 number in
+ * brackets. Every accepted host is therefore valid in an HTTP header.
  *
  * In:    field: name of the option or field, for messages ("--listen").
- * Fails: E_ARGUMENT, naming the field, the text and what it must be.
+ * Fails: E_ARGUMENT; the message names the field and the text, and says what the text must be.
  */
 UMB_CHECKED enum umb_status umbn_address_parse(const char *field, const char *text,
                                                struct umbn_address *address,

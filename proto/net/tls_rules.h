@@ -2,12 +2,12 @@
 #ifndef UMBRAGE_NET_TLS_RULES_H
 #define UMBRAGE_NET_TLS_RULES_H
 /*
- * Rules of every TLS context of umbrage: TLS 1.2 or 1.3; for 1.2 only suites with forward secrecy
- * and authenticated encryption; no renegotiation, no compression, no session resumption; keys
- * without a password. Certificate files must be regular files, since OpenSSL would wait for the
- * writer of a pipe.
+ * Rules for every TLS context of umbrage: TLS 1.2 or 1.3; for 1.2 only suites with forward secrecy
+ * and authenticated encryption; no renegotiation, compression or session resumption; keys without a
+ * password. Certificate files must be regular files, because OpenSSL would wait for the writer of a
+ * pipe.
  *
- * Threads: all functions from any thread; a context has one owner while it is made.
+ * Threads: all functions from any thread; a context has one owner while it is set up.
  */
 #include <openssl/ssl.h>
 #include "umbrage/status.h"
@@ -22,18 +22,20 @@ struct umbn_tls_file {
 UMB_CHECKED enum umb_status umbn_tls_context_create(const SSL_METHOD *method, SSL_CTX **context,
                                                     struct umb_error *error);
 
-/* Fails with E_NO_INPUT, naming the first file that is a pipe, a device or a folder. */
+/* Fails with E_NO_INPUT if a file is a pipe, a device or a folder; the message names the first
+ * one. */
 UMB_CHECKED enum umb_status umbn_tls_files_check(const struct umbn_tls_file *files, size_t count,
                                                  struct umb_error *error);
 
-/* Reads a certificate chain and its key (PEM). Fails: E_ARGUMENT or E_NO_INPUT; names the file. */
+/* Reads a certificate chain and its key (PEM). Fails: E_ARGUMENT or E_NO_INPUT; the message names
+ * the file. */
 UMB_CHECKED enum umb_status umbn_tls_load_pair(SSL_CTX *context,
                                                const struct umbn_tls_file *certificate,
                                                const struct umbn_tls_file *key,
                                                struct umb_error *error);
 
-/* Fails with OpenSSL's reason for a file, and empties its queue: E_NO_INPUT if the file cannot be
- * read, else E_ARGUMENT. */
+/* Reports OpenSSL's reason for a bad file and empties OpenSSL's error queue. Returns E_NO_INPUT if
+ * the file cannot be read, else E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbn_tls_refuse_file(const struct umbn_tls_file *file,
                                                  struct umb_error *error);
 

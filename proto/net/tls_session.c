@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * TLS sessions over a BIO of our own: it reads from the bytes at hand and writes into the owner's
+ * TLS sessions over a BIO of our own, which reads from the given bytes and writes into the owner's
  * sink.
  *
- * Why the read loop ends: each turn takes a record from the input or asks for more. Then no input
- * is left, because OpenSSL stores an incomplete record itself.
+ * The read loop ends, because each turn takes a record from the input or asks for more input.
+ * OpenSSL stores an incomplete record itself, so no input is left when it asks for more.
  */
 #include "net/tls_session.h"
 

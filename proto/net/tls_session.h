@@ -2,14 +2,14 @@
 #ifndef UMBRAGE_NET_TLS_SESSION_H
 #define UMBRAGE_NET_TLS_SESSION_H
 /*
- * TLS of one connection, without I/O: records in, plain bytes out, and the other way round.
+ * TLS of one connection, without I/O. A session turns records into plain bytes and plain bytes into
+ * records.
  *
- *     umbn_tls_create, umbn_tls_open with no bytes (a client's hello),
- *     umbn_tls_open with what came, umbn_tls_seal with what goes, umbn_tls_destroy.
+ *     umbn_tls_create, umbn_tls_open without bytes (sends a client's hello),
+ *     umbn_tls_open for received bytes, umbn_tls_seal for bytes to send, umbn_tls_destroy.
  *
- * Records to be sent go to the owner's sink as OpenSSL makes them, in calls of open, seal and bye.
- * A session keeps no buffer of its own, so that an idle connection costs none. Threads: a session
- * has one owner.
+ * OpenSSL's records go straight to the owner's sink, in calls of open, seal and bye. A session has
+ * no buffer, so an idle connection costs no buffer memory. Threads: a session has one owner.
  */
 #include <openssl/ssl.h>
 #include <stdbool.h>
@@ -24,7 +24,7 @@ struct umbn_tls; /* opaque */
 /* Takes plain bytes; returns 0, or another value to stop reading. */
 typedef int (*umbn_plain_fn)(void *user, const uint8_t *bytes, size_t count);
 
-/* Takes records to be sent; false (no room, no memory) ends the session. */
+/* Callback for records to be sent. If it returns false (no room, no memory), the session ends. */
 typedef bool (*umbn_records_fn)(void *user, const uint8_t *bytes, size_t count);
 
 /*
@@ -53,7 +53,7 @@ enum umbn_tls_end {
 };
 
 /*
- * Takes bytes from the peer, continues the handshake and gives plain bytes to `take`. After a
+ * Takes bytes from the peer, continues the handshake and passes plain bytes to `take`. After a
  * failure the sink may hold an alert, which should be sent.
  *
  * Returns 0, the value with which `take` stopped, or a value of enum umbn_tls_end.
@@ -61,7 +61,8 @@ enum umbn_tls_end {
 int umbn_tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count, umbn_plain_fn take,
                   void *user);
 
-/* Seals bytes into the sink. False if the sink refused, or the session is broken. */
+/* Seals bytes into the sink. Returns false if the sink refused a record or the session is
+ * broken. */
 bool umbn_tls_seal(struct umbn_tls *tls, const uint8_t *bytes, size_t count);
 
 /* Sends close_notify to the sink, if the handshake is complete. */

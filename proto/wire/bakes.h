@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_WIRE_BAKES_H
 #define UMBRAGE_WIRE_BAKES_H
 /*
- * The messages of umbrage.v1.Bakes; the rules of messages.h hold here too. States and failures are
- * numbers that the job service and the protocol share.
+ * The messages of umbrage.v1.Bakes; the rules of messages.h apply. The numbers of job states and
+ * failures are those that the job service uses.
  */
 #include "umbrage/jobs.h"
 #include "wire/messages.h"

@@ -2,9 +2,9 @@
 /*
  * The decoder of all messages, see codec.h.
  *
- * It looks at a message twice: a scan notes the last occurrence and the number of each field, then
- * each row takes its field. Messages with arrays and texts are read once without a struct, which
- * checks them and counts the bytes of their block, and then again into the block.
+ * It passes over a message twice: a scan notes the count and the last occurrence of each field,
+ * then each row decodes its field. Messages with arrays and texts are first read without a struct,
+ * which checks them and counts the bytes of their block. A second read fills the block.
  */
 #include "wire/codec.h"
 
@@ -35,8 +35,8 @@ struct decoder {
     struct umb_error *error;
 };
 
-/* Bytes of a message: a piece, and the part of the parent in which further pieces of the
- * sub-message `number` may follow. The parent is a whole message. */
+/* Bytes of a message, in pieces: the current piece, and the part of the parent that may hold
+ * further pieces of the sub-message `number`. The parent is a whole message. */
 struct span {
     const uint8_t *start, *at, *end;
     const uint8_t *parent, *more, *more_end;
@@ -55,7 +55,7 @@ struct slot {
     size_t index;            /* Index in the arrays that rows with a stride describe */
 };
 
-/* Fails with E_ARGUMENT, or a status, and a sentence that begins with the field's name. */
+/* Fails with E_ARGUMENT, or another status, and a message that begins with the field's name. */
 #define REFUSE_AS(slot, status, format, ...)                                                       \
     umb_fail((slot)->decoder->error, status, "%s%s: " format, (slot)->table->prefix,               \
              (slot)->field->name, __VA_ARGS__)
@@ -64,7 +64,7 @@ struct slot {
 static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
                                      const struct span *span, uint8_t *out, size_t index);
 
-/* Moves to the next piece of a sub-message that has bytes; at == end if there is none. */
+/* Moves to the next piece of a sub-message that is not empty; at == end if no piece is left. */
 static enum umb_status next_piece(struct span *span, struct umb_error *error)
 {
     struct umbw_item piece;
@@ -223,8 +223,8 @@ static enum umb_status take_enum(const struct slot *slot, uint32_t *value)
                      "%ld is not one of %s", (long)(int32_t)*value, names);
 }
 
-/* Takes a single number at `offset` of the struct. A value is cut to the bits of its type, as
- * protobuf says. */
+/* Stores a single number at `offset` of the struct. As protobuf requires, a value is cut to the
+ * bits of its type. */
 static enum umb_status take_number(const struct slot *slot, uint64_t bits, size_t offset)
 {
     const struct umbw_row *row = slot->row;
@@ -274,9 +274,9 @@ static enum umb_status take_element(const struct slot *slot, uint64_t bits, size
     return UMB_OK;
 }
 
-/* Takes the elements of one occurrence of a repeated number, packed or a single one. It stops at
- * the first one beyond `most`, since a packed field may be as long as the message. Elements of 8
- * bytes are counted nevertheless. */
+/* Stores the elements of one occurrence of a repeated number: a packed list or a single element. It
+ * stops at the first one beyond `most`, since a packed list may be as long as the message. Elements
+ * of 8 bytes are counted nevertheless. */
 static enum umb_status take_elements(const struct slot *slot, const uint8_t *at, size_t size,
                                      size_t most, size_t *count)
 {
@@ -301,7 +301,8 @@ static enum umb_status take_elements(const struct slot *slot, const uint8_t *at,
     return UMB_OK;
 }
 
-/* Takes a repeated number: none or all elements of an array, or with a stride up to `most`. */
+/* Stores a repeated number. An array must be absent or complete; with a stride up to `most`
+ * elements. */
 static enum umb_status take_numbers(const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
@@ -479,8 +480,9 @@ static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_
     return UMB_OK;
 }
 
-/* Decodes a whole message. In: head: bytes of the block before arrays and texts. out: NULL: the
- * struct is the block's beginning. Out: block: to be freed on failure, too. */
+/* Decodes a whole message. In: head: number of bytes in the block before arrays and texts. out: the
+ * struct; NULL: the struct is at the start of the block. Out: block: the caller frees it, on
+ * failure too. */
 static enum umb_status decode_message(const struct umbw_table *table, const uint8_t *message,
                                       size_t size, void *out, size_t head, uint8_t **block,
                                       struct umb_error *error)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The encoder of all messages, see codec.h: the same walk counts the bytes first, and then writes
+/* The encoder of all messages, see codec.h. The same code first counts the bytes and then writes
  * them. */
 #include "wire/codec.h"
 
@@ -128,7 +128,7 @@ static __attribute__((noinline)) void refuse_number(struct sink *sink, const str
     (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%.9g is not within 0..%.9g", value, slot->row->most);
 }
 
-/* Returns a number as a varint or 64 bits have it. In: bits: the member's. */
+/* Returns the bits of a member in the form in which a varint or a 64-bit field stores them. */
 static inline uint64_t wire_number(struct sink *sink, const struct slot *slot, uint64_t bits)
 {
     double value;

@@ -36,7 +36,8 @@ static inline bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t 
     return umbw_varint_read(at, end, value);
 }
 
-/* Finds the payload of an item whose tag is read; false if it does not fit or is a group. */
+/* Finds the payload of a field whose tag has been read. Returns false if the payload is cut off or
+ * is a group. */
 static bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8_t *end)
 {
     uint64_t size;

@@ -29,17 +29,17 @@ struct umbw_item {
 };
 
 /*
- * Reads the field at *at and moves *at behind it.
+ * Reads the field at *at and moves *at to the byte after the field.
  *
- * In:    message: beginning of the message, for offsets in errors. end: end of the message;
- *        *at < end.
+ * In:    message: start of the message, for offsets in errors. end: end of the message; *at < end.
  * Fails: E_ARGUMENT (not a protobuf message).
  */
 UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at,
                                            const uint8_t *end, struct umbw_item *item,
                                            struct umb_error *error);
 
-/* Reads a varint and moves *at behind it; false if it ends too early or has more than 64 bits. */
+/* Reads a varint and moves *at past the varint. Returns false if the varint is cut off or has more
+ * than 64 bits. */
 bool umbw_varint_read(const uint8_t **at, const uint8_t *end, uint64_t *value);
 
 /* Writes a varint (at most 10 bytes) and returns its length. */

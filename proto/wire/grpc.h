@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_WIRE_GRPC_H
 #define UMBRAGE_WIRE_GRPC_H
 /*
- * gRPC framing without I/O: message prefixes, timeouts, status messages. Pure functions and one
- * small state machine; no HTTP/2 here (nghttp2 belongs to rpc and daemon).
+ * gRPC framing without I/O: message prefixes, timeouts, status messages. This part has pure
+ * functions and one small state machine. HTTP/2 is in the folders rpc and daemon, which use
+ * nghttp2.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -31,9 +32,9 @@ const char *umbw_grpc_name(int code);
 int umbw_grpc_code(enum umb_status status);
 
 /*
- * Returns the status of a code that a server sent; E_PROTOCOL beyond 0..16. RESOURCE_EXHAUSTED
- * alone is E_TOO_LARGE: a retry would not help. With grpc-retry-pushback-ms it means E_BUSY, which
- * libumbrage handles.
+ * Returns the umb_status for a gRPC code from a server; E_PROTOCOL for codes above 16.
+ * RESOURCE_EXHAUSTED gives E_TOO_LARGE, since a retry would not help. With the trailer
+ * grpc-retry-pushback-ms RESOURCE_EXHAUSTED means E_BUSY; libumbrage handles that case.
  */
 enum umb_status umbw_grpc_status(int code);
 
@@ -57,41 +58,42 @@ size_t umbw_message_escape(const char *message, char *text, size_t capacity);
 size_t umbw_message_unescape(const char *text, size_t size, char *message, size_t capacity);
 
 /*
- * Collects the messages of one direction of one call from DATA bytes, split at any place. Life:
- * umbw_reader_init, umbw_reader_feed with the bytes as they come, umbw_reader_finish.
+ * Collects the messages of one direction of one call from DATA bytes, however they are split. Life:
+ * umbw_reader_init, umbw_reader_feed for all bytes in their order, umbw_reader_finish.
  */
 struct umbw_reader {
     uint8_t prefix[5];
     unsigned prefix_bytes;
     int compressed;        /* flag of the current message */
     uint32_t message_size; /* Length of the current message, valid once prefix_bytes == 5 */
-    uint8_t *message;      /* Grows with the bytes received, never sized by the declared length
-                              alone */
+    uint8_t *message;      /* Buffer for the message; it grows with the received bytes and is never
+                              sized by the declared length alone */
     size_t received, capacity;
     size_t max_message;
 };
 
-/* Called with each whole message; message is borrowed during the call. Non-OK stops the feed. */
+/* Callback for each whole message, which is borrowed during the call. A status other than UMB_OK
+ * stops the feed. */
 typedef enum umb_status (*umbw_message_fn)(void *user, const uint8_t *message, size_t size,
                                            int compressed);
 
 void umbw_reader_init(struct umbw_reader *reader, size_t max_message);
 
 /*
- * Feeds bytes. Fails: E_TOO_LARGE on the prefix of an over-long message (before any of its bytes
- * are stored), E_NO_MEMORY, E_PROTOCOL (flag above 1), or what the callback returns.
+ * Feeds bytes to a reader. Fails: E_TOO_LARGE when a prefix declares an over-long message (no byte
+ * of that message is stored), E_NO_MEMORY, E_PROTOCOL (flag above 1), or the callback's status.
  */
 UMB_CHECKED enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *bytes,
                                              size_t count, umbw_message_fn on_message, void *user,
                                              struct umb_error *error);
 
 /*
- * Returns the place of the next bytes of the current message, so that a read can write them there.
- * Bytes fed from there are not copied.
+ * Returns how many bytes of the current message a read may put at *place. Bytes read to that place
+ * and then fed are not copied. The number is 0 between messages, near a message's beginning, and
+ * without memory.
  *
- * In:  most: bytes at most. Out: place: valid until the reader is fed or finished. Returns how many
- *      bytes may be put there: at most the rest of the message; 0 between messages, near a
- * message's beginning or without memory.
+ * In:    most: largest number to return. The number never exceeds the rest of the message.
+ * Out:   place: valid until the reader is fed or finished.
  */
 size_t umbw_reader_room(struct umbw_reader *reader, size_t most, uint8_t **place);
 
@@ -101,15 +103,17 @@ void umbw_reader_finish(struct umbw_reader *reader);
 
 /* --- compressed messages (gunzip.c): grpc-encoding gzip, each message a stream of its own --- */
 
-/* Largest decompressed message. A server decompresses between other work, at some 200 MB a second,
- * and points hardly compress. Clients with more data send it uncompressed. */
+/* Most bytes of a decompressed message. A server decompresses between other work, at about 200 MB a
+ * second, and points hardly compress. Clients with more data send the message uncompressed. */
 #define UMBW_GUNZIP_MAX ((size_t)4 << 20)
 
 /*
- * Inflates a message. In: max: bytes of the result at most, UMBW_GUNZIP_MAX if that is less.
- * Out:   out: malloc, free() it. Fails: E_TOO_LARGE, E_ARGUMENT (not one whole gzip stream),
- *        E_NO_MEMORY; out is then NULL.
- * Trust: safe on hostile bytes; memory grows with what comes out, at most doubling.
+ * Inflates a message.
+ *
+ * In:    max: most bytes of the result; UMBW_GUNZIP_MAX if that is less.
+ * Out:   out: malloc, free() it; NULL on failure.
+ * Fails: E_TOO_LARGE, E_ARGUMENT (not one whole gzip stream), E_NO_MEMORY.
+ * Trust: safe on hostile bytes; memory grows with the inflated bytes, at most doubling.
  */
 UMB_CHECKED enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max,
                                         uint8_t **out, size_t *out_size, struct umb_error *error);

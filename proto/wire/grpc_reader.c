@@ -3,10 +3,11 @@
  * The reader of length-prefixed gRPC messages, see grpc.h.
  *
  * Invariants: prefix_bytes < 5 between messages and while a prefix is incomplete; once it is 5,
- * message_size <= max_message and received < message_size. Memory grows with the bytes received: it
- * at most doubles, or grows to 1 MiB after 16 KiB. It never follows the declared length alone, so a
- * false length gains a peer nothing. A message that is complete in one piece of input is passed on
- * without a copy.
+ * message_size <= max_message and received < message_size.
+ *
+ * Memory grows with the received bytes: it at most doubles, or grows to 1 MiB after 16 KiB. Memory
+ * never follows the declared length alone, so a false length gains a peer nothing. A message that
+ * is complete in one piece of input is passed on without a copy.
  */
 #include "wire/grpc.h"
 
@@ -87,7 +88,8 @@ static void next_message(struct umbw_reader *reader)
     reader->received = 0;
 }
 
-/* Takes body bytes. Out: *taken: their number, also when the callback stops the feed. */
+/* Takes bytes of a message's body. Out: *taken: number of bytes taken, even if the callback stops
+ * the feed. */
 static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *bytes, size_t count,
                                  size_t *taken, umbw_message_fn on_message, void *user,
                                  struct umb_error *error)
@@ -113,7 +115,8 @@ static enum umb_status take_body(struct umbw_reader *reader, const uint8_t *byte
 enum umb_status umbw_reader_feed(struct umbw_reader *reader, const uint8_t *bytes, size_t count,
                                  umbw_message_fn on_message, void *user, struct umb_error *error)
 {
-    /* Each turn takes at least one byte or ends a message, whose prefix took five. */
+    /* The loop ends: each turn takes at least one byte, or completes a message whose prefix took
+     * five. */
     size_t at = 0;
     while (at < count) {
         enum umb_status status;

@@ -19,7 +19,8 @@ struct timeout_unit {
     int64_t nanoseconds;
 };
 
-/* Finest first: formatting takes the first unit in which the value fits eight digits. */
+/* Units of a timeout, the finest first: formatting uses the first unit in which the value has at
+ * most eight digits. */
 static const struct timeout_unit TIMEOUT_UNITS[] = {
     {'n', 1},
     {'u', 1000},
@@ -32,7 +33,8 @@ static const struct timeout_unit TIMEOUT_UNITS[] = {
 
 #define SENT_MOST 4 /* Most statuses that are sent as one code */
 
-/* By code: name, status that a client makes of it, and the statuses that a server sends as it. */
+/* Rows by gRPC code: the code's name, the status that a client reports for it, and the statuses
+ * that a server sends as that code. */
 static const struct {
     const char *name;
     enum umb_status received;
@@ -139,7 +141,7 @@ size_t umbw_timeout_format(int64_t nanoseconds, char text[16])
     return length;
 }
 
-/* Writes the escaped form of the bytes of one character; at most 12 bytes. */
+/* Writes the escaped form of one character, at most 12 bytes. */
 static size_t escape_character(const uint8_t *bytes, size_t count, char out[12])
 {
     static const char digits[] = "0123456789ABCDEF";
@@ -182,8 +184,8 @@ size_t umbw_message_escape(const char *message, char *text, size_t capacity)
     return written;
 }
 
-/* Returns the value of the escape at text, or -1 if it is none. An escaped NUL would end the text
- * early and counts as a bad escape. */
+/* Returns the value of the escape at text, or -1 if there is no valid escape. An escaped NUL counts
+ * as invalid, because the text would end there. */
 static int escape_value(const char *text, size_t size)
 {
     if (size < 3 || text[0] != '%') {

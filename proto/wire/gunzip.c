@@ -11,7 +11,8 @@
 #define GZIP_ONLY      (15 + 16) /* windowBits of zlib: the largest window, gzip framing */
 #define FIRST_CAPACITY 4096
 
-/* Grows the output block, at most to one byte more than the limit: that byte proves the excess. */
+/* Grows the output block to at most the limit and one byte. That extra byte shows that the result
+ * is too large. */
 static enum umb_status grow(uint8_t **block, size_t *capacity, size_t limit,
                             struct umb_error *error)
 {
@@ -30,7 +31,8 @@ static enum umb_status grow(uint8_t **block, size_t *capacity, size_t limit,
     return UMB_OK;
 }
 
-/* Runs the stream to its end. Each turn fills the block or ends, so it ends. */
+/* Inflates the stream to its end. The loop ends, because each turn fills the block or ends the
+ * stream. */
 static enum umb_status inflate_all(z_stream *stream, uint8_t **block, size_t *used, size_t limit,
                                    struct umb_error *error)
 {

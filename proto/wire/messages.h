@@ -3,14 +3,14 @@
 #define UMBRAGE_WIRE_MESSAGES_H
 /*
  * The messages of umbrage.v1.Shadows and of the health service as plain structs, and their codecs.
- * Where the public API has a struct for a message, it is that struct. No I/O. Only this library
- * sees protobuf-c; codec.h describes the tables that drive it.
+ * If the public API has a struct for a message, the codec uses that struct. There is no I/O. Only
+ * this library uses protobuf-c; codec.h describes the tables of the codecs.
  *
  * Reading in place: the large byte fields (points, normals, visibility) are never copied. The
  * decoder stores pointers to them, so the message must live as long as the struct.
  *
- * Encoding writes into a caller's umbw_buffer (growing, one allocation), behind the 5-byte prefix
- * of gRPC.
+ * Encoding appends the 5-byte prefix of gRPC and the message to the caller's umbw_buffer, which
+ * grows as one allocation.
  *
  * Trust: decoders are safe on hostile bytes; every limit is checked here and named in the error.
  */
@@ -41,13 +41,13 @@ struct umbw_buffer {
 };
 void umbw_buffer_finish(struct umbw_buffer *buffer);
 
-/* Makes room for `count` more bytes behind buffer->size; the caller writes them and adds to size.
- * Fails: E_NO_MEMORY; the buffer is unchanged. */
+/* Makes room for `count` more bytes after buffer->size. The caller writes the bytes and increases
+ * size. Fails: E_NO_MEMORY; the buffer is unchanged. */
 UMB_CHECKED enum umb_status umbw_buffer_reserve(struct umbw_buffer *buffer, size_t count,
                                                 struct umb_error *error);
 
-/* Appends the prefix of a message of `message_size` bytes and makes room for `room` of them.
- * Fails: E_TOO_LARGE (over 4 GiB), E_NO_MEMORY; the buffer is unchanged. */
+/* Appends the prefix of a message of `message_size` bytes, and makes room for the message's first
+ * `room` bytes. Fails: E_TOO_LARGE (over 4 GiB), E_NO_MEMORY; the buffer is unchanged. */
 UMB_CHECKED enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer,
                                                       uint64_t message_size, size_t room,
                                                       struct umb_error *error);
@@ -59,9 +59,10 @@ void umbw_prefix_write(uint64_t message_size, uint8_t bytes[UMBW_PREFIX_BYTES]);
  * Declares umbw_decode_NAME and umbw_encode_NAME of a message (codec.h).
  *
  * Decoder: message: uint8[size] without the prefix. Out: out: zeros on failure. Fails: E_ARGUMENT
- * (not such a message, or a field out of its range: the field is named), E_TOO_LARGE, E_NO_MEMORY.
- * Encoder: appends prefix and message. Fails: E_ARGUMENT (a field out of its range), E_TOO_LARGE,
- * E_NO_MEMORY.
+ * (another message, or a field out of its range, which the error names), E_TOO_LARGE, E_NO_MEMORY.
+ *
+ * Encoder: appends the prefix and the message. Fails: E_ARGUMENT (a field out of its range),
+ * E_TOO_LARGE, E_NO_MEMORY.
  */
 #define UMBW_MESSAGE(name, type)                                                                   \
     UMB_CHECKED enum umb_status umbw_decode_##name(const uint8_t *message, size_t size, type *out, \
@@ -79,17 +80,17 @@ struct umbw_query_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     struct umb_query_settings settings;
     struct umb_points points; /* positions and normals point into the message */
-    int has_picture; /* 1: the points are the pixels of a picture; positions is NULL when encoding,
-                        and the picture's depth when decoded */
+    int has_picture;          /* Kind of points: 1 = a picture's pixels. Then positions is NULL when
+                        encoding, and the picture's depth after decoding */
     struct umb_picture picture;
     int pack;
     uint64_t base_mark; /* Mark of answers that the client has; 0 = none */
     int want_stats;
     struct umb_dial dial; /* Dial; if it requires anything, taps and level are 0 */
-    /* Decoded only: targets instead of asset and light, which are then empty and 0. */
+    /* Targets of a decoded request, in place of asset and light, which are then empty and 0. */
     size_t target_count;
     const uint8_t *targets_at, *targets_end; /* Place where umbw_query_target_next continues */
-    /* Fields as they stand in the message; the codec makes them from `points` and back. */
+    /* Fields in the message's form; the codec makes them from `points` and back. */
     struct umbw_bytes f32, f64, normals, footprints, depth;
     size_t eye_count; /* Numbers of settings.eye: 3 or 0 */
 };
@@ -153,7 +154,7 @@ UMBW_MESSAGE(health_request, char); /* char[256], the name of a service */
 UMBW_MESSAGE(health_reply, int);    /* ServingStatus of the .proto file */
 
 /* Decodes a description. Out: out: free() it; its lights and texts are in the same block. Fails: as
- * above. */
+ * the decoders of UMBW_MESSAGE. */
 UMB_CHECKED enum umb_status umbw_decode_describe_reply(const uint8_t *message, size_t size,
                                                        struct umb_client_description **out,
                                                        struct umb_error *error);
@@ -164,20 +165,21 @@ UMB_CHECKED enum umb_status umbw_encode_describe_reply(const struct umb_client_d
 /* Appends a message without fields: ListRequest, LimitsRequest, DeleteReply. */
 UMB_CHECKED enum umb_status umbw_encode_empty(struct umbw_buffer *buffer, struct umb_error *error);
 
-/* Decodes a QueryRequest. Fails: as above; E_TOO_LARGE (max_points). umb_points_check finds numbers
- * that are not finite later. */
+/* Decodes a QueryRequest. Fails: as the decoders of UMBW_MESSAGE; E_TOO_LARGE (more than
+ * max_points). Coordinates that are not finite are not detected here but by umb_points_check. */
 UMB_CHECKED enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size,
                                                       size_t max_points,
                                                       struct umbw_query_request *request,
                                                       struct umb_error *error);
 
-/* Takes the next target of a decoded request. Call it target_count times, while the message still
+/* Decodes the next target of a decoded request. Call it target_count times while the message
  * exists. Fails: E_ARGUMENT, naming the field. Cost: all calls together read the message once. */
 UMB_CHECKED enum umb_status umbw_query_target_next(struct umbw_query_request *request,
                                                    struct umbw_query_target *target,
                                                    struct umb_error *error);
 
-/* Appends prefix and message, with the decoder's checks; points and normals are copied once. */
+/* Appends the prefix and a QueryRequest, with the decoder's checks; points and normals are copied
+ * once. */
 UMB_CHECKED enum umb_status umbw_encode_query_request(const struct umbw_query_request *request,
                                                       struct umbw_buffer *buffer,
                                                       struct umb_error *error);
@@ -187,23 +189,23 @@ UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size
                                                     struct umb_error *error);
 
 /*
- * Appends the head of a reply: prefix and message up to `visibility`, which comes last on the wire.
- * The caller sends the answers from their own place; all lengths count them already. Fails:
+ * Appends the start of a reply: the prefix and the message up to `visibility`, its last field. The
+ * caller sends the answers from their own memory. All lengths already include the answers. Fails:
  * E_TOO_LARGE, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
                                                          struct umbw_buffer *buffer,
                                                          struct umb_error *error);
 
-/* Writes the same into uint8[room]; room: at least umbw_query_reply_room(reply). Returns the
- * bytes. */
+/* Writes the start of a reply into uint8[room]; room: at least umbw_query_reply_room(reply).
+ * Returns the number of bytes written. */
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes);
 
-/* Returns the bytes of a reply's head: exactly, or with stats at most. Reads only the sizes, counts
- * and has_stats of the reply, and packing. */
+/* Returns the number of bytes of a reply's start: exact without stats, an upper bound with stats.
+ * Reads only the sizes, the counts, has_stats and packing of the reply. */
 size_t umbw_query_reply_room(const struct umbw_query_reply *reply);
 
-/* The descriptors of the .proto files, a google.protobuf.FileDescriptorSet made by the build. */
+/* Descriptors of the .proto files: a google.protobuf.FileDescriptorSet made by the build. */
 extern const uint8_t umbw__descriptor_set[];
 extern const size_t umbw__descriptor_set_bytes;
 

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * QueryRequest and QueryReply. Points, normals and answers stay in the message. Both directions
- * apply the same checks, so that a client reports an error before it sends, in the server's words.
+ * QueryRequest and QueryReply. Points, normals and answers stay in the message. The encoder and the
+ * decoder apply the same checks, so a client reports an error before it sends, in the server's
+ * words.
  */
 #include "wire/messages.h"
 
@@ -74,7 +75,8 @@ static bool is_dialled(const struct umb_dial *dial)
     return dial->max_error_m > 0 || dial->max_visibility > 0 || dial->budget_ns > 0;
 }
 
-/* Checks the dial: finite amounts, and no setting beside it that it chooses. */
+/* Checks the limits of the dial: finite numbers, and no taps or level beside them, which the dial
+ * chooses. */
 static enum umb_status check_dial(const struct umbw_query_request *request, struct umb_error *error)
 {
     const uint32_t taps = request->settings.taps, level = request->settings.level;
@@ -150,7 +152,8 @@ static enum umb_status check_picture(const struct umbw_query_request *request,
     return UMB_OK;
 }
 
-/* Checks what the table cannot: fields that depend on others. Sets the default of taps. */
+/* Checks fields that depend on other fields, which the table cannot do. Sets the default of
+ * taps. */
 static enum umb_status check_request(struct umbw_query_request *request, struct umb_error *error)
 {
     uint32_t *taps = &request->settings.taps;
@@ -198,7 +201,7 @@ enum umb_status umbw_query_target_next(struct umbw_query_request *request,
     return umbw_decode(&TARGET, item.payload, item.payload_size, target, error);
 }
 
-/* Checks the length of an array beside the points. Out: place: the array, or NULL. */
+/* Checks the length of an array with one element for each point. Out: place: the array, or NULL. */
 static enum umb_status take_beside(const char *name, const struct umbw_bytes *field, size_t each,
                                    size_t count, const void **place, struct umb_error *error)
 {
@@ -211,7 +214,8 @@ static enum umb_status take_beside(const char *name, const struct umbw_bytes *fi
     return UMB_OK;
 }
 
-/* Makes the points of a decoded request: those of one of the two fields, or a picture's depths. */
+/* Makes the points of a decoded request from one of the two point fields, or from a picture's
+ * depths. */
 static enum umb_status take_points(struct umbw_query_request *request, size_t max_points,
                                    struct umb_error *error)
 {
@@ -252,7 +256,7 @@ static enum umb_status take_points(struct umbw_query_request *request, size_t ma
                        &points->footprints, error);
 }
 
-/* Footprints that the request does not set are those of the picture's pixels. */
+/* Uses the areas of the picture's pixels as footprints if the request sets no footprint. */
 static void look_through(const struct umb_picture *picture, struct umb_query_settings *settings)
 {
     if (umb_filter_get_info(settings->filter)->has_footprints && settings->footprint_m == 0 &&
@@ -323,8 +327,8 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
 
 #define REPLY(member) UMBW_AT(umbw_query_reply, member)
 
-/* Most bytes of the stats, with tags: varints of 64 bits, one of them with a longer tag, and of 32
- * bits, doubles, tag and length. */
+/* Most bytes of the stats, tags included: varints of 64 and 32 bits, doubles, and the tag and
+ * length of the message. One of the 64-bit varints has a longer tag. */
 #define STATS_MAX (8 * 11 + 12 + 2 * 6 + 5 * 9 + 3)
 
 static const struct umbw_row STATS_ROWS[] = {

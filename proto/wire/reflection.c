@@ -28,7 +28,7 @@ struct span {
     size_t size;
 };
 
-/* Kinds of named things in a descriptor, by field number; 0 ends the list. */
+/* Field numbers of the kinds of named things in a descriptor; 0 ends the list. */
 struct children {
     uint32_t number;
     const struct children *of; /* Kinds that such a child may hold */
@@ -40,8 +40,8 @@ static const struct children message_children[] = {{3, nested_children}, {4, NUL
 static const struct children file_children[] = {
     {4, message_children}, {5, NULL}, {FILE_SERVICE, method_children}, {0, NULL}};
 
-/* Moves to the next field of a descriptor; returns 0 at its end. The bytes are our own and never
- * malformed. */
+/* Moves to the next field of a descriptor; returns 0 at its end. The build makes the bytes, so they
+ * are never malformed. */
 static int next_item(struct span *rest, struct umbw_item *item)
 {
     const uint8_t *at = rest->bytes;
@@ -65,7 +65,8 @@ static struct span field_of(struct span descriptor, uint32_t number)
     return (struct span){NULL, 0};
 }
 
-/* Returns what follows the dot if name starts with `part` as a whole word ("" at the end). */
+/* If name starts with `part` as a whole word, returns the text after the next dot ("" at the end of
+ * name). */
 static const char *after(const char *name, struct span part)
 {
     if (part.size == 0 || strncmp(name, (const char *)part.bytes, part.size) != 0) {
@@ -75,7 +76,8 @@ static const char *after(const char *name, struct span part)
     return name[0] == '.' ? name + 1 : name[0] == '\0' ? name : NULL;
 }
 
-/* Returns 1 if the descriptor holds the thing that `name` names, at any depth. */
+/* Returns 1 if the descriptor contains the message, enum, service or method called `name`, at any
+ * depth. */
 static int holds(struct span descriptor, const struct children *kinds, const char *name)
 {
     struct umbw_item item;
@@ -118,7 +120,7 @@ static struct span find_file(int (*matches)(struct span file, const char *name),
     return (struct span){NULL, 0};
 }
 
-/* A ServerReflectionRequest. Its fields 3 to 7 exclude one another: the last one counts. */
+/* Fields of a ServerReflectionRequest. Fields 3 to 7 exclude one another: the last one counts. */
 struct request {
     char *host, *file, *symbol, *type, *services;
 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_WIRE_REGIONS_H
 #define UMBRAGE_WIRE_REGIONS_H
-/* The messages of umbrage.v1.Regions; the rules of messages.h hold here too. */
+/* The messages of umbrage.v1.Regions; the rules of messages.h apply. */
 #include "maps/map_view.h"
 #include "umbrage/region.h"
 #include "wire/messages.h"

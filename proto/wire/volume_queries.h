@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_WIRE_VOLUME_QUERIES_H
 #define UMBRAGE_WIRE_VOLUME_QUERIES_H
 /*
- * The messages of umbrage.v1.Questions as plain structs. The three volume queries are alike on the
- * wire: fields of one number have the same meaning in each, so one codec serves all.
+ * The messages of umbrage.v1.Questions as plain structs. One codec serves the three volume queries,
+ * because a field number has the same meaning in each of their messages.
  *
- * Records and answers stay in the message when it is decoded, as in messages.h.
+ * Decoded records and answers are pointers into the message, as in messages.h.
  * Trust: decoders are safe on hostile bytes.
  */
 #include "wire/messages.h"
@@ -21,11 +21,11 @@ enum umbw_volume_query {
     UMBW_VOLUME_QUERY_COUNT,
 };
 
-/* Answers as a reply has them: an array for each field, in the order of the .proto file. */
+/* Answers in the form of a reply: an array for each field, in the order of the .proto file. */
 #define UMBW_ANSWER_FIELDS 4
 
-/* Bytes of one record's answer in each field; 0: the query has no such field. For intervals, the
- * bytes of one interval. */
+/* Number of bytes of one record's answer in each field; 0: the query has no such field. For
+ * intervals: the bytes of one interval. */
 extern const size_t umbw_answer_sizes[UMBW_VOLUME_QUERY_COUNT][UMBW_ANSWER_FIELDS];
 
 #define UMBW_FIELD_INTERVALS 3 /* of segments */
@@ -40,7 +40,7 @@ struct umbw_volume_query_request {
     size_t count;
     uint32_t max_intervals; /* of segments */
     int want_stats;
-    /* Fields as they stand in the message; the codec makes them from `records` and back. */
+    /* Fields in the message's form; the codec makes them from `records` and back. */
     struct umbw_bytes f32, f64;
 };
 
@@ -61,11 +61,10 @@ struct umbw_volume_query_reply {
 uint64_t umbw_volume_query_points(enum umbw_volume_query volume_query, uint32_t max_intervals);
 
 /*
- * Decodes a request.
+ * Decodes a request. umb_segments_check and its siblings check later that the records are finite.
  *
- * Fails: E_ARGUMENT (not the message, a length that does not fit, an origin that is not finite: the
- *        field is named), E_TOO_LARGE (more than max_points). That records are finite is checked by
- *        umb_segments_check and its like.
+ * Fails: E_ARGUMENT (another message, a wrong length, an origin that is not finite; the error names
+ *        the field), E_TOO_LARGE (more than max_points).
  */
 UMB_CHECKED enum umb_status umbw_decode_volume_query_request(
     enum umbw_volume_query volume_query, const uint8_t *message, size_t size, uint64_t max_points,
@@ -79,7 +78,7 @@ UMB_CHECKED enum umb_status umbw_decode_volume_query_reply(enum umbw_volume_quer
                                                            struct umbw_volume_query_reply *reply,
                                                            struct umb_error *error);
 
-/* Append prefix and message. Fail: E_ARGUMENT (asset, origin), E_TOO_LARGE (over 4 GiB),
+/* Appends the prefix and a message. Fails: E_ARGUMENT (asset, origin), E_TOO_LARGE (over 4 GiB),
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status
 umbw_encode_volume_query_request(const struct umbw_volume_query_request *request,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See volume_queries.h. The three messages of each direction share one array of rows. */
+/* Codec of the volume queries, see volume_queries.h. All three requests share one array of rows,
+ * and so do all three replies. */
 #include "wire/volume_queries.h"
 
 #include <string.h>

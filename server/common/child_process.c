@@ -12,7 +12,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#define FD_SPARE 10 /* sources are parked from here up while the lower descriptors are laid out */
+#define FD_SPARE 10 /* Lowest number for sources moved out of the way of the lower numbers */
 
 void umbs_child_environment(char *chosen[UMBS_CHILD_ENVIRONMENT_MAX])
 {

@@ -6,8 +6,8 @@
 
 #include "base/utf8.h"
 
-/* Length in bytes of the clean character that text starts with, or 0. U+0080 to U+009F are control
- * characters too, and terminals obey them. */
+/* Returns the length in bytes of the clean character at the start of text, or 0. U+0080 to U+009F
+ * are control characters too, which terminals obey. */
 static size_t clean_char(const char *text, size_t length)
 {
     const uint8_t *bytes = (const uint8_t *)text;

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
 #define UMBRAGE_SERVER_COMMON_CLEAN_TEXT_H
 /*
- * Clean text: valid UTF-8 without control characters. Names from foreign files end in terminals,
- * logs and protobuf strings, which misbehave on anything else. So the importer cleans them and the
- * validator checks them.
+ * Clean text: valid UTF-8 without control characters. Names from foreign files reach terminals,
+ * logs and protobuf strings, which misbehave on other text. So the importer cleans such names and
+ * the validator checks them.
  *
  * Threads: pure functions.
  */
@@ -21,7 +21,7 @@
 void umbs_text_clean(char *out, size_t size, const char *text, size_t length);
 
 /*
- * Tells whether text is clean.
+ * Returns 1 if text is clean.
  *
  * In:    newlines: 1 if '\n' is allowed.
  * Trust: safe on hostile bytes.

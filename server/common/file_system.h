@@ -20,15 +20,16 @@ ssize_t umbs_read_full(int fd, void *bytes, size_t size);
 UMB_CHECKED enum umb_status umbs_read_file(int fd, size_t size, const char *what, uint8_t **bytes,
                                            struct umb_error *error);
 
-/* Reach of a file system. Locks and shared memory of a file work for all processes only if one
- * kernel has the file system. Sources: statfs(2), linux/magic.h. */
+/* Reach of a file system: one machine or several. Locks and shared memory of a file work for all
+ * processes only if one kernel has the file system. Sources: statfs(2), linux/magic.h. */
 enum umbs_reach {
     UMBS_REACH_LOCAL,   /* this machine alone: ext4, XFS, Btrfs, ZFS, tmpfs, F2FS */
     UMBS_REACH_UNKNOWN, /* overlay and every file system not listed */
     UMBS_REACH_NETWORK, /* shared with other machines: NFS, SMB, Lustre, Ceph, FUSE, 9p, GPFS */
 };
 
-/* Reach of the file system of an open file. Out: name: name of its type, static; may be NULL. */
+/* Returns the reach of an open file's file system. Out: name: name of the file system's type,
+ * static; may be NULL. */
 enum umbs_reach umbs_file_system(int fd, const char **name);
 
 #endif

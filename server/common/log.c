@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The daemon's log: key=value lines, each in one write. Never fails its caller. */
+/* The daemon's log: key=value lines, each in one write. A failure of the log never reaches the
+ * caller. */
 #include "common/log.h"
 #include "tool/clock.h"
 
@@ -74,8 +75,8 @@ static int hex_digit(char c)
     return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
-/* Writes a quoted value that starts after its opening quote. Returns the text after the closing
- * one. */
+/* Writes the rest of a quoted value, after its opening quote. Returns the text after the closing
+ * quote. */
 static const char *put_quoted(struct json_line *json, const char *at)
 {
     put(json, "\"", 1);
@@ -91,7 +92,8 @@ static const char *put_quoted(struct json_line *json, const char *at)
     return *at == '"' ? at + 1 : at;
 }
 
-/* True for a JSON number: an optional sign, digits without a leading zero, an optional fraction. */
+/* Returns true for a JSON number: an optional sign, digits without a leading zero, an optional
+ * fraction. */
 static int is_number(const char *text, size_t length)
 {
     size_t at = length > 0 && text[0] == '-';
@@ -180,7 +182,7 @@ void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const 
     } else {
         line[length++] = '\n';
     }
-    /* A failed write of the log cannot be reported: the event is lost, the daemon goes on. */
+    /* A failed write of the log cannot be reported: the event is lost, and the daemon continues. */
     ssize_t ignored = write(log->fd, out, length);
     (void)ignored;
 }

@@ -36,14 +36,14 @@ void umbs_log_init(struct umbs_log *log, int fd, enum umb_log_level level);
 /*
  * Writes one event.
  *
- * In: log: NULL is silent. event: a word. format: printf format of the `key=value` pairs after it,
- *     NULL for none; values from outside must have been quoted.
+ * In:    log: NULL writes nothing. event: a word. format: printf format of the `key=value` pairs
+ *        after the event, or NULL. Values from outside must have been quoted by umbs_log_quote.
  */
 void umbs_log_event(const struct umbs_log *log, enum umb_log_level level, const char *event,
                     const char *format, ...) UMB_PRINTF(4, 5);
 
-/* Writes text in double quotes, at most 128 bytes of it, control bytes, quotes and bytes above
- * 0x7e as \xNN. Returns out, which has UMBS_LOG_QUOTE_SIZE bytes. */
+/* Quotes text: at most 128 bytes of text, with control bytes, quotes and bytes above 0x7e as \xNN.
+ * Returns out, which has UMBS_LOG_QUOTE_SIZE bytes. */
 const char *umbs_log_quote(const char *text, char out[UMBS_LOG_QUOTE_SIZE]);
 
 /* Changes the level; any thread, at once. */
@@ -51,10 +51,11 @@ void umbs_log_set_level(struct umbs_log *log, enum umb_log_level level);
 
 /*
  * Turns `key=value key="quoted \xNN"` into one JSON object. A bare value that is a plain decimal
- * number stays one; every other is a string. A pair that does not fit is left out, with all behind.
+ * number stays a number; every other value becomes a string. If a pair does not fit into out, that
+ * pair and all later ones are left out.
  *
- * In: line: NUL-terminated, as umbs_log_event makes it. capacity: of out, at least 3.
- * Returns the length; not terminated.
+ * In:    line: NUL-terminated, as umbs_log_event makes it. capacity: bytes of out, at least 3.
+ * Returns the length of the object, which has no terminating NUL.
  */
 size_t umbs__log_json(const char *line, char *out, size_t capacity);
 

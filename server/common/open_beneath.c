@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Names beneath a folder (open_beneath.h).
+ * Opens names beneath a folder (open_beneath.h).
  *
  * openat2 with RESOLVE_BENEATH lets the kernel prove, without a race, that a name does not leave
- * the folder (Linux 5.6). Where it is missing, each component is opened on its own and symbolic
- * links are refused altogether. Source: openat2(2).
+ * the folder (Linux 5.6). On older kernels each component is opened separately, and symbolic links
+ * are refused. Source: openat2(2).
  */
 #define _GNU_SOURCE /* openat2's number, O_PATH, syscall */
 #include "common/open_beneath.h"
@@ -17,7 +17,8 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* A rename makes one opening in dozens fail at worst. So many failures in a row are an attack. */
+/* Most attempts of an opening. A rename elsewhere makes at worst one attempt in dozens fail, so
+ * this many failures in a row mean an attack. */
 #define TRIES_MAX 1000
 
 /* Closes a descriptor and keeps errno. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_OPEN_BENEATH_H
 #define UMBRAGE_SERVER_COMMON_OPEN_BENEATH_H
-/* Opening a regular file by a foreign name that must not leave a folder. */
+/* Opens a regular file by an untrusted name that must not leave a folder. */
 
 #define UMBS_BENEATH_NAME_BYTES 1024 /* with the NUL */
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See owner_lock.h. The file is one line, HOST BOOT PID WORD NUMBER; an empty one has no owner.
+ * Owner locks, see owner_lock.h. The file is one line, HOST BOOT PID WORD NUMBER; an empty file has
+ * no owner.
  */
 #define _GNU_SOURCE /* F_OFD_SETLK, getrandom */
 #include "common/owner_lock.h"
@@ -55,7 +56,7 @@ static void name_self(char owner[UMBS_OWNER_SIZE])
                    word);
 }
 
-/* Takes both locks. Returns 1, 0 (another process has it) or -1 (the file system has no locks). */
+/* Takes both locks. Returns 1, 0 (another process has one) or -1 (the file system has no locks). */
 static int lock_file(int fd)
 {
     struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
@@ -78,7 +79,7 @@ static struct line read_line(int fd)
     return line;
 }
 
-/* Reads the line through a new descriptor, for close-to-open (owner_lock.h). */
+/* Reads the line through a new descriptor, so that NFS shows the latest bytes (owner_lock.h). */
 static struct line read_anew(const char *path)
 {
     const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
@@ -100,8 +101,8 @@ static enum umb_status is_taken(const char *path, const struct line *line, struc
                     pid, host, path);
 }
 
-/* 1 if the line's owner ran on this machine since its boot. Then holding the lock proves that the
- * owner has ended. */
+/* Returns 1 if the line's owner ran on this machine since the last boot. A process that holds the
+ * lock then knows that this owner has ended. */
 static int is_of_this_boot(const struct line *line, const char *owner)
 {
     char theirs[64];
@@ -110,7 +111,7 @@ static int is_of_this_boot(const struct line *line, const char *owner)
            strcmp(ours, "-") != 0 && strcmp(theirs, ours) == 0;
 }
 
-/* Watches the line: 0 once it changes, 1 if it stands still for watch_ms. */
+/* Watches the line. Returns 0 once the line changes, 1 if it stays the same for watch_ms. */
 static int stands_still(const char *path, const struct line *before, uint32_t watch_ms)
 {
     const struct timespec pause = {.tv_nsec = LOOK_MS * 1000000L};
@@ -136,7 +137,8 @@ static enum umb_status write_line(struct umbs_owner_lock *lock, struct umb_error
     return UMB_OK;
 }
 
-/* 1 if the open file still has the path: it may have been removed before it was locked. */
+/* Returns 1 if the path still leads to the open file. The file may have been removed before it was
+ * locked. */
 static int is_at(int fd, const char *path)
 {
     struct stat ours;

@@ -39,24 +39,26 @@ struct umbs_owner_lock {
 };
 
 /* Takes a lock. Fails: E_BUSY (another process has it), E_CANNOT_CREATE, E_LIMIT. Cost: blocks for
- * UMBS_TAKE_OVER_MS where a number must be watched. */
+ * UMBS_TAKE_OVER_MS if the number in the file must be watched. */
 UMB_CHECKED enum umb_status umbs_owner_lock_take(const char *path, struct umbs_owner_lock *lock,
                                                  struct umb_error *error);
 
-/* umbs_owner_lock_take for a given reach of the file system and a given watching time. */
+/* The same as umbs_owner_lock_take, for a given reach of the file system and a given watching
+ * time. */
 UMB_CHECKED enum umb_status umbs__owner_lock_take(const char *path, enum umbs_reach reach,
                                                   uint32_t watch_ms, struct umbs_owner_lock *lock,
                                                   struct umb_error *error);
 
-/* Shows that the owner is alive; does nothing where the locks are enough. Fails: E_STATE (another
- * process took the file over: stop using the guarded files), E_IO (not written; try again). */
+/* Increments the number that shows that the owner is alive; does nothing if the kernel locks are
+ * enough. Fails: E_STATE (another process took the file over: stop using the guarded files), E_IO
+ * (not written; try again). */
 UMB_CHECKED enum umb_status umbs_owner_lock_beat(struct umbs_owner_lock *lock,
                                                  struct umb_error *error);
 
-/* 1 if a held lock's file still has its path: it was not removed or replaced. */
+/* Returns 1 if a held lock's file was not removed or replaced at its path. */
 int umbs_owner_lock_is_there(const struct umbs_owner_lock *lock);
 
-/* Removes the owner from the file and unlocks it. A lock that is not held is allowed. */
+/* Removes the owner from the file and unlocks the file. A lock that is not held is allowed. */
 void umbs_owner_lock_release(struct umbs_owner_lock *lock);
 
 #endif

@@ -48,7 +48,7 @@ static enum umb_status check_facts(const char *path, const char *at, const struc
     return UMB_OK;
 }
 
-/* Checks one folder on the way; the last one must not be writable by others, even if it is
+/* Checks one folder of the path. The last folder must not be writable by others, even if it is
  * sticky. */
 static enum umb_status check_one(const char *path, const char *folder, int is_last,
                                  struct umb_error *error)
@@ -66,7 +66,7 @@ static enum umb_status check_one(const char *path, const char *folder, int is_la
     return check_facts(path, folder, &facts, error);
 }
 
-/* Checks the folder of an absolute path without links, and all folders above it. */
+/* Checks the folder at an absolute path without symbolic links, and all folders above it. */
 static enum umb_status check_all(const char *path, char *resolved, struct umb_error *error)
 {
     const size_t length = strlen(resolved);
@@ -120,7 +120,7 @@ static enum umb_status open_in(const char *folder, const char *path, const char 
                                struct umb_error *error)
 {
     const int at = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
-    /* O_NONBLOCK: opening a pipe must not wait. It changes nothing for files. */
+    /* O_NONBLOCK has no effect on regular files, but opening a pipe does not wait. */
     *fd = at < 0 ? -1 : openat(at, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
     const int cause = errno;
     if (at >= 0) {

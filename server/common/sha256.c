@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SHA-256 by OpenSSL, in the interface that the core expects. Many messages at once are hashed by
- * sha256_lanes.h, where the build has it, and by OpenSSL where that fails. */
+/* SHA-256 by OpenSSL, in the form that the core expects. If the build has sha256_lanes.h, many
+ * messages at once are hashed by it; OpenSSL hashes them if the lanes fail. */
 #include "net/openssl_sha256.h"
 
 #include "common/sha256.h"
@@ -11,12 +11,12 @@
 
 #include "common/sha256_lanes.h"
 
-/* Below this number of messages most lanes would be idle (measured: eight messages are far ahead,
- * two are not). */
+/* Smallest number of messages for the lanes; with fewer, most lanes would be idle (measured: eight
+ * messages are far faster in lanes, two are not). */
 #define LANES_FROM 4U
 
-/* Idle lanes, kept for the next caller: as many as threads used at the same time, but not more than
- * this. */
+/* Most idle sets of lanes kept for later callers. Each thread that hashes at the same time uses a
+ * set. */
 #define IDLE_MOST 16U
 
 static struct {

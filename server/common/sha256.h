@@ -1,18 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_H
 #define UMBRAGE_SERVER_COMMON_SHA256_H
-/* SHA-256 in the interface that the core expects: by OpenSSL, and many messages at once in
- * lanes. */
+/* SHA-256 in the form that the core expects: single messages by OpenSSL, many at once in lanes. */
 #include <openssl/sha.h>
 #include "format/content.h"
 
-/* SHA-256 for the core. May be used from any thread. Digests cannot fail. */
+/* SHA-256 functions for the core, for use from any thread. Digests cannot fail. */
 extern const struct umb_sha256 umbs_sha256;
 
 /* Digest of one buffer. */
 void umbs_sha256_bytes(const void *bytes, size_t size, uint8_t out[UMB_ID_BYTES]);
 
-/* Digest of bytes that come piece by piece: call begin, add any number of times, end. */
+/* Digest of bytes in pieces: call begin, then add any number of times, then end. */
 struct umbs_sha256_run {
     SHA256_CTX context;
 };

@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_CHAIN_H
 #define UMBRAGE_SERVER_COMMON_SHA256_CHAIN_H
 /*
- * A digest of any amount of data without keeping it: each block of equal size is hashed together
- * with the digest before it. It is not the plain SHA-256 of the data, but as hard to forge.
+ * A digest of any amount of data that does not keep the data: each block of equal size is hashed
+ * together with the previous digest. The result is not the plain SHA-256 of the data, but as hard
+ * to forge.
  *
  *     umbs_chain_init(&chain);
  *     umbs_chain_add(&chain, bytes, count);    any number of times
@@ -23,7 +24,8 @@ struct umbs_chain {
 void umbs_chain_init(struct umbs_chain *chain);
 void umbs_chain_add(struct umbs_chain *chain, const void *bytes, size_t count);
 
-/* Hashes the rest of the data. Before another use the chain must be initialised again. */
+/* Hashes the rest of the data and writes the digest. Initialise the chain again before another
+ * use. */
 void umbs_chain_end(struct umbs_chain *chain, uint8_t digest[UMB_ID_BYTES]);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See sha256_lanes.h. The library takes jobs and returns them when they are done. It works on as
- * many jobs as it has lanes, so that messages of different lengths do not wait for one another.
+ * SHA-256 in lanes, see sha256_lanes.h. The library takes jobs and returns finished ones. It works
+ * on one job in each lane, so messages of different lengths do not wait for one another.
  */
 #include "common/sha256_lanes.h"
 

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_COMMON_SHA256_LANES_H
 #define UMBRAGE_SERVER_COMMON_SHA256_LANES_H
 /*
- * SHA-256 of many messages at once, one in each lane of the vector registers, by Intel's
- * Multi-Buffer Crypto library (libipsec-mb, BSD-3-Clause) where the build has it. Each message is a
- * chain of dependent steps; sixteen messages side by side take little longer than one.
+ * SHA-256 of many messages at once, one in each lane of the vector registers. Intel's Multi-Buffer
+ * Crypto library (libipsec-mb, BSD-3-Clause) does the work, if the build has it. The steps of one
+ * message depend on one another, so sixteen messages side by side take little longer than one.
  *
  *     struct umbs_sha256_lanes *lanes = umbs_sha256_lanes_create(NULL);
  *     made = lanes != NULL && umbs_sha256_lanes_digest(lanes, messages, sizes, count, digests);
@@ -19,21 +19,22 @@
 struct umbs_sha256_lanes; /* opaque, 200 KB */
 
 /*
- * Makes lanes. In: alloc: NULL for malloc. Returns NULL if memory is short, or if this build has no
- * library.
- * Cost: most of a millisecond: the library tests itself.
+ * Makes lanes. In: alloc: allocator; NULL for malloc. Returns NULL if memory is short, or if the
+ * build has no such library.
+ * Cost:  most of a millisecond, because the library tests itself.
  */
 struct umbs_sha256_lanes *umbs_sha256_lanes_create(const struct umb_alloc *alloc);
 
-/* Longest message in bytes: the library counts a lane's bytes in 16 bits. */
+/* Most bytes of a message: the library counts a lane's bytes in 16 bits. */
 #define UMBS_SHA256_LANES_LONGEST ((size_t)65534)
 
 /*
- * Hashes `count` messages. In: messages, sizes: [count] bytes and their number; similar lengths are
- * fastest.
- * Out: digests: [count]; those of messages that are too long are left unchanged.
- * Returns false if the library failed on any of the others; discard the digests then.
- * Cost: allocates nothing.
+ * Hashes `count` messages.
+ *
+ * In:    messages: [count]. sizes: [count] bytes of each; similar sizes are fastest.
+ * Out:   digests: [count]; those of messages that are too long are left unchanged. Returns false if
+ *        the library failed on any other message; then discard all digests.
+ * Cost:  allocates nothing.
  */
 bool umbs_sha256_lanes_digest(struct umbs_sha256_lanes *lanes, const uint8_t *const *messages,
                               const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The admin port. Small on purpose: it reads one request line and answers it. */
+/* The admin port. It is small on purpose: it reads one request line and its Host header, and
+ * answers. */
 #define _GNU_SOURCE /* strcasestr */
 #include "daemon/admin.h"
 
@@ -133,9 +134,9 @@ static void answer_metrics(struct admin_client *client, int head_only)
 }
 
 /*
- * 1 if the request names this machine as its host. A web page whose own name resolves to 127.0.0.1
- * sends that name instead (DNS rebinding). A request without Host comes from an old client, never
- * from a browser.
+ * Returns 1 if the request's Host header names this machine. In a DNS rebinding attack, a web
+ * page's own name resolves to 127.0.0.1, and the browser sends that name as the host. A request
+ * without a Host header comes from an old client, never from a browser.
  */
 static int is_meant_for_us(const char *request)
 {
@@ -212,7 +213,7 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
     }
 }
 
-/* Closes the oldest client in favour of a new one: otherwise silent clients would keep probes out
+/* Closes the oldest client in favour of a new one. Otherwise silent clients would keep probes out
  * until their time-out. */
 static void close_oldest(struct umbd_admin *admin)
 {
@@ -250,7 +251,7 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     }
 }
 
-/* The acceptor tries again with the next tick. The listeners log what is short. */
+/* The acceptor tries again with the next tick. The gRPC listeners log which resource is short. */
 static void on_refused(struct umbd_acceptor *acceptor, int code)
 {
     (void)acceptor;

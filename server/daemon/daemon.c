@@ -109,8 +109,8 @@ enum umb_status umbd_daemon_check_apart(const struct umbd_options *options, cons
                                     store);
 }
 
-/* Folder of mapped files: that of the options, else that of systemd; NULL: one in each store.
- * Several names in CACHE_DIRECTORY are separated by colons. */
+/* Returns the folder of mapped files: the option's, else systemd's; NULL means one in each store.
+ * CACHE_DIRECTORY may have several names with colons between them. */
 static const char *cache_folder(struct umbd_daemon *daemon)
 {
     const char *made = getenv("CACHE_DIRECTORY");
@@ -213,8 +213,9 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     daemon->backend.methods = methods;
     daemon->watchdog_ms = umbd_watchdog_ms();
     enum umb_status status = open_parts(daemon, error);
-    /* Until here a signal ends the process in the default way: the first scan may take minutes, and
-     * there is nothing to drain yet. The threads started from here on inherit the mask. */
+    /* Blocks the signals only now. Before, a signal ended the process in the default way, because
+     * the first scan may take minutes and there was nothing to drain. Threads started later inherit
+     * the mask. */
     umbd_signals_block();
     if (status == UMB_OK) {
         status = start_threads(daemon, error);

@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_SERVER_DAEMON_DAEMON_H
 #define UMBRAGE_SERVER_DAEMON_DAEMON_H
 /*
- * The daemon: what its loops share and what its calls are answered from. No globals: a process
- * could run two. daemon_run.c builds it before the first loop and takes it down after the last.
+ * The daemon: state shared by its loops, and the objects that answer calls. It has no globals, so a
+ * process could run two daemons. daemon_run.c creates it before the first loop and destroys it
+ * after the last.
  */
 #include "daemon/call/call.h"
 #include "daemon/transport/server.h"
@@ -28,15 +29,15 @@ UMB_CHECKED enum umb_status umbd_daemon_check_apart(const struct umbd_options *o
                                                     const char *folder, struct umb_error *error);
 
 /*
- * --check: opens all that the options name, as a start does, and releases it. Fails: as
- * umbd_daemon_init, for folders, tokens, certificates and programs; Slurm's programs are checked
- * too.
+ * Tests the options for --check: opens everything they name, as a start does, and closes it again.
+ * Slurm's programs are checked too. Fails: as umbd_daemon_init, for folders, tokens, certificates
+ * and programs.
  */
 UMB_CHECKED enum umb_status umbd_daemon_check(const struct umbd_options *options,
                                               struct umb_error *error);
 
-/* Opens the store, scans it, starts workers and the store's thread. methods: the table of the
- * calls. Fails: any; daemon is then in the state after umbd_daemon_finish. */
+/* Opens and scans the store, and starts the workers and the store's thread. methods: the table of
+ * the calls. Fails: any status; the daemon is then in the state after umbd_daemon_finish. */
 UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
                                              const struct umbd_options *options,
                                              const struct umbd_method *methods,
@@ -46,21 +47,22 @@ UMB_CHECKED enum umb_status umbd_daemon_init(struct umbd_daemon *daemon,
  * umbd_loops_finish. */
 void umbd_daemon_end_jobs(struct umbd_daemon *daemon);
 
-/* Takes everything down; returns 1, or 0 if the store's thread is still busy and keeps using the
- * daemon: the process must then end by _exit (store_watch.h). */
+/* Destroys everything. Returns 1; or 0 if the store's thread is still busy and keeps using the
+ * daemon. The process must then end by _exit (store_watch.h). */
 int umbd_daemon_finish(struct umbd_daemon *daemon);
 
 /*
- * Reads command line, config file and the files of secrets again (SIGHUP). Log level and scrub
- * interval take effect. For every other changed setting the log tells that it needs a restart. An
- * unreadable file changes nothing. Blocks for small files.
+ * Reads the command line, the config file, tokens and certificates again (SIGHUP). A new log level
+ * and scrub interval take effect. For every other changed setting the log says that it needs a
+ * restart. An unreadable file changes nothing. Cost: blocks for small files.
  */
 void umbd_daemon_reload(struct umbd_daemon *daemon);
 
-/* Events for umbd_server.daemon of a daemon: admin port, signs of life, reload. */
+/* Handlers for umbd_server.daemon: admin port, signs of life, reload. */
 extern const struct umbd_daemon_events umbd_daemon_events;
 
-/* umbraged: parses the command line and serves the methods until a drain. Returns the exit code. */
+/* Runs umbraged: parses the command line and serves the methods until a drain. Returns the exit
+ * code. */
 int umbd_run(int argc, char **argv, const struct umbd_method *methods);
 
 #endif

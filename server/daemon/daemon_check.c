@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * --check: tests whether the files and folders of the options could be used, as a start does,
- * without changing any of them. Assets are not opened: a damaged one does not keep a daemon from
+ * The option --check tests whether a start could use the files and folders of the options. It
+ * changes none of them. Assets are not opened, because a damaged asset does not keep a daemon from
  * serving the others.
  */
 #include <errno.h>
@@ -48,7 +48,8 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
     return status;
 }
 
-/* A folder that exists must be usable; for a missing one the folder above must allow making it. */
+/* Checks a folder. An existing folder must be usable; for a missing one the folder above must allow
+ * creating it. */
 static enum umb_status check_folder(const char *option, const char *path, struct umb_error *error)
 {
     struct stat info;
@@ -83,7 +84,8 @@ static enum umb_status check_cache(const char *path, struct umb_error *error)
     return status;
 }
 
-/* Checks the place of the job table. The start checks a jobs folder that does not exist yet. */
+/* Checks the place of the job table. If the jobs folder does not exist yet, only the start checks
+ * it. */
 static enum umb_status check_table(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbj_place place;
@@ -107,7 +109,8 @@ static bool is_in_path(const char *name)
     return false;
 }
 
-/* A start does not check these programs: a cluster may be upgraded under a running daemon. */
+/* Only --check tests Slurm's programs. A start does not, because a cluster may be upgraded under a
+ * running daemon. */
 static enum umb_status check_slurm(struct umb_error *error)
 {
     static const char *const names[] = {"sbatch", "squeue", "scancel", "scontrol"};

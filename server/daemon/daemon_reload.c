@@ -7,7 +7,7 @@
 #include "daemon/daemon.h"
 #include "daemon/base/service_manager.h"
 
-/* The settings as a config file, in memory; free() it. NULL: out of memory. */
+/* Returns the settings as a config file in memory; free() it. NULL: out of memory. */
 static char *settings_text(const struct umbd_options *options)
 {
     char *text = NULL;
@@ -47,7 +47,7 @@ static int has_line(const char *text, const char *line)
     return at != NULL;
 }
 
-/* Logs each setting of `after` that is not in `before`: it waits for a restart. */
+/* Logs each setting of `after` that differs from `before`: such a setting needs a restart. */
 static void log_waiting(const struct umbs_log *log, const char *before, char *after)
 {
     for (char *line = next_line(&after); line != NULL; line = next_line(&after)) {

@@ -27,8 +27,9 @@
 #include "tool/output.h"
 #include "umbrage/version.h"
 
-/* Request and reply blocks are big and short-lived. Keeping their pages avoids new page faults for
- * each batch (65536 points are 786 kB; measured: 1.1 to 1.2 times the CPU otherwise). */
+/* Thresholds of malloc. Request and reply blocks are big and short-lived (65536 points are 786 kB).
+ * Keeping their pages avoids new page faults for each batch; without this, batches take 1.1 to 1.2
+ * times the CPU time (measured). */
 #define KEEP_BYTES (32 * 1024 * 1024) /* the most that glibc takes */
 
 #define OTHER_DESCRIPTORS 128   /* besides connections: listeners, the store, the admin port */
@@ -36,9 +37,10 @@
 
 #if UMB__TSAN
 /*
- * libuv closes descriptors by a bare system call that ThreadSanitizer does not see. It then reports
- * the next use of the same number, in the store's thread, as a race on the descriptor. Only reports
- * whose innermost frame is one of these calls are silenced: never one on our own memory.
+ * Suppressions for ThreadSanitizer. libuv closes descriptors by a bare system call that the
+ * sanitizer does not see. The sanitizer then reports the next use of the same number, in the
+ * store's thread, as a race on the descriptor. Only reports whose innermost frame is one of these
+ * calls are silenced, never one on our own memory.
  */
 __attribute__((visibility("default"))) const char *__tsan_default_suppressions(void);
 const char *__tsan_default_suppressions(void)
@@ -56,10 +58,10 @@ static void keep_pages(void)
 }
 
 /*
- * Sets the limit of descriptors. Each connection and each mapped asset takes one; the soft limit of
- * many systems is 1024. The limit is raised before the first scan, which maps the assets. If it is
- * far higher it is lowered: the loops' tables have a place for every descriptor (loop_reserve.h).
- * Returns the limit.
+ * Sets the limit of descriptors and returns it. Each connection and each mapped asset takes a
+ * descriptor, and the soft limit of many systems is 1024. So the limit is raised before the first
+ * scan, which maps the assets. A far higher limit is lowered, because the loops' tables have an
+ * entry for every possible descriptor.
  */
 static uint64_t raise_descriptors(const struct umbd_options *options)
 {
@@ -75,8 +77,8 @@ static uint64_t raise_descriptors(const struct umbd_options *options)
     return limit.rlim_cur;
 }
 
-/* Limits connections to the number of descriptors. Closing an idle connection, or refusing a new
- * one, is better than letting it wait for a descriptor. */
+/* Limits connections to the number of descriptors. Without this limit a new connection could wait
+ * for a descriptor; closing an idle connection or refusing the new one is better. */
 static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
 {
     uint64_t needed = (uint64_t)daemon->server.options.max_connections + OTHER_DESCRIPTORS;
@@ -104,7 +106,8 @@ static enum umb_status write_line(struct umbu_output *file, const char *text,
     return umbu_output_write(file, "\n", 1, error);
 }
 
-/* Writes the chosen addresses, one a line. The file appears whole, so no reader sees half of it. */
+/* Writes the chosen addresses, one a line. The file appears complete, so no reader sees half of
+ * it. */
 static enum umb_status write_addresses(const struct umbd_daemon *daemon, struct umb_error *error)
 {
     const char *path = daemon->server.options.address_file;
@@ -136,8 +139,8 @@ static struct umbd_daemon *daemon_of(struct umbd_server *server)
     return (struct umbd_daemon *)(void *)server;
 }
 
-/* Gives the service manager its sign of life when due, unless any loop has not ticked for that
- * long: so a loop that hangs is noticed. */
+/* Sends the service manager a sign of life when one is due. If any loop has not ticked for that
+ * interval, nothing is sent, so the manager notices a hanging loop. */
 static void on_tick(struct umbd_server *server, uint64_t now_ms)
 {
     struct umbd_daemon *daemon = daemon_of(server);
@@ -206,7 +209,8 @@ static enum umb_status serve(const struct umbd_options *options, const struct um
     umbd_daemon_end_jobs(&daemon);
     umbd_admin_close(&daemon);
     umbd_loops_stop(&daemon.server);
-    /* Tasks of ended calls are still with the workers: they return before the loops are freed. */
+    /* Workers may still run tasks of ended calls. These tasks must return before the loops are
+     * freed. */
     umbd_pool_destroy(daemon.backend.pool);
     daemon.backend.pool = NULL;
     umbd_loops_finish(&daemon.server);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Common parts of all tries, and the bake on this machine; see bake_try.h. */
+/* Tries of jobs, see bake_try.h: functions for all tries, and the bake on this machine. */
 #include "jobs/bake_try.h"
 
 #include <stdarg.h>
@@ -100,8 +100,8 @@ static void on_progress(void *user, const char *line)
     umbj_try_tell(try, &report);
 }
 
-/* 1 if a write met the process's limit of file size, which would happen in every try. The program
- * prints the system's error text, in the C locale. */
+/* Returns 1 if a write met the process's limit of file size; such a failure would repeat in every
+ * try. It is recognised by the system's error text in the C locale, which the program prints. */
 static int met_size_limit(const struct umbj_try *try, const struct umbj_process_end *end)
 {
     return end->exit_code == EX_IOERR && strstr(try->said, "File too large") != NULL;

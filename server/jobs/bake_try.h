@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_JOBS_BAKE_TRY_H
 #define UMBRAGE_SERVER_JOBS_BAKE_TRY_H
 /*
- * One try of a job, on its own thread: it makes FOLDER/out.umb from the bundle, or fails with a
+ * One try of a job, on its own thread. It makes FOLDER/out.umb from the bundle, or fails with a
  * cause.
  *
  *     struct umbj_try try = {.options = &options, .work = &work, .stop = fd};
@@ -35,18 +35,18 @@ enum umbj_failure umbj_try_fail(struct umbj_try *try, enum umbj_failure failure,
 enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status status,
                                        const struct umb_error *error);
 
-/* Runs umbrage-bake in a folder to its end and passes its reports on. words: taken over, and
- * finished. */
+/* Runs umbrage-bake in a folder to its end, and passes its reports on. Takes over words and
+ * finishes them. */
 enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, const char *folder);
 
 /* Classifies the end of a process of the try, and stores its cause. */
 enum umbj_failure umbj_try_judge(struct umbj_try *try, const struct umbj_process_end *end);
 
-/* 1 if the tiles of the bake can be kept for later bakes. With Embree the triangles that reach a
- * tile are not known, nor with the static effect. */
+/* Returns 1 if the tiles of the bake can be kept for later bakes. Otherwise (Embree, or the static
+ * effect) it is unknown which triangles reach a tile. */
 int umbj_try_keeps_tiles(const struct umbj_try *try);
 
-/* Bakes on this machine, in one process; the owner's folder of tiles is its cache. */
+/* Bakes on this machine, in one process. The cache of the bake is the owner's folder of tiles. */
 enum umbj_failure umbj_bake_here(struct umbj_try *try);
 
 /* Bakes on options->farm (farm_bake.c). */

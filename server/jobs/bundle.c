@@ -91,9 +91,10 @@ static int compare_files(const void *a, const void *b)
     return strcmp((*left)->path, (*right)->path);
 }
 
-/* Compares names without the case of ASCII letters, never by locale: a file system that folds case
- * has one file for both names. Other letters are compared byte by byte. If a file system folds them
- * too, the second file exists already and is refused when it is created (upload.c). */
+/* Compares names without the case of ASCII letters, independent of the locale: on a file system
+ * that folds case, both names would be one file. Other letters are compared byte by byte. If a file
+ * system folds other letters too, the second file exists already when it is created, and upload.c
+ * refuses it. */
 static int fold(unsigned char letter)
 {
     return letter >= 'A' && letter <= 'Z' ? letter - 'A' + 'a' : letter;
@@ -129,8 +130,8 @@ static const struct umbj_bundle_file **sort_files(const struct umbj_manifest *ma
     return sorted;
 }
 
-/* 1 if the first components of both paths differ only by case. Such paths are neighbours in the
- * folded order. */
+/* Returns 1 if two paths have first components that differ only by case. Such paths are neighbours
+ * in the order without case. */
 static int differ_by_case(const char *one, const char *other)
 {
     int differ = 0, differ_here = 0;
@@ -265,7 +266,8 @@ enum umb_status umbj_settings_text(const struct umbj_manifest *manifest,
     return UMB_OK;
 }
 
-/* The text whose hash is the key, malloc. None of its parts can hold control characters. */
+/* Returns the text whose hash is the key, malloc. No part of it contains control characters, so
+ * parts cannot run together. */
 static char *key_text(const struct umbj_manifest *manifest,
                       const struct umbj_bundle_file *const *sorted, const char *settings)
 {

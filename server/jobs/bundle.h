@@ -4,12 +4,13 @@
 /*
  * A submission: a scene's files with their sizes and hashes, and the settings of its bake.
  *
- * Everything in a manifest is foreign. Paths are relative, of plain components, without "." and
- * "..", so a bundle that is unpacked into an empty folder stays in it. Settings are the options of
- * umbrage-bake that decide the content of an asset, by an allow-list. Each setting reaches the
- * program as one word, so no value can become another option.
+ * Every field of a manifest is untrusted. Paths are relative, with plain components and no "." or
+ * "..", so a bundle unpacked into an empty folder stays in that folder. Settings are those options
+ * of umbrage-bake that decide an asset's content, by an allow-list. Each setting is one word of the
+ * program's command line, so no value can become another option.
  *
- * The key is the SHA-256 of all of that and of the program's version: equal keys give equal assets.
+ * The key is the SHA-256 of the files' list, the settings and the program's version. Equal keys
+ * give equal assets.
  */
 #include "jobs/job.h"
 
@@ -39,20 +40,24 @@ struct umbj_manifest {
     int priority;
 };
 
-/* Checks a manifest. max_bytes: limit of all files together. Out: bytes: their sum.
- * Fails: E_ARGUMENT naming field, value and limit; E_TOO_LARGE (--max-bundle). */
+/*
+ * Checks a manifest. max_bytes: limit for the sum of all files. Out: bytes: that sum.
+ * Fails: E_ARGUMENT naming field, value and limit; E_TOO_LARGE (--max-bundle).
+ */
 UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest,
                                                 uint64_t max_bytes, uint64_t *bytes,
                                                 struct umb_error *error);
 
 #define UMBJ_HEAD_BYTES 8
 
-/* Refuses a file of the bundle that begins like a scene buffer (scene/scene_file.h): only this
- * program's own stages may pass those on. In: head: UMBJ_HEAD_BYTES. Fails: E_ARGUMENT. */
+/* Refuses a file of the bundle that begins like a scene buffer (scene/scene_file.h). Only the
+ * program's own commands may pass scene buffers to one another. In: head: UMBJ_HEAD_BYTES. Fails:
+ * E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_bundle_check_head(size_t index, const char *path,
                                                    const uint8_t *head, struct umb_error *error);
 
-/* The key of a checked manifest; the order of its files does not count. Fails: E_NO_MEMORY. */
+/* Computes the key of a checked manifest. The order of the files does not matter. Fails:
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_manifest_key(const struct umbj_manifest *manifest,
                                               uint8_t key[UMBJ_HASH_BYTES],
                                               struct umb_error *error);
@@ -64,15 +69,18 @@ struct umbj_prepared {
     char settings[UMBJ_SETTINGS_SIZE];
 };
 
-/* Checks a manifest and makes its key and settings: milliseconds for thousands of files. Fails: as
- * umbj_manifest_check, _key and umbj_settings_text. */
+/*
+ * Checks a manifest and makes its key and its settings text. Cost: milliseconds for thousands of
+ * files.
+ * Fails: as umbj_manifest_check, umbj_manifest_key and umbj_settings_text.
+ */
 UMB_CHECKED enum umb_status umbj_manifest_prepare(const struct umbj_manifest *manifest,
                                                   uint64_t max_bytes,
                                                   struct umbj_prepared *prepared,
                                                   struct umb_error *error);
 
-/* Checks a manifest's fields in a row of the table: settings in the form of umbj_settings_text, and
- * the name of the scene. Fails: E_ARGUMENT. */
+/* Checks two fields in a row of the job table: settings in the form of umbj_settings_text, and the
+ * name of the scene. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_settings_check(const char *text, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_scene_check(const char *scene, struct umb_error *error);
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The executor. A slot is free, or belongs to one try and its thread. It becomes free when the
- * service's thread has seen the try's end and joined the thread; only the service's thread assigns
- * slots.
+ * service's thread has handled the end of the try and joined the try's thread. Only the service's
+ * thread assigns slots.
  */
 #include "jobs/executor.h"
 

@@ -2,18 +2,18 @@
 #ifndef UMBRAGE_SERVER_JOBS_EXECUTOR_H
 #define UMBRAGE_SERVER_JOBS_EXECUTOR_H
 /*
- * The executor runs bakes behind one small interface, which tests replace.
+ * The executor runs bakes behind a small interface, which tests replace.
  *
- * An executor starts a try of a job (an epoch), reports on it until it ends, and reports the end
- * once. It makes no decisions: the job service decides what a failure means and whether the try
- * still counts.
+ * An executor starts a try of a job (an epoch), reports on it, and reports its end exactly once. It
+ * makes no decisions: the job service decides what a failure means, and whether the try still
+ * counts.
  *
- * Each try is a thread. It has the asset baked, on this machine (bake_try.h) or by a farm (farm.h),
- * passes the reports on, and stages the result. No process outlives the daemon (worker_process.h);
- * a farm's tasks end when they find that the try's folder is gone.
+ * Each try is a thread. The thread has the asset baked, on this machine (bake_try.h) or by a farm
+ * (farm.h), passes the reports on, and stages the result. No process outlives the daemon
+ * (worker_process.h). A farm's tasks end when they find that the try's folder is gone.
  *
  * Threads: start, cancel and destroy are called by the service's thread; reports may come from any
- * thread, never from inside these calls.
+ * thread, but never during these calls.
  */
 #include "tool/output.h"
 #include "jobs/farm.h"
@@ -31,8 +31,8 @@ struct umbj_work {
     const char *scene;    /* Path of the scene in the bundle */
     const char *settings; /* Lines of --name=value */
     const char *cache;    /* Folder of the owner's tiles; NULL = none */
-    /* 1 if the owner has an asset of an earlier bake of the same key. Then nothing runs, but the
-     * try takes as long as that bake did. */
+    /* 1 if the owner has an asset of an earlier bake of the same key. Then nothing is baked, but
+     * the try takes as long as the earlier bake. */
     int is_known;
     uint8_t known_asset[UMBJ_HASH_BYTES];
     int64_t known_ms;
@@ -54,13 +54,13 @@ struct umbj_report {
     int64_t epoch;
     uint64_t done, total, found;
     char text[UMBJ_CAUSE_SIZE];
-    /* Failure of the try or task; its cause is `text`. At the end, UMBJ_NO_FAILURE: there is an
-     * asset, and the next fields are set. */
+    /* Failure of the try or of a farm's task, with its cause in `text`. UMBJ_NO_FAILURE in the last
+     * report means that there is an asset and the next fields are set. */
     enum umbj_failure failure;
     uint8_t asset[UMBJ_HASH_BYTES];
     int64_t bake_ms;
-    /* Proven file, ready to be committed into the store; the receiver's. Not begun (temporary NULL)
-     * if the asset is there already. */
+    /* Verified file, ready to be committed into the store; the receiver owns it. Its temporary is
+     * NULL if the asset exists already. */
     struct umbu_output staged;
 };
 
@@ -68,7 +68,8 @@ struct umbj_report {
 typedef void (*umbj_report_fn)(void *user, const struct umbj_report *report);
 
 struct umbj_executor {
-    /* Begins a try. Fails: E_BUSY (no slot is free), E_NO_MEMORY, E_LIMIT: nothing was begun. */
+    /* Begins a try. Fails: E_BUSY (no slot is free), E_NO_MEMORY, E_LIMIT; then nothing was
+     * begun. */
     enum umb_status (*start)(struct umbj_executor *self, const struct umbj_work *work,
                              struct umb_error *error);
     /* Asks a try to end soon; it still reports. */
@@ -97,7 +98,8 @@ struct umbj_try_options {
     void *user;
 };
 
-/* Makes an executor; its destroy frees it. Fails: E_UNAVAILABLE (no such program), E_NO_MEMORY. */
+/* Makes an executor, which its own `destroy` frees. Fails: E_UNAVAILABLE (no such program),
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbj_try_executor_create(const struct umbj_try_options *options,
                                                      struct umbj_executor **out,
                                                      struct umb_error *error);

@@ -2,18 +2,18 @@
 #ifndef UMBRAGE_SERVER_JOBS_FARM_H
 #define UMBRAGE_SERVER_JOBS_FARM_H
 /*
- * A farm runs commands on other machines, behind five calls: submit an array of tasks, submit one
- * (the merge), status, cancel, reconcile. Slurm is one (slurm_farm.c).
+ * A farm runs commands on other machines. Its interface has five calls: submit an array of tasks,
+ * submit one task (the merge), status, cancel, reconcile. Slurm is a farm (slurm_farm.c).
  *
- * The farm's word is not trusted. A task has ended when its end file lies in the folder of its
+ * The farm's answers are not trusted. A task has ended when its end file is in the folder of its
  * stage, which all machines share. The task's own script gives that file its name:
  *
  *     done.NUMBER                   output of the command
  *     fail.NUMBER.CODE.SERIAL       the same; CODE: exit code as a shell has it, over 128 a signal
  *
- * The farm's status only tells which tasks will never end (farm_bake.c). Tasks may run twice, or be
- * lost after they were accepted. A task ends by itself once its stage's folder is gone, even if the
- * daemon was killed.
+ * The farm's status only tells which tasks will never end (farm_bake.c). A farm may run a task
+ * twice, or lose a task that it accepted. A task ends by itself once its stage's folder is gone,
+ * even if the daemon was killed.
  *
  * Threads: all calls from any thread at any time.
  */
@@ -30,8 +30,8 @@ struct umbj_farm_stage {
     unsigned threads;          /* threads of the command */
     uint32_t count;            /* number of tasks */
     uint64_t max_output_bytes; /* limit of a file that a task writes */
-    int stop; /* descriptor that becomes readable when calls for the stage shall end soon; -1: none
-               */
+    int stop; /* Descriptor that becomes readable when calls for the stage must end soon; -1:
+                 none */
 };
 
 /* A farm's state of a task. */
@@ -43,23 +43,23 @@ enum umbj_task_state {
 
 struct umbj_farm {
     /* Submits tasks: those with wanted[number] != 0, each as the command with --only=NUMBER
-     * appended. Clears wanted[number] of those that the farm took, also on failure. Fails:
-     * E_UNAVAILABLE with the farm's message, or because it was stopped. Some that are still wanted
-     * may have been submitted nevertheless; status tells. */
+     * appended. Clears wanted[number] of each task that the farm accepted, even on failure. Fails:
+     * E_UNAVAILABLE with the farm's message, or because it was stopped. After a failure the farm
+     * may have accepted some tasks that are still marked as wanted; status tells. */
     enum umb_status (*submit_array)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                                     uint8_t *wanted, struct umb_error *error);
     /* Submits the command once, unchanged: task 0. Fails: as submit_array. */
     enum umb_status (*submit_merge)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                                     struct umb_error *error);
-    /* Sets known[number] to the state of each task, enum umbj_task_state. Releases tasks that are
-     * only held back. Fails: E_UNAVAILABLE: no state is known. */
+    /* Sets known[number] to the state of each task, enum umbj_task_state. Releases tasks that the
+     * farm only holds back. Fails: E_UNAVAILABLE: no state is known. */
     enum umb_status (*status)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                               uint8_t *known, struct umb_error *error);
-    /* Ends all tasks of a try (JOB.EPOCH), if the farm answers within seconds: the daemon calls it
-     * while it stops. */
+    /* Cancels all tasks of a try (JOB.EPOCH), if the farm answers within seconds. The daemon calls
+     * it while it stops. */
     void (*cancel)(struct umbj_farm *self, const char *name);
-    /* Ends tasks of tries whose folders in `work` are gone: those of a killed daemon. stop: as in a
-     * stage. Fails: E_UNAVAILABLE: some may be left. */
+    /* Cancels tasks of tries whose folders in `work` are gone: tasks of a killed daemon. stop: as
+     * in a stage. Fails: E_UNAVAILABLE: some tasks may still run. */
     enum umb_status (*reconcile)(struct umbj_farm *self, const char *work, int stop,
                                  struct umb_error *error);
     void (*destroy)(struct umbj_farm *self);
@@ -74,12 +74,12 @@ struct umbj_slurm_options {
 };
 
 /*
- * Makes Slurm a farm, through its command line: sbatch, squeue, scancel, scontrol (22.05). The
- * library is not used: its ABI changes with each release.
+ * Makes a farm that uses Slurm's command line: sbatch, squeue, scancel, scontrol (22.05). Slurm's
+ * library is not used, because its ABI changes with each release.
  *
  * Measured with Slurm 22.05: jobs accepted less than 5 s before its controller is killed are lost.
- * A task whose agent died runs on while a second one is started. Requeued tasks are held back for
- * 121 s.
+ * If a task's agent dies, the task continues while a second one is started. Requeued tasks are held
+ * back for 121 s.
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbj_slurm_farm_create(const struct umbj_slurm_options *options,

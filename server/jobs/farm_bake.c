@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A bake on a farm. The scene is read here, in its sandbox, so that no other machine parses foreign
- * formats. Then each task of an array bakes a tile into the shared folder of tiles, and one more
- * task merges them. Only the end files in the try's folder count (farm.h). A task that the farm no
- * longer knows and that left no end file is submitted again; a task that ran twice wrote the same
- * bytes twice.
+ * A bake on a farm. The daemon's machine reads the scene in its sandbox, so no other machine parses
+ * foreign formats. Then each task of an array bakes a tile into the shared folder of tiles, and one
+ * more task merges the tiles. Only the end files in the try's folder count (farm.h). A task is
+ * submitted again if it left no end file and the farm no longer knows it. A task that ran twice
+ * wrote the same bytes twice.
  *
- * The loops end: submissions of a task are limited, each stage has the try's time limit (waiting in
- * the queue does not count), and a farm that stays silent is abandoned.
+ * The loops end: a task has a limited number of submissions, each stage has the try's time limit
+ * (waiting in the queue does not count), and a farm that stays silent is abandoned.
  */
 #include "jobs/bake_try.h"
 
@@ -159,7 +159,8 @@ static void read_end(void *user, int folder, const char *name)
     }
 }
 
-/* Reads the end files that are there; after an error of the folder the next look may do better. */
+/* Reads the end files in the stage's folder. If the folder cannot be read, the next round tries
+ * again. */
 static enum umbj_failure read_ends(struct stage *stage)
 {
     struct ends ends = {.stage = stage};
@@ -186,8 +187,9 @@ static int has_any(const struct stage *stage)
            memchr(stage->known, UMBJ_TASK_RUNS, stage->farm.count) != NULL;
 }
 
-/* The farm refused `first` and maybe more, or its answer was lost. The submission is repeated
- * later, for a long time if tasks of ours hold the places it may be waiting for. */
+/* Notes that the farm refused `first` and maybe more tasks, or that its answer was lost. The
+ * submission is repeated in later rounds. It fails the stage only after a long time, and never
+ * while tasks of this stage are queued or running: the farm may be waiting for their places. */
 static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
                                       const struct umb_error *error)
 {
@@ -237,8 +239,8 @@ static enum umbj_failure submit(struct stage *stage)
                : note_refusal(stage, (uint32_t)(first - stage->wanted), status, &error);
 }
 
-/* Asks the farm for the tasks; those that it does not know and that left no end are wanted
- * again. */
+/* Asks the farm for the tasks' states. A task is wanted again if the farm does not know it and it
+ * left no end file. */
 static enum umbj_failure ask(struct stage *stage)
 {
     struct umbj_farm *farm = stage->try->options->farm;
@@ -270,7 +272,7 @@ static enum umbj_failure ask(struct stage *stage)
     return UMBJ_NO_FAILURE;
 }
 
-/* Ends orphaned tasks every ORPHANS_MS; a failed attempt is repeated in the next round. */
+/* Cancels orphaned tasks every ORPHANS_MS; a failed attempt is repeated in the next round. */
 static void end_orphans(struct stage *stage)
 {
     const struct umbj_try_options *options = stage->try->options;
@@ -282,7 +284,8 @@ static void end_orphans(struct stage *stage)
     }
 }
 
-/* One round of the loop. Returns 1 if the stage is over: with *failure or done. */
+/* Does one round of the loop. Returns 1 if the stage is over: it has failed (*failure) or all tasks
+ * are done. */
 static int step(struct stage *stage, enum umbj_failure *failure)
 {
     struct umbj_try *try = stage->try;
@@ -323,7 +326,8 @@ static enum umbj_failure run_stage(struct stage *stage)
         }
     }
     if (stage->orphans_ms == 0) {
-        /* The stage was over before its first round, and the next may be so too. */
+        /* A short stage may be over before its first round, and the next stage too; so orphans are
+         * cancelled here. */
         end_orphans(stage);
     }
     return failure;
@@ -395,7 +399,8 @@ static enum umbj_failure import(struct umbj_try *try)
     return umbj_try_run(try, &words, try->work->bundle);
 }
 
-/* Refuses bad settings before the farm is used, reports the plan, and counts the tiles. */
+/* Makes a plan of the bake: refuses bad settings before the farm is used, reports the plan, and
+ * counts the tiles. */
 static enum umbj_failure plan(struct umbj_try *try, uint64_t *tiles)
 {
     struct umbj_words words = {0};

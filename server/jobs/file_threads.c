@@ -44,8 +44,9 @@ static unsigned at_work_for(const struct umbj_file_threads *threads, const char 
     return count;
 }
 
-/* Takes the first request of the owner with the fewest running requests; of several such owners,
- * not the one served last. NULL: the queue is empty, or all its owners have their share. */
+/* Takes a request from the queue: the first one of the owner with the fewest running requests. If
+ * several owners have equally few, the owner served last comes last. Returns NULL if the queue is
+ * empty or all its owners have their share of the threads. */
 static struct umbj_request *take_fairest(struct umbj_file_threads *threads)
 {
     struct umbj_request *best = NULL, *at;

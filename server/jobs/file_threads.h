@@ -10,12 +10,13 @@
  *     umbj_file_threads_end(threads);                waiting requests are skipped
  *     umbj_file_threads_destroy(threads);
  *
- * Fairness: the next request is that of the owner with the fewest running requests; of several such
- * owners, not the one served last. If there are several threads, one owner never has all of them.
- * So one owner's large bundles, or many lists, do not delay other owners.
+ * Fairness: the next request is that of the owner with the fewest running requests. If several
+ * owners have equally few, the owner served last comes last. If there are several threads, one
+ * owner never has all of them. So one owner's large bundles, or many lists, do not delay other
+ * owners.
  *
- * Order: requests of one upload follow each other, because the next is posted when the one before
- * is done. Requests of different calls have no order.
+ * Order: requests of one upload run one after the other, because each is posted when the previous
+ * one is done. Requests of different calls have no order.
  */
 #include <stdatomic.h>
 #include <sys/queue.h>
@@ -24,9 +25,10 @@
 struct umbj_service;
 struct umbj_file_threads; /* opaque */
 
-/* A request to the job service: `files` is called on a thread for files, then run on the service's
- * own, then done. Either of the first two may be NULL. The request is the sender's again from done
- * on. When the service ends, done is called without run, or without both: `skipped`. */
+/* A request to the job service. `files` is called on a thread for files, then `run` on the
+ * service's own thread, then `done`. `files` and `run` may be NULL. From `done` on the request is
+ * the sender's again. When the service ends, `done` is called without `run`, or without both;
+ * `skipped` is then set. */
 struct umbj_request {
     STAILQ_ENTRY(umbj_request) next;
     void (*files)(struct umbj_request *request);
@@ -43,8 +45,8 @@ STAILQ_HEAD(umbj_request_queue, umbj_request);
 /* Calls request->done of a request that was not run. */
 void umbj_request_skip(struct umbj_request *request);
 
-/* In: then: called after `files` of each request, on its thread, without a lock.
- * Fails: E_NO_MEMORY, E_LIMIT (no thread). */
+/* Creates the threads. In: then: called after `files` of each request, on the same thread, without
+ * a lock. Fails: E_NO_MEMORY, E_LIMIT (no thread). */
 UMB_CHECKED enum umb_status umbj_file_threads_create(
     unsigned count, void (*then)(struct umbj_service *service, struct umbj_request *request),
     struct umbj_service *service, struct umbj_file_threads **out, struct umb_error *error);
@@ -55,7 +57,7 @@ void umbj_file_threads_post(struct umbj_file_threads *threads, struct umbj_reque
 /* Flag that is 1 after the end: long work polls it and stops. */
 const atomic_int *umbj_file_threads_stop(const struct umbj_file_threads *threads);
 
-/* Stops the work, skips waiting requests, joins the threads. Later posts are skipped. */
+/* Stops the work, skips waiting requests and joins the threads. Later posts are skipped. */
 void umbj_file_threads_end(struct umbj_file_threads *threads);
 
 /* Ends the threads if they run. NULL is allowed. */

@@ -115,7 +115,7 @@ int umbj_folder_above(const char *path, char *above, size_t size)
                            : snprintf(above, size, "%.*s", (int)(slash - path), path);
 }
 
-/* Syncs the folder that holds the name: without it a power cut may remove the new folder. */
+/* Syncs the parent folder: without this a power cut may remove the new folder. */
 static int sync_parent(int parent, const char *name)
 {
     char above[4300];
@@ -130,8 +130,8 @@ enum umb_status umbj_folder_make(int parent, const char *name, struct umb_error 
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot create the folder '%.100s'", name);
     }
-    /* Also for a folder that exists: a process may have ended between mkdir and sync. The folder
-     * above may be unreadable; that counts only if the folder is new. */
+    /* Syncs the parent of an existing folder too: a process may have ended between its mkdir and
+     * its sync. The parent may be unreadable, which is a failure only if the folder is new. */
     if (sync_parent(parent, name) != 0 && made) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno,
                               "cannot sync what holds the folder '%.100s'", name);

@@ -6,10 +6,10 @@
  *
  *     queued -> running -> done
  *        ^         |-----> failed    another try is useless, or the job was cancelled
- *        '---------'-----> poison    it took its worker down too often
+ *        '---------'-----> poison    its tries crashed or lost their workers too often
  *
- * Each try has an epoch, which grows with every claim. A report for an older epoch is refused and
- * changes nothing (fencing).
+ * Each try has an epoch, a number that grows with every claim. A report for an older epoch is
+ * refused and changes nothing (fencing).
  */
 #include <stddef.h>
 #include <stdint.h>

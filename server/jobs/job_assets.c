@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assets made by jobs and their owners; counts of jobs and assets; and the quotas on them.
+ * Assets made by jobs and their owners; counts of jobs and assets; and the quotas for both.
  *
- * An asset lives as long as it has an owner. Its file is removed first and its row after that, so
- * that no file is ever left without a row.
+ * An asset lives as long as it has an owner. Its file is removed before its row, so no file is ever
+ * left without a row.
  *
- * Counts: jobs by state, and the jobs and bytes kept for each owner. Triggers update them in the
- * transaction of each change, so no change scans all rows; each start counts again.
+ * Counts: jobs by state, and the jobs and bytes kept for each owner. Triggers update the counts in
+ * the transaction of each change, so no change scans all rows. Each start counts all rows again.
  */
 #include "jobs/job_table_internal.h"
 
@@ -125,15 +125,16 @@ enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                        "ti", owner, kept.jobs - most);
 }
 
-/* Counts a refusal by a quota. Returns E_BUSY, of which the caller has written the message. */
+/* Counts a refusal by a quota. Returns E_BUSY, for which the caller has already written the
+ * message. */
 static enum umb_status refuse(struct umbj_table *table, enum umbj_quota quota)
 {
     table->refused[quota]++;
     return UMB_E_BUSY;
 }
 
-/* Quota of an owner's assets: at a submission it must not be full, at publishing the asset must
- * fit. */
+/* Checks the quota of an owner's assets. At a submission the quota must not be full; at publishing
+ * the asset must fit. */
 static enum umb_status check_assets(struct umbj_table *table, const char *owner, int64_t bytes,
                                     struct umb_error *error)
 {
@@ -159,7 +160,8 @@ enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *own
     return owned ? UMB_OK : check_assets(table, owner, bytes, error);
 }
 
-/* Number and bytes of the owner's unfinished jobs, and bytes of all owners'. */
+/* Reads the number and the bytes of the owner's unfinished jobs, and the bytes of all owners'
+ * jobs. */
 static enum umb_status count_unfinished(struct umbj_table *table, const char *owner,
                                         struct umbj_pending *used, struct umb_error *error)
 {

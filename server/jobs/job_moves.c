@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How jobs change their state: submitted, claimed, renewed, finished, failed, cancelled. Each
- * change is one statement or one transaction, and those of a worker name their epoch.
+ * Changes of a job's state: submitted, claimed, renewed, finished, failed, cancelled. Each change
+ * is one statement or one transaction. Changes on behalf of a worker name its epoch.
  */
 #include "jobs/job_table_internal.h"
 
@@ -56,8 +56,8 @@ enum umb_status umbj_table_submit(struct umbj_table *table,
     return umbj_sql_end(&table->sql, status, error);
 }
 
-/* Chooses and starts a job. Order: fewest running, then longest not served, then priority, then
- * age: see job_table.h. */
+/* Chooses and starts a job. Order: the owner with the fewest running jobs, then the one not served
+ * for the longest time, then the job's priority, then its age (job_table.h). */
 static enum umb_status start(struct umbj_table *table, int64_t now, int64_t steady,
                              struct umbj_job *job, struct umb_error *error)
 {
@@ -89,7 +89,7 @@ enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t 
     return umbj_sql_end(&table->sql, start(table, now, steady, job, error), error);
 }
 
-/* Status of a statement that changes one running job: E_STATE if it changed none. */
+/* Returns the status of a statement that changes one running job: E_STATE if it changed none. */
 static enum umb_status fenced(const struct umbj_table *table, enum umb_status status,
                               const char *id, int64_t epoch, struct umb_error *error)
 {
@@ -156,7 +156,7 @@ static int64_t pause_ms(int64_t tries)
     return pause < UMBJ_PAUSE_MAX_MS ? pause : UMBJ_PAUSE_MAX_MS;
 }
 
-/* Sets the state of a job whose try failed; tries and hard_tries include this try. */
+/* Sets the state of a job whose try failed. Its tries and hard_tries already include this try. */
 static void judge(struct umbj_job *job, int64_t now)
 {
     const enum umbj_failure failure = job->failure;

@@ -41,7 +41,8 @@ static enum umb_status check_reach(const char *folder, struct umb_error *error)
                     folder, name);
 }
 
-/* Checks a table outside DIR: other users cannot change its folder, and DIR has no other table. */
+/* Checks the place of a table outside DIR: other users cannot change its folder, and DIR has no
+ * table of its own. */
 static enum umb_status check_apart(const char *jobs, const char *table, const char *folder,
                                    struct umb_error *error)
 {
@@ -79,7 +80,8 @@ enum umb_status umbj_place_check(const char *folder, const char *table, struct u
     return table != NULL ? check_apart(folder, table, around, error) : UMB_OK;
 }
 
-/* Takes the lock FILE.lock or FOLDER/lock. In: option: option that names the guarded file. */
+/* Takes the lock FILE.lock or FOLDER/lock. In: option: name of the option that gave the file or
+ * folder. */
 static enum umb_status take(const char *guarded, const char *ending, const char *option,
                             struct umbs_owner_lock *lock, struct umb_error *error)
 {

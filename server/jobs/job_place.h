@@ -2,15 +2,15 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_PLACE_H
 #define UMBRAGE_SERVER_JOBS_JOB_PLACE_H
 /*
- * Place of the job service's files, and the locks that keep other daemons away.
+ * Places of the job service's files, and the locks that exclude other daemons.
  *
  *     DIR/lock         the folder of bundles, work, tiles and assets: may be shared by machines
  *     DIR/jobs.db      the table; or a file elsewhere, with FILE.lock beside it
  *
  * The table is an SQLite database with a write-ahead log, whose index is in memory that only the
- * processes of one machine share (SQLite, "Write-Ahead Logging", "Disadvantages"). It is therefore
- * refused on a network file system. DIR may be on one; owner_lock.h detects a daemon on another
- * machine.
+ * processes of one machine share (SQLite, "Write-Ahead Logging", "Disadvantages"). The table is
+ * therefore refused on a network file system. DIR may be on one; owner_lock.h detects a daemon on
+ * another machine.
  */
 #include "common/owner_lock.h"
 
@@ -21,25 +21,28 @@ struct umbj_place {
 };
 
 /*
- * Checks whether the table can be where the options put it; changes nothing.
+ * Checks whether the table can be at the place that the options give. Changes nothing.
  *
- * In:    table: its file, NULL = DIR/jobs.db. Out: place: table_path; nothing is held.
- * Fails: E_ARGUMENT (a network file system; a table in DIR that would be left behind), E_PERMISSION
- *        (other users can change the folder of `table`), E_NO_INPUT (it is missing), E_LIMIT.
+ * In:    table: its file, NULL = DIR/jobs.db.
+ * Out:   place: its table_path is set; no lock is held.
+ * Fails: E_ARGUMENT (a network file system; DIR has a table that would be left behind),
+ *        E_PERMISSION (other users can change the folder of `table`), E_NO_INPUT (that folder is
+ *        missing), E_LIMIT.
  */
 UMB_CHECKED enum umb_status umbj_place_check(const char *folder, const char *table,
                                              struct umbj_place *place, struct umb_error *error);
 
-/* umbj_place_check, then takes both locks. Fails: also E_BUSY (names the other daemon),
+/* Does umbj_place_check, then takes both locks. Fails: also E_BUSY (names the other daemon),
  * E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbj_place_take(const char *folder, const char *table,
                                             struct umbj_place *place, struct umb_error *error);
 
-/* Shows that this daemon is alive, when it is due. Fails: E_STATE (another daemon took over),
- * E_IO. */
+/* Shows through both locks that this daemon is alive, if it is time. Fails: E_STATE (another daemon
+ * took over), E_IO. */
 UMB_CHECKED enum umb_status umbj_place_beat(struct umbj_place *place, struct umb_error *error);
 
-/* Releases the locks. A place that was not taken is allowed, after umbj_place_check or _init. */
+/* Releases the locks. Allowed after umbj_place_check or umbj_place_init alone, when no lock is
+ * held. */
 void umbj_place_release(struct umbj_place *place);
 void umbj_place_init(struct umbj_place *place);
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Validation of rows of the job table. A damaged page, or a user with sqlite3, may put any value
- * into any column, so each column is checked before use, as a manifest is.
+ * into any column. So each column is checked before use, like a manifest.
  *
  * A damaged row becomes a failed job, with the column's name as its cause. A row with a damaged id
- * or owner has no owner to be shown to and is removed. Neither is run: no value of it gets into a
- * path or a command line.
+ * or owner cannot be shown to any owner and is removed. Neither is run: no value of a damaged row
+ * reaches a path or a command line.
  */
 #include "jobs/job_table_internal.h"
 
@@ -122,7 +122,8 @@ void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job)
     }
 }
 
-/* Stores the failed job that umbj__read_job made of a damaged row, or removes the row. */
+/* Stores the failed job that umbj__read_job made of a damaged row; removes a row without a valid
+ * owner. */
 static enum umb_status retire(struct umbj_table *table, const struct umbj_job *job, int64_t now,
                               struct umb_error *error)
 {
@@ -206,7 +207,7 @@ enum umb_status umbj_table_spec(struct umbj_table *table, const char *id,
                                           "its row in the job table is damaged (%s)", spec.damage);
 }
 
-/* Limit of damaged rows of one scan: retiring a row changes the table that is being read. */
+/* Most damaged rows of one scan. Retiring a row changes the table, so it is done after the scan. */
 #define LOOK_MOST 64
 struct look {
     struct umbj_job jobs[LOOK_MOST];

@@ -53,7 +53,7 @@ static enum umb_status take_answer(void *user, sqlite3_stmt *row)
 }
 
 /*
- * Sets one mode and reads it back: if the file system or SQLite's build does not allow a mode,
+ * Sets one mode and reads it back. If the file system or the build of SQLite does not allow a mode,
  * SQLite keeps the old one without an error.
  */
 static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
@@ -204,7 +204,8 @@ int64_t umbj_sql_changes(const struct umbj_sql *sql)
     return sqlite3_changes(sql->database);
 }
 
-/* Rolls an open transaction back. Without memory it stays open, and the next begin tries again. */
+/* Rolls an open transaction back. If memory is short the transaction stays open, and the next begin
+ * tries again. */
 static void roll_back(struct umbj_sql *sql)
 {
     struct umb_error ignored; /* the caller reports the failure that led here */

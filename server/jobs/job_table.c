@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The job table: its file, and looking things up.
+ * The job table: its file, and its look-ups.
  *
- * Invariants: a running job has epoch > 0 and a lease; a job that is over has ended_ms; a done one
- * has an asset. Every change of state is one statement or one transaction.
+ * Invariants: a running job has epoch > 0 and a lease. A job that has ended has ended_ms; if it is
+ * done it has an asset. Every change of state is one statement or one transaction.
  */
 #include "jobs/job_table_internal.h"
 
@@ -26,7 +26,7 @@ static const char *const schema[] = {
     " NOT NULL)",
     "CREATE INDEX job_by_owner ON job(owner, key)",
     "CREATE INDEX job_by_state ON job(state, owner)",
-    /* Time when an owner was last served, counted in claims: ordered like the clock, without
+    /* Number of the claim at which an owner was last served. It orders owners like a clock, without
      * ties. */
     "CREATE TABLE turn(owner TEXT PRIMARY KEY, number INTEGER NOT NULL)",
     "CREATE TABLE asset(id BLOB PRIMARY KEY)", /* more columns come with version 2 */
@@ -35,13 +35,13 @@ static const char *const schema[] = {
     "CREATE TABLE bake(key BLOB PRIMARY KEY, asset BLOB NOT NULL, bake_ms INTEGER NOT NULL)",
 };
 
-/* Additions of version 2: sizes of assets, number of their owners, and counts. */
+/* Additions of version 2: sizes of assets, number of owners of each asset, and counts. */
 static const char *const sizes[] = {
     "ALTER TABLE asset ADD COLUMN bytes INTEGER NOT NULL DEFAULT 0",
     "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",
 };
 
-/* Makes the tables, or brings those of version 1 up to date; in a transaction. */
+/* Creates the tables, or upgrades those of version 1, in a transaction. */
 static enum umb_status make_schema(struct umbj_table *table, int64_t from, struct umb_error *error)
 {
     struct umbj_sql *sql = &table->sql;
@@ -84,8 +84,9 @@ static enum umb_status ask_verdict(struct umbj_sql *sql, struct umb_error *error
 }
 
 /*
- * Finds damaged pages at the start, before a job needs them. SQLite's verdict calls a page that
- * cannot be read damaged, so the files are read plainly before that is believed.
+ * Checks for damaged pages at the start, before a job needs them. SQLite also reports a page as
+ * damaged when the disk cannot deliver it. So the files are read plainly before that report is
+ * believed.
  */
 static enum umb_status check_pages(struct umbj_sql *sql, const char *path, struct umb_error *error)
 {

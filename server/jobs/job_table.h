@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_H
 /*
- * The durable table of bake jobs, and the owners of the assets they made.
+ * The durable table of bake jobs, and of the owners of the assets that jobs made.
  *
  *     umbj_table_open("jobs.db", &limits, &table, &error);
  *     umbj_table_recover(table, now, &count, &error);       once: running jobs lost their worker
@@ -10,19 +10,21 @@
  *     umbj_table_claim(table, now, steady, &job, &error);   the next in fair order
  *     umbj_table_renew / _finish / _fail (table, id, epoch, ...);
  *
- * Acknowledged changes survive kill -9 and power cuts (job_sql.h). Time is an argument, so that
- * tests control the clocks: `now` is in Unix milliseconds, `steady` in milliseconds of a monotonic
- * clock. Leases use `steady` and end with the process: after a start, running jobs have lost their
- * worker. Pauses use `now`. A pause that seems longer than the longest one means that the clock was
- * set back; it is over.
+ * Acknowledged changes survive kill -9 and power cuts (job_sql.h).
+ *
+ * Clocks: time is an argument, so that tests control it. `now` is in Unix milliseconds, `steady` in
+ * milliseconds of a monotonic clock. Leases use `steady` and end with the process: after a start,
+ * running jobs have lost their worker. Pauses use `now`. A pause that seems longer than the longest
+ * one means that the clock was set back; such a pause counts as over.
  *
  * Order: owners take turns. The owner with the fewest running jobs comes first, then the one whose
- * last start is longest ago; among one owner's jobs the higher priority, then the older. More
- * submissions give an owner no larger share.
+ * last start is longest ago. Among one owner's jobs the higher priority comes first, then the older
+ * job. More submissions give an owner no larger share.
  *
- * Tries: rejected, timeout, internal and cancelled end a job. Temporary, io and lost are tried
- * again after a pause that doubles, UMBJ_TRIES_MAX times; then temporary and io are failed, lost is
- * poison. Crash, memory and sandbox are tried once more, then they are poison.
+ * Tries: rejected, timeout, internal and cancelled end a job at once. Temporary, io and lost are
+ * tried again after a pause that doubles, UMBJ_TRIES_MAX times; then a job with temporary or io is
+ * failed, one with lost is poison. Crash, memory and sandbox are tried once more; then the job is
+ * poison.
  *
  * Rows are checked when they are read (job_rows.c): a damaged row is a failed job.
  *
@@ -66,17 +68,17 @@ struct umbj_submission {
     int64_t bundle_bytes;
 };
 
-/* Opens or makes a table. Fails: as umbj_sql_open; E_VERSION (a newer program made it). */
+/* Opens or creates a table. Fails: as umbj_sql_open; E_VERSION (a newer program made the table). */
 UMB_CHECKED enum umb_status umbj_table_open(const char *path, const struct umbj_limits *limits,
                                             struct umbj_table **out, struct umb_error *error);
 void umbj_table_close(struct umbj_table *table); /* NULL is allowed */
 
-/* Refuses every write from here on, with E_IO: the table is another daemon's. */
+/* Makes every later write fail with E_IO, because another daemon now owns the table. */
 UMB_CHECKED enum umb_status umbj_table_freeze(struct umbj_table *table, struct umb_error *error);
 
 /*
- * Adds a job, unless the same owner has one of the same key that is queued, running, or done with
- * an asset that is still the owner's: then it returns that job.
+ * Adds a job. If the same owner has a job of the same key that is queued or running, or done with
+ * an asset that the owner still has, that job is returned instead.
  *
  * Fails: E_BUSY (a quota of the owner; the message names it), E_LIMIT (disk; all bundles).
  */
@@ -85,7 +87,7 @@ UMB_CHECKED enum umb_status umbj_table_submit(struct umbj_table *table,
                                               struct umbj_job *job, int *is_new,
                                               struct umb_error *error);
 
-/* Looks for the job that umbj_table_submit would return. Fails: E_NOT_FOUND. */
+/* Finds the existing job that umbj_table_submit would return. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_same(struct umbj_table *table, const char *owner,
                                                  const uint8_t *key, struct umbj_job *job,
                                                  struct umb_error *error);
@@ -96,8 +98,8 @@ struct umbj_pending {
     int64_t all_bytes;           /* Bytes of all owners' bundles */
 };
 
-/* Checks the owner's quotas for one more job of that size. pending: NULL = none. Fails: as
- * umbj_table_submit. */
+/* Checks whether the owner's quotas allow one more job of that size. pending: uploads that count
+ * too; NULL = none. Fails: as umbj_table_submit. */
 UMB_CHECKED enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
                                                    int64_t bundle_bytes,
                                                    const struct umbj_pending *pending,
@@ -114,7 +116,8 @@ struct umbj_kept {
 UMB_CHECKED enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner,
                                             struct umbj_kept *kept, struct umb_error *error);
 
-/* Checks whether an asset of `bytes` bytes may become the owner's. Fails: E_BUSY (owner_assets). */
+/* Checks whether the owner's quota allows an asset of `bytes` bytes. Fails: E_BUSY
+ * (owner_assets). */
 UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *owner,
                                                    const uint8_t *asset, int64_t bytes,
                                                    struct umb_error *error);
@@ -123,7 +126,8 @@ UMB_CHECKED enum umb_status umbj_table_check_asset(struct umbj_table *table, con
 UMB_CHECKED enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
                                             struct umb_error *error);
 
-/* Takes the next job: it then runs, with a new epoch and a lease. Fails: E_NOT_FOUND. */
+/* Starts the next job in fair order: its state becomes running, with a new epoch and a lease.
+ * Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_claim(struct umbj_table *table, int64_t now, int64_t steady,
                                              struct umbj_job *job, struct umb_error *error);
 
@@ -133,24 +137,25 @@ UMB_CHECKED enum umb_status umbj_table_spec(struct umbj_table *table, const char
                                             char settings[UMBJ_SETTINGS_SIZE],
                                             struct umb_error *error);
 
-/* Renews the lease of an epoch. Fails: E_STATE if it is not the running one: nothing is changed. */
+/* Renews the lease of an epoch. Fails: E_STATE if that epoch is not the running one; nothing is
+ * changed. */
 UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const char *id,
                                              int64_t epoch, int64_t steady,
                                              struct umb_error *error);
 
-/* Records that the asset is in the store: the job is done, the asset is its owner's, and the key is
- * remembered. bake_ms: duration of the work. */
+/* Records that the asset is in the store: the job is done, its owner owns the asset, and the key is
+ * remembered for later bakes. bake_ms: duration of the bake in milliseconds. */
 UMB_CHECKED enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_job *job,
                                               const uint8_t *asset, int64_t bake_ms, int64_t now,
                                               struct umb_error *error);
 
-/* Records a failed try; *job becomes the table's new state: queued again, failed or poison. */
+/* Records a failed try. Out: *job: the job's new state: queued again, failed or poison. */
 UMB_CHECKED enum umb_status umbj_table_fail(struct umbj_table *table, struct umbj_job *job,
                                             enum umbj_failure failure, const char *cause,
                                             int64_t now, struct umb_error *error);
 
-/* Ends a job of an owner (NULL = any owner) if it is not over. Fails: E_NOT_FOUND, also for other
- * owners' jobs. */
+/* Cancels a job of an owner (NULL = any owner) if the job has not ended. Fails: E_NOT_FOUND, also
+ * for other owners' jobs. */
 UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const char *id,
                                               const char *owner, int64_t now, struct umbj_job *job,
                                               struct umb_error *error);
@@ -159,15 +164,15 @@ UMB_CHECKED enum umb_status umbj_table_cancel(struct umbj_table *table, const ch
 UMB_CHECKED enum umb_status umbj_table_expired(struct umbj_table *table, int64_t steady,
                                                struct umbj_job *job, struct umb_error *error);
 
-/* After a start: retires damaged rows, queues running jobs again as lost, and counts all rows.
- * Out: count: number of lost jobs. */
+/* Recovers the table after a start: retires damaged rows, queues running jobs again as lost, and
+ * counts all rows. Out: count: number of lost jobs. */
 UMB_CHECKED enum umb_status umbj_table_recover(struct umbj_table *table, int64_t now,
                                                int64_t *count, struct umb_error *error);
 
 /* Number of damaged rows since the table was opened. */
 int64_t umbj_table_damaged(const struct umbj_table *table);
 
-/* Before a planned end: queues running jobs again, without counting a try. */
+/* Queues running jobs again before a planned end, without counting a try. */
 UMB_CHECKED enum umb_status umbj_table_release(struct umbj_table *table, struct umb_error *error);
 
 /* Reads a job of an owner (NULL = any owner). Fails: E_NOT_FOUND. */
@@ -175,7 +180,7 @@ UMB_CHECKED enum umb_status umbj_table_get(struct umbj_table *table, const char 
                                            const char *owner, struct umbj_job *job,
                                            struct umb_error *error);
 
-/* Reads an owner's jobs (NULL = all), newest first, at most `most`; free() them. */
+/* Reads an owner's jobs (NULL = all), newest first, at most `most`. free() the array. */
 UMB_CHECKED enum umb_status umbj_table_list(struct umbj_table *table, const char *owner,
                                             int64_t most, struct umbj_job **jobs, size_t *count,
                                             struct umb_error *error);
@@ -185,7 +190,8 @@ UMB_CHECKED enum umb_status umbj_table_count(struct umbj_table *table,
                                              int64_t counts[UMBJ_STATE_COUNT],
                                              struct umb_error *error);
 
-/* Time when the next queued job may start: now or later; INT64_MAX = none is queued. */
+/* Returns the time when the next queued job may start: now or later; INT64_MAX if no job is
+ * queued. */
 UMB_CHECKED enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now,
                                                   int64_t *when, struct umb_error *error);
 
@@ -199,33 +205,35 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 
 /* --- assets that jobs made (job_assets.c) --- */
 
-/* Adds an asset and its size before its file gets its name, so that a crash leaves no unknown file.
- */
+/* Adds an asset and its size. Call it before the asset's file gets its name, so that a crash leaves
+ * no unknown file. */
 UMB_CHECKED enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *asset,
                                                 int64_t bytes, struct umb_error *error);
 
-/* Finds the next asset of unknown size, which an older program made. In: asset: the one before, or
- * zeros. Fails: E_NOT_FOUND: there are no more. */
+/* Finds the next asset of unknown size, recorded by an older program. In: asset: the one found
+ * before, or zeros. Fails: E_NOT_FOUND: there are no more. */
 UMB_CHECKED enum umb_status umbj_table_next_unsized(struct umbj_table *table,
                                                     uint8_t asset[UMBJ_HASH_BYTES],
                                                     struct umb_error *error);
 
-/* Asset and duration of an earlier bake of the key, of any owner. Fails: E_NOT_FOUND. */
+/* Finds the asset and the duration of an earlier bake of the key, by any owner. Fails:
+ * E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
                                                  uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
                                                  struct umb_error *error);
 
-/* Tells whether an asset is an owner's (NULL: any owner's). Out: owned: 0 also on failure. */
+/* Finds whether an owner (NULL: any owner) has an asset. Out: owned: 1 or 0; 0 also on failure. */
 UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset,
                                              const char *owner, int *owned,
                                              struct umb_error *error);
 
-/* Takes the asset from an owner (NULL = from all). Fails: E_NOT_FOUND if it is not the owner's. */
+/* Takes the asset away from an owner (NULL = from all). Fails: E_NOT_FOUND if the owner does not
+ * have it. */
 UMB_CHECKED enum umb_status umbj_table_disown(struct umbj_table *table, const uint8_t *asset,
                                               const char *owner, struct umb_error *error);
 
-/* Finds an asset without owners. _forget: its file is gone, so the asset and the bakes that gave it
- * are removed (unless it has an owner again). Fails: E_NOT_FOUND. */
+/* Finds an asset without owners. _forget removes the rows of such an asset, whose file is gone, and
+ * of its bakes, unless the asset has an owner again. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_unowned(struct umbj_table *table,
                                                uint8_t asset[UMBJ_HASH_BYTES],
                                                struct umb_error *error);

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 /*
- * Shared by the files of the job table. Each file uses those before it: job_rows.c finds jobs and
- * validates rows, job_assets.c keeps owners, counts and quotas, job_table.c reads, job_moves.c
+ * Shared by the files of the job table. Each file uses only those before it: job_rows.c finds jobs
+ * and validates rows, job_assets.c keeps owners, counts and quotas, job_table.c reads, job_moves.c
  * changes.
  */
 #include "jobs/job_sql.h"
@@ -22,24 +22,24 @@ struct umbj_table {
     " started_ms, ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"        \
     " FROM job "
 
-/* Greatest bake_ms, 31 days: the longest --job-time. _TEXT: for statements. */
+/* Largest bake_ms: 31 days, the longest --job-time. _TEXT is the same number for statements. */
 #define UMBJ__BAKE_MS_MAX      2678400000
 #define UMBJ__BAKE_MS_MAX_TEXT UMBJ__TEXT(UMBJ__BAKE_MS_MAX)
 #define UMBJ__TEXT(number)     UMBJ__TEXT_OF(number)
 #define UMBJ__TEXT_OF(number)  #number
 
-/* Condition of a queued job whose pause is over; ?1: now, ?2: now and the longest pause. */
+/* SQL condition for a queued job whose pause is over. ?1: now; ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
 
 /* --- job_rows.c --- */
 
-/* Reads a row of UMBJ__SELECT_JOBS. A damaged row has `damage` and is a failed job with a cause;
- * its id is empty if it has no valid owner. */
+/* Reads a row of UMBJ__SELECT_JOBS. For a damaged row `damage` is set, and the job is failed with a
+ * cause; its id is empty if the row has no valid owner. */
 void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
 
 /*
- * Finds the one job of a statement that begins with UMBJ__SELECT_JOBS. Damaged rows are retired at
- * the time `now` (0: unknown), and the statement runs again.
+ * Finds the one job of a statement that begins with UMBJ__SELECT_JOBS. Damaged rows are retired,
+ * with the time `now` (0: unknown), and the statement runs again.
  *
  * Fails: E_NOT_FOUND: there is no job `what`; as umbj_sql_run.
  */
@@ -54,7 +54,7 @@ UMB_CHECKED enum umb_status umbj__mend(struct umbj_table *table, int64_t now,
 
 /* --- job_assets.c --- */
 
-/* Makes the tables of counts and their triggers. _count_anew: counts all rows. */
+/* Creates the tables of counts and their triggers. _count_anew counts all rows. */
 UMB_CHECKED enum umb_status umbj__make_counts(struct umbj_table *table, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj__count_anew(struct umbj_table *table, struct umb_error *error);
 

@@ -2,8 +2,8 @@
 /*
  * The job service's thread: requests, reports, leases, claims.
  *
- * Invariants: only this thread touches the table and the executor; a job of the table that is
- * running has a try with the executor; an asset's file is named, and removed, here only.
+ * Invariants: only this thread uses the table and the executor. A job that is running in the table
+ * has a try in the executor. Assets' files are named and removed on this thread only.
  */
 #define _XOPEN_SOURCE 700 /* realpath, beside what -D_POSIX_C_SOURCE gives */
 #include "jobs/service_internal.h"
@@ -84,8 +84,8 @@ static void end_report(struct umbj_request *request)
     free(message);
 }
 
-/* Called on the executor's threads. If memory is short, a progress report is dropped; a dropped end
- * is noticed by its lease. */
+/* Takes a report, on one of the executor's threads. If memory is short the report is dropped. A
+ * dropped end is noticed when the job's lease expires. */
 static void on_report(void *user, const struct umbj_report *report)
 {
     struct report_request *message = malloc(sizeof *message);
@@ -148,7 +148,7 @@ static int64_t sleep_ms(struct umbj_service *service)
     return when > now ? when - now : 1;
 }
 
-/* Increments the owner's counter; this shows whether another daemon has taken over. */
+/* Increments the number in the lock file. A failure shows that another daemon has taken over. */
 static void beat(struct umbj_service *service)
 {
     struct umb_error error;
@@ -188,7 +188,8 @@ static void housekeeping(struct umbj_service *service)
     }
 }
 
-/* Takes the next request; sleeps if there is none. NULL: woken, or the service ends. */
+/* Takes the next request; sleeps while there is none. Returns NULL if woken for another reason, or
+ * if the service ends. */
 static struct umbj_request *next_request(struct umbj_service *service, int64_t wait_ms)
 {
     const struct timespec until = umbu_clock_deadline(wait_ms);
@@ -249,7 +250,8 @@ enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t si
     return umbj_folder_make(AT_FDCWD, assets, error);
 }
 
-/* Logs that other users can change the folder, as they often can on a cluster's shared storage. */
+/* Logs a warning if other users can change the folder, as is common on a cluster's shared
+ * storage. */
 static void warn_if_shared(const struct umbj_service *service)
 {
     char *resolved = NULL;

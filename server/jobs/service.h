@@ -3,27 +3,27 @@
 #define UMBRAGE_SERVER_JOBS_SERVICE_H
 /*
  * The job service: one thread that owns the table and the executor, threads for the files of calls
- * (file_threads.h), and the requests to both.
+ * (file_threads.h), and requests to both.
  *
  *     umbj_service_create(&options, &service, &error);      recovers an earlier daemon's jobs
  *     umbj_service_post(service, &request);                 request.files, then request.run
  *     umbj_service_destroy(service);                        workers are ended; their jobs go on
  *                                                           with the next daemon
  *
- * Publishing an asset: the worker's file is staged (staging.h). Then, on this thread, the asset is
- * announced in the table, the file gets its name, and job, asset and owner are recorded in one
- * transaction that the epoch fences. A crash between any two steps leaves at most an announced file
- * without an owner, which the next start removes; the job is tried again and gives the same bytes.
- * Watchers see a job as done when the daemon serves the asset, and only then may its owner see it.
- * Each step is the same, and takes as long, whether or not other owners have the asset: the file is
+ * Publishing an asset: the worker's file is staged (staging.h). Then, on the service's thread, the
+ * asset is announced in the table and the file gets its name. Last, one transaction, fenced by the
+ * epoch, records job, asset and owner. A crash between two steps leaves at most an announced file
+ * without an owner, which the next start removes. The job is then tried again and gives the same
+ * bytes. Watchers see a job as done when the daemon serves the asset, and only then may its owner
+ * see the asset. Each step takes as long whether or not other owners have the asset: the file is
  * copied, synced, read again, renamed and loaded anew.
  *
- * Assets of jobs lie in a folder of their own inside the jobs folder. A file that an operator put
- * into a store never becomes a job's, whatever its name: it is neither taken over nor removed.
+ * Assets of jobs are in a separate folder inside the jobs folder. A file that an operator put into
+ * a store never becomes a job's asset, whatever its name: it is neither taken over nor removed.
  *
- * One daemon a jobs folder and table: job_place.h. A daemon that finds another one has taken over
- * starts no job, takes no submission, publishes nothing and removes no file. It cancels its tries
- * at their next report; the epoch fences reports from before that.
+ * A jobs folder and a table have one daemon at a time (job_place.h). A daemon that finds that
+ * another one has taken over starts no job, accepts no submission, publishes nothing and removes no
+ * file. It cancels its tries at their next report; the epoch fences reports from before that.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -33,8 +33,8 @@
 #include "jobs/job_table.h"
 #include "jobs/upload.h"
 
-/* Clocks, in milliseconds. Leases use `steady`, a monotonic clock that stands still while the
- * machine sleeps, as bakes do. `unix_ms` is for times that are shown or outlive the process:
+/* Clocks, in milliseconds. `steady` is a monotonic clock for leases; like a bake, it stands still
+ * while the machine sleeps. `unix_ms` is for times that are shown or outlive the process:
  * submission, start, end, pauses between tries. */
 struct umbj_clocks {
     int64_t (*unix_ms)(void *user);
@@ -47,23 +47,24 @@ struct umbj_service_options {
     const char *table;       /* File of the job table; NULL = FOLDER/jobs.db */
     int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
     const char *slurm_words; /* More options of sbatch, with blanks between; NULL = none */
-    /* Options of each bake. tries.program: umbrage-bake; NULL = beside the running program. The
-     * service sets assets, work, farm, report and user. */
+    /* Options of each bake. tries.program: path of umbrage-bake; NULL = in the running program's
+     * folder. The service sets assets, work, farm, report and user. */
     struct umbj_try_options tries;
     uint64_t max_bundle_bytes; /* Limit of one submission */
     uint64_t keep_ms;          /* Milliseconds for which finished jobs are kept */
     struct umbj_limits limits;
     const struct umbs_log *log;
-    /* Callback, on the service's thread, after a file of the store was added or removed. */
+    /* Callback on the service's thread, after a file of the store was added or removed. */
     void (*store_changed)(void *user);
     /* Callback before an asset's file gets its name (yes = 1), and again if the renaming failed
-     * (yes = 0). The store then loads the file anew, so that an owner cannot tell by the time
-     * whether others have the asset. NULL: nothing to do. */
+     * (yes = 0). The store then loads the file anew. Otherwise the time would tell an owner whether
+     * others have the asset. NULL: no callback. */
     void (*replacing)(void *user, const uint8_t *asset, int yes);
-    /* Callback: 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL: always 1. */
+    /* Callback that returns 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL:
+     * always 1. */
     int (*is_served)(void *user, const uint8_t *asset);
     void *user;
-    /* For tests; NULL: the system's clocks, and an executor made from the options above. */
+    /* Replacements for tests; NULL: the system's clocks, an executor by the options above. */
     const struct umbj_clocks *clocks;
     struct umbj_executor *executor; /* the service's, also if create fails */
 };
@@ -81,18 +82,19 @@ struct umbj_counters {
     atomic_uint_fast64_t tiles_baked, tiles_found; /* found: kept from earlier bakes */
 };
 
-/* Makes the jobs folder and its folder of assets if they do not exist, so that a store can be
- * opened on it before the service is created. Out: assets: its path. Fails: E_CANNOT_CREATE,
- * E_LIMIT (path too long). */
+/* Creates the jobs folder and its folder of assets if they do not exist. A store can then be opened
+ * on the assets before the service is created. Out: assets: path of the folder of assets. Fails:
+ * E_CANNOT_CREATE, E_LIMIT (path too long). */
 UMB_CHECKED enum umb_status umbj_service_prepare(const char *folder, char *assets, size_t size,
                                                  struct umb_error *error);
 
-/* Opens the table, recovers earlier jobs, and starts the thread. Fails: E_CANNOT_CREATE, E_BUSY
- * (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake), as umbj_table_open. */
+/* Creates the service: opens the table, recovers earlier jobs, and starts the thread. Fails:
+ * E_CANNOT_CREATE, E_BUSY (another daemon has the folder), E_UNAVAILABLE (no umbrage-bake), as
+ * umbj_table_open. */
 UMB_CHECKED enum umb_status umbj_service_create(const struct umbj_service_options *options,
                                                 struct umbj_service **out, struct umb_error *error);
 
-/* Ends the workers, answers waiting requests, joins the thread. NULL is allowed. */
+/* Ends the workers, answers waiting requests and joins the thread. NULL is allowed. */
 void umbj_service_destroy(struct umbj_service *service);
 
 /* Queues a request. Any thread, at once. */
@@ -106,11 +108,12 @@ const struct umbj_service_options *umbj_service_options_of(const struct umbj_ser
 /* --- on the service's thread, in umbj_request.run --- */
 
 /*
- * Begins a submission: finds an equal job, or makes an upload to be filled.
+ * Begins a submission: finds an equal job, or creates an upload to be filled.
  *
  * In:    prepared: of the manifest (umbj_manifest_prepare), made on a thread for files.
- * Out:   job: the existing job, or an empty id and *upload, for umbj_service_drop_upload: its bytes
- *        count for the quotas until it is accepted or dropped, and a bundle of its key stays.
+ * Out:   job: the existing job; or an empty id, and then *upload is set. The upload's bytes count
+ *        for the quotas, and a bundle of its key is kept, until umbj_service_drop_upload or the
+ *        job's creation.
  * Fails: as umbj_table_check_quota, umbj_upload_begin.
  */
 UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
@@ -119,11 +122,11 @@ UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, co
                                                 struct umbj_job *job, struct umbj_upload **upload,
                                                 struct umb_error *error);
 
-/* Frees an upload of _submit in any state; NULL is allowed. A thread for files has removed its
- * files before (umbj_upload_discard). */
+/* Frees an upload of umbj_service_submit in any state; NULL is allowed. Before, a thread for files
+ * must have removed its files (umbj_upload_discard). */
 void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *upload);
 
-/* Makes the job of an upload whose bundle has its final name (umbj_upload_accept, on a thread for
+/* Creates the job of an upload whose bundle has its final name (umbj_upload_accept, on a thread for
  * files). Fails: as umbj_table_submit. */
 UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
                                                 const struct umbj_manifest *manifest,
@@ -131,7 +134,8 @@ UMB_CHECKED enum umb_status umbj_service_accept(struct umbj_service *service, co
                                                 struct umbj_upload *upload, struct umbj_job *job,
                                                 struct umb_error *error);
 
-/* Puts a job in the snapshot if it is not there. Fails: E_NOT_FOUND. owner: NULL = any owner. */
+/* Adds a job of an owner (NULL = any owner) to the snapshot if it is missing there. Fails:
+ * E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_service_show(struct umbj_service *service, const char *id,
                                               const char *owner, struct umb_error *error);
 
@@ -144,13 +148,14 @@ UMB_CHECKED enum umb_status umbj_service_list(struct umbj_service *service, cons
                                               int64_t most, struct umbj_job **jobs, size_t *count,
                                               struct umb_error *error);
 
-/* Opens the packed file of an asset that a job of the owner made. Fails: E_NOT_FOUND, E_IO. */
+/* Opens the packed file of an asset that one of the owner's jobs made. Fails: E_NOT_FOUND, E_IO. */
 UMB_CHECKED enum umb_status umbj_service_open_asset(struct umbj_service *service,
                                                     const uint8_t *asset, const char *owner,
                                                     int *fd, uint64_t *bytes,
                                                     struct umb_error *error);
 
-/* Takes an asset from an owner; without owners its file is removed. Fails: E_NOT_FOUND, E_IO. */
+/* Takes an asset away from an owner. If it then has no owner, its file is removed. Fails:
+ * E_NOT_FOUND, E_IO. */
 UMB_CHECKED enum umb_status umbj_service_delete(struct umbj_service *service, const uint8_t *asset,
                                                 const char *owner, struct umb_error *error);
 

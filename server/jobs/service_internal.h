@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 /* Shared by the files of the job service: service_tries.c applies the results of tries to jobs,
- * service_requests.c serves owners, service.c is the thread that calls both. */
+ * service_requests.c handles owners' requests, service.c is the thread that calls both. */
 #include <pthread.h>
 #include "jobs/executor.h"
 #include "jobs/job_place.h"
@@ -14,8 +14,8 @@ struct umbj_loading {
     int64_t since_ms;
 };
 
-/* An upload that is not a job yet: its bytes count for the quotas, and a bundle of its key is not
- * removed, since the upload may have put it there. */
+/* An upload that is not a job yet. Its bytes count for the quotas. A bundle of its key is not
+ * removed, because the upload may have put it there. */
 struct umbj_promise {
     struct umbj_promise *next;
     struct umbj_upload *upload;
@@ -56,23 +56,25 @@ struct umbj_service {
 UMB_CHECKED enum umb_status umbj__service_open(const struct umbj_service_options *options,
                                                struct umbj_service **out, struct umb_error *error);
 
-/* One turn of the thread: waits up to wait_ms for a request, runs the waiting requests, then
+/* Does one turn of the thread: waits up to wait_ms for a request, runs the waiting requests, then
  * handles reports, leases and jobs that may start. */
 void umbj__service_turn(struct umbj_service *service, int64_t wait_ms);
 
 int64_t umbj__unix_ms(const struct umbj_service *service);
 int64_t umbj__steady_ms(const struct umbj_service *service);
 
-/* Before the thread: queues lost jobs again, removes bundles, folders and assets without owners. */
+/* Recovers before the thread starts: queues lost jobs again, and removes bundles without a job, old
+ * work folders and assets without owners. */
 UMB_CHECKED enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error);
 
-/* Gives a claimed job to the executor; a failure to do so counts as a failed try. */
+/* Gives a claimed job to the executor. If that fails, it counts as a failed try. */
 void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job);
 
 /* Handles a report, and takes over its staged file. */
 void umbj__take_report(struct umbj_service *service, struct umbj_report *report);
 
-/* Records a failed try: table, snapshot, log, bundle. *job becomes the table's new state. */
+/* Records a failed try in the table, the snapshot and the log, and removes an unneeded bundle. Out:
+ * *job: the job's new state. */
 UMB_CHECKED enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *job,
                                            enum umbj_failure failure, const char *cause,
                                            struct umb_error *error);
@@ -86,7 +88,7 @@ void umbj__collect_assets(struct umbj_service *service);
 /* Removes a key's bundle if no unfinished job needs it. */
 void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key);
 
-/* After a change of a job's state: updates snapshot and counters, writes one line of the log. */
+/* Updates snapshot and counters after a change of a job's state, and writes a line of the log. */
 void umbj__changed(struct umbj_service *service, const struct umbj_job *job, int loading);
 
 /* Copies the table's counts of refusals. */

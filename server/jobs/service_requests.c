@@ -13,7 +13,8 @@
 #include "base/try.h"
 #include "jobs/staging.h"
 
-/* Forgets an asset whose file was removed from outside: otherwise it could never be made again. */
+/* Removes the rows of an asset whose file was removed from outside. Otherwise the asset could never
+ * be made again. */
 static void disown_missing(struct umbj_service *service, const struct umbj_job *job)
 {
     char path[4200];
@@ -93,7 +94,7 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
-/* After another daemon took over, this one accepts, cancels and removes nothing. */
+/* After another daemon took over, this daemon accepts, cancels and removes nothing. */
 static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
 {
     return !service->lost

@@ -203,9 +203,9 @@ enum umb_status umbj__fail_try(struct umbj_service *service, struct umbj_job *jo
     return UMB_OK;
 }
 
-/* 1 if an earlier bake of the key gave an asset that the owner already has. An asset of another
- * owner is baked again: Watch would show no steps of a bake, and so reveal that the asset
- * exists. */
+/* Returns 1 if an earlier bake of the key gave an asset that the owner already has. An asset of
+ * another owner is baked again. Otherwise Watch would show no steps of a bake, and so reveal that
+ * the asset exists. */
 static int find_known(struct umbj_service *service, const struct umbj_job *job,
                       struct umbj_work *work)
 {
@@ -222,9 +222,9 @@ static int find_known(struct umbj_service *service, const struct umbj_job *job,
     return access(path, R_OK) == 0;
 }
 
-/* An owner's folder of tiles, made if needed. Each owner has one: a tile that is there already
- * would reveal by its speed that another owner baked it. Returns path, or NULL: the bake then runs
- * without. */
+/* Returns the path of the owner's folder of tiles, created if needed; NULL: the bake runs without
+ * one. Owners share no tiles, because a tile found in the folder would reveal by its speed that
+ * another owner baked it. */
 static const char *cache_of(struct umbj_service *service, const char *owner, char path[PATH_SIZE])
 {
     uint8_t hash[UMBJ_HASH_BYTES];
@@ -277,7 +277,8 @@ void umbj__begin_try(struct umbj_service *service, const struct umbj_job *job)
     }
 }
 
-/* Shows the asset to its owner, if it still has that owner, and notifies the watchers. */
+/* Shows the asset to the job's owner, unless the owner has deleted it, and notifies the
+ * watchers. */
 static void tell_served(struct umbj_service *service, const struct umbj_job *job)
 {
     struct umb_error error;
@@ -329,7 +330,8 @@ void umbj__look_at_loading(struct umbj_service *service)
     }
 }
 
-/* Size of the file to be published: the staged one, or one that is there since an earlier try. */
+/* Returns the size of the file to be published: the staged file, or one published by an earlier
+ * try. */
 static enum umb_status size_of(struct umbj_service *service, const struct umbj_report *report,
                                int64_t *bytes, struct umb_error *error)
 {
@@ -342,7 +344,7 @@ static enum umb_status size_of(struct umbj_service *service, const struct umbj_r
     return failed ? umb_fail_errno(error, UMB_E_IO, errno, "the asset's file is gone") : UMB_OK;
 }
 
-/* Gives the staged file its name, if there is one; else the file is there since an earlier try. */
+/* Gives the staged file its name. Without a staged file, an earlier try has already done so. */
 static enum umb_status give_name(struct umbj_service *service, struct umbj_report *report,
                                  struct umb_error *error)
 {
@@ -483,7 +485,8 @@ static void sweep_staged(void *user, int folder, const char *name)
     }
 }
 
-/* Adds the sizes of assets of an older version. A missing file has none. */
+/* Adds the sizes of assets that an older version recorded without them. Assets without a file are
+ * left out. */
 static void fill_sizes(struct umbj_service *service)
 {
     uint8_t asset[UMBJ_HASH_BYTES] = {0};

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Slurm as a farm, see farm.h. Tasks are identified by their name,
- * umbrage-TAG-JOB.EPOCH.KIND.OFFSET. Slurm's job numbers are not stored, so they cannot get lost.
+ * Slurm as a farm, see farm.h. Tasks are found by their name, umbrage-TAG-JOB.EPOCH.KIND.OFFSET.
+ * Slurm's job numbers are not stored, so they cannot get lost.
  */
 #include "jobs/farm.h"
 
@@ -18,10 +18,11 @@
 #include "jobs/worker_process.h"
 
 #define ARRAY_MOST 1000 /* tasks of one submission: below Slurm's default MaxArraySize, 1001 */
-/* Job ids in one command: a command line has its limit, and so has CALL_MS. */
+/* Most job ids in one command, because a command line's length and CALL_MS are limited. */
 #define IDS_MOST 500
 #define CALL_MS  30000 /* time limit of a Slurm command: several times its MessageTimeout */
-/* Time limit of the commands that end a try's tasks: a stopping daemon waits for them. */
+/* Time limit in milliseconds of a command that cancels a try's tasks; a stopping daemon waits for
+ * it. */
 #define LAST_MS   5000
 #define BLOCK     512 /* unit in bytes of the shell's ulimit */
 #define TAG_SIZE  24
@@ -29,7 +30,7 @@
 #define ID_SIZE   64
 #define WORD_MOST 4096
 
-/* The script that Slurm copies to the nodes. It gets Slurm's environment; its arguments are the
+/* Script that Slurm copies to the nodes. Its environment is Slurm's; its arguments are the
  * command. */
 static const char script[] =
     "#!/bin/sh\n"
@@ -64,7 +65,8 @@ struct slurm {
     char tag[TAG_SIZE]; /* "umbrage-TAG-" */
 };
 
-/* Time limit of a command, which is cut short when the try or the daemon ends. */
+/* Limits of a command: a time, and a descriptor that ends the command early, with the try or the
+ * daemon. */
 struct patience {
     uint64_t ms;
     int stop; /* Descriptor as in umbj_process.stop */
@@ -92,7 +94,8 @@ static void on_line(void *user, const char *line)
     }
 }
 
-/* Adds the first words of a Slurm command: its standard output goes to the progress descriptor. */
+/* Adds the first words of a Slurm command. The command's standard output goes to the progress
+ * descriptor. */
 static void begin_words(const struct slurm *slurm, const char *command, struct umbj_words *words)
 {
     const char *search = slurm->options.search, *configuration = slurm->options.configuration;
@@ -183,8 +186,8 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
     return call("sbatch", &words, (struct patience){CALL_MS, stage->stop}, &talk, error);
 }
 
-/* Writes the wanted numbers of one submission in Slurm's form: "0-15,17". Returns the first number
- * that did not fit, or `to`. */
+/* Writes the wanted task numbers of one submission in Slurm's form: "0-15,17". Returns the first
+ * number that did not fit, or `to`. */
 static uint32_t write_array(const uint8_t *wanted, uint32_t from, uint32_t to, char *text,
                             size_t size)
 {
@@ -279,7 +282,7 @@ static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
     return call("squeue", &words, look->patience, &talk, error);
 }
 
-/* Cancels tasks. Tasks that the call does not reach end by themselves. Finishes the ids. */
+/* Cancels tasks and finishes the ids. If Slurm does not answer, the tasks end by themselves. */
 static void end_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->ending;
@@ -298,8 +301,8 @@ static void end_tasks(struct look *look)
     umbj_words_finish(&look->ending);
 }
 
-/* Releases tasks that are only held back. The command also fails if one of its list has just
- * started, and then still releases the others. Finishes the ids. */
+/* Releases tasks that Slurm only holds back, and finishes the ids. If a task in the list has just
+ * started, the command fails but releases the others. */
 static void start_tasks(struct look *look)
 {
     const struct umbj_words *ids = &look->held;
@@ -361,7 +364,7 @@ static enum umb_status slurm_status(struct umbj_farm *self, const struct umbj_fa
     return status;
 }
 
-/* Adds the array of a task to those to be cancelled: all its tasks belong to one try. */
+/* Marks the array of a task for cancelling. All tasks of an array belong to one try. */
 static void end_array_of(struct look *look, const struct task *task)
 {
     struct umbj_words *ids = &look->ending;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The snapshot, see status_snapshot.h: two hash tables, one of jobs and one of (asset, owner)
- * pairs, both by the first byte of the id.
+ * The snapshot, see status_snapshot.h: a hash table of jobs and one of (asset, owner) pairs. Both
+ * use the first byte of the id.
  */
 #include "jobs/status_snapshot.h"
 
@@ -172,7 +172,8 @@ void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *jo
     pthread_mutex_unlock(&snapshot->mutex);
 }
 
-/* Appends a line to a text of lines; a line over the limit, or without memory, is dropped. */
+/* Appends a line to a text of lines. The line is dropped if the text would exceed its limit or
+ * memory is short. */
 static void add_line(char **text, const char *line)
 {
     const size_t have = *text != NULL ? strlen(*text) : 0, more = strlen(line);
@@ -304,7 +305,8 @@ uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id)
     return version;
 }
 
-/* Pointer to the link that leads to the pair, or to the end of its list. */
+/* Returns the address of the link to the pair; if there is no such pair, of the link at the list's
+ * end. */
 static struct owned **find_owned(struct umbj_snapshot *snapshot, const uint8_t *asset,
                                  const char *owner)
 {

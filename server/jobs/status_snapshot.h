@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_JOBS_STATUS_SNAPSHOT_H
 #define UMBRAGE_SERVER_JOBS_STATUS_SNAPSHOT_H
 /*
- * The snapshot of the jobs and of the assets' owners, for reads that must not wait for the disk.
- * The table is the truth; the snapshot is its copy in memory. It also holds the state that matters
- * only while a job runs: phase, progress, plan, notices.
+ * The snapshot of the jobs and of the assets' owners, for reads that must not wait for the disk. It
+ * is a copy of the table in memory; the table decides. It also has the state that matters only
+ * while a job runs: phase, progress, plan, notices.
  *
  * Threads: all functions from any thread; one mutex, held for a look-up or a copy.
  */
@@ -38,17 +38,17 @@ UMB_CHECKED enum umb_status umbj_snapshot_create(struct umbj_snapshot **out,
                                                  struct umb_error *error);
 void umbj_snapshot_destroy(struct umbj_snapshot *snapshot); /* NULL is allowed */
 
-/* Sets a job's state; makes its entry if there is none. If memory is short it is not in the
- * snapshot, and watchers find it missing. loading: see above. */
+/* Sets a job's state, and creates the job's entry if there is none. If memory is short, the job is
+ * missing in the snapshot for its watchers. loading: as in struct umbj_standing. */
 void umbj_snapshot_set(struct umbj_snapshot *snapshot, const struct umbj_job *job, int loading);
 
-/* Adds a report of a running job. In: now_ms: time on a monotonic clock. Returns the tiles that the
- * report adds (total: 0). */
+/* Adds a report of a running job. In: now_ms: time on a monotonic clock. Returns the number of
+ * tiles that the report adds, with total 0. */
 struct umbj_tiles umbj_snapshot_report(struct umbj_snapshot *snapshot,
                                        const struct umbj_report *report, int64_t now_ms);
 
-/* Calls look(user, standing) under the lock; returns 0 if the job is not in the snapshot. owner:
- * NULL = any owner. */
+/* Calls look(user, standing) under the lock. Returns 0 if the snapshot has no such job of the
+ * owner. owner: NULL = any owner. */
 int umbj_snapshot_look(struct umbj_snapshot *snapshot, const char *id, const char *owner,
                        void (*look)(void *user, const struct umbj_standing *standing), void *user);
 
@@ -58,8 +58,9 @@ struct umbj_tiles umbj_snapshot_tiles(struct umbj_snapshot *snapshot);
 /* The job's version, 0 = not in the snapshot. */
 uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id);
 
-/* Owners of jobs' assets: _own adds one, _disown removes one (owner NULL: all); _owns: 1 if the
- * asset is the owner's. A pair that was lost for lack of memory has no owner until a restart. */
+/* Owners of jobs' assets. _own adds an owner, _disown removes one (NULL: all), _owns returns 1 if
+ * the owner has the asset. If memory is too short for an owner, the asset lacks that owner until a
+ * restart. */
 void umbj_snapshot_own(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);
 void umbj_snapshot_disown(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);
 int umbj_snapshot_owns(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);

@@ -126,7 +126,7 @@ enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest
     return UMB_OK;
 }
 
-/* Makes the folders of a path below the bundle's and opens the last one. */
+/* Creates the folders of a path inside the bundle's folder, and opens the last one. */
 static int open_parent(struct umbj_upload *upload, const char *path, const char **name)
 {
     int folder = fcntl(upload->folder, F_DUPFD_CLOEXEC, 0);
@@ -196,7 +196,7 @@ static enum umb_status close_current(struct umbj_upload *upload, struct umb_erro
     return UMB_OK;
 }
 
-/* Opens the current file, and closes complete ones, including empty files. */
+/* Closes files that are complete, including empty ones, and opens the next file to be written. */
 static enum umb_status advance(struct umbj_upload *upload, struct umb_error *error)
 {
     UMB__TRY(open_folders(upload, error));
@@ -273,7 +273,7 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
 
 static int sync_folders(int folder);
 
-/* Syncs a folder below, unless a sync failed before; user: int, 1 after a failure. */
+/* Syncs a subfolder, unless an earlier sync failed. user: int *, set to 1 after a failure. */
 static void sync_below(void *user, int folder, const char *name)
 {
     int *failed = user;
@@ -284,7 +284,7 @@ static void sync_below(void *user, int folder, const char *name)
     }
 }
 
-/* Syncs a folder and the folders in it: the names in them are part of the bundle. Takes over the
+/* Syncs a folder and its subfolders, because their names are part of the bundle. Takes over the
  * descriptor. */
 static int sync_folders(int folder)
 {
@@ -320,8 +320,9 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
         upload->accepted = 1;
     } else if (errno != ENOTEMPTY && errno != EEXIST) {
         return fail_io(error, "keep", "the bundle");
-    } /* else an earlier bundle of this key holds the same bytes: this one is not needed */
-    /* Also for a bundle that exists: its upload may not have synced its name yet. */
+    } /* Otherwise an earlier bundle of this key holds the same bytes, and this one is not
+         needed. */
+    /* An existing bundle is synced too: its upload may not have synced its name yet. */
     return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK
                                                              : fail_io(error, "sync", "bundles");
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Command lines and their processes, see worker_process.h. Between fork and exec only
- * async-signal-safe calls are made: the daemon has many threads.
+ * async-signal-safe calls are made, because the daemon has many threads.
  */
 #define _GNU_SOURCE /* close_range, pipe2 */
 #include "jobs/worker_process.h"
@@ -82,7 +82,8 @@ static const char *next_line(const char *line)
     return line + length + (line[length] == '\n');
 }
 
-/* Value of the last --resolution; umbrage-bake itself refuses a value that is not a number. */
+/* Returns the value of the last --resolution. umbrage-bake itself refuses a value that is not a
+ * number. */
 static unsigned long resolution_of(const char *settings)
 {
     static const char name[] = "--resolution=";
@@ -177,7 +178,8 @@ static void read_lines(struct line_reader *reader, void (*line)(void *, const ch
     }
 }
 
-/* Makes this process the kernel's first choice when memory is short. A failure is ignored. */
+/* Makes this process the first one that the kernel kills when memory is short. A failure is
+ * ignored. */
 static void offer_to_oom_killer(void)
 {
     int fd = open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
@@ -249,7 +251,8 @@ static enum umb_status supervise(const struct umbj_process *process, pid_t child
     return known ? UMB_OK : umb_fail(error, UMB_E_INTERNAL, "worker: its exit status is lost");
 }
 
-/* Starts the process. Out: child; both pipes, also on failure: the caller closes all ends. */
+/* Starts the process. Out: child, and both pipes; the caller closes all their ends, on failure
+ * too. */
 static enum umb_status start(const struct umbj_process *process, const struct umbj_words *words,
                              int said[2], int progress[2], pid_t *child, struct umb_error *error)
 {

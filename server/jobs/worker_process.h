@@ -9,9 +9,9 @@
  *     umbj_words_add_settings(&words, settings, tile);
  *     umbj_process_run(&process, &words, &end, &error);
  *
- * A command line is made word by word; no shell ever splits it. A process is a process group of its
- * own with limits. It dies with the thread that started it, is killed as a group, and is always
- * reaped. Its lines on two pipes are passed to callbacks. Linux only.
+ * A command line is built word by word; no shell ever splits it. Each process has limits and a
+ * process group. It dies with the thread that started it, is killed with its group, and is always
+ * reaped. The lines that it writes to two pipes are passed to callbacks. Linux only.
  */
 #include "jobs/executor.h"
 
@@ -30,14 +30,15 @@ void umbj_words_add(struct umbj_words *words, const char *format, ...)
 /* Adds words as they are; NULL ends the list. */
 void umbj_words_add_all(struct umbj_words *words, ...) __attribute__((sentinel));
 
-/* Adds --sandbox=MODE, for every umbrage-bake of a job. mode: NULL = required. */
+/* Adds --sandbox=MODE; every umbrage-bake of a job needs it. mode: NULL = required. */
 void umbj_words_add_sandbox(struct umbj_words *words, const char *mode);
 
-/* Adds a job's settings, lines of --name=value, and after them --tile=N: the given number of
- * texels, or the map's resolution if that is smaller. tile: 0 = no such word. */
+/* Adds a job's settings, lines of --name=value, and after them --tile=N. N is the given number of
+ * texels, or the map's resolution if that is smaller. tile: 0 = add no --tile. */
 void umbj_words_add_settings(struct umbj_words *words, const char *settings, uint32_t tile);
 
-/* Texels along the side of a tile, as _add_settings chooses it; with --max-error an upper bound. */
+/* Returns the texels along the side of a tile, as umbj_words_add_settings chooses them; with
+ * --max-error an upper bound. */
 unsigned long umbj_tile_edge(const char *settings, uint32_t tile);
 
 void umbj_words_finish(struct umbj_words *words);
@@ -49,8 +50,9 @@ struct umbj_process {
     const char *folder;        /* Working folder */
     uint64_t max_output_bytes; /* Limit of each file that it writes */
     uint64_t timeout_ms;       /* Limit of its wall-clock time */
-    int stop; /* Descriptor that becomes readable when it shall end: SIGTERM, soon SIGKILL */
-    /* Callbacks for lines, without their end, cut at UMBJ_CAUSE_SIZE - 1 bytes. */
+    int stop; /* Descriptor that becomes readable when the process must end: it then gets SIGTERM,
+                 and soon SIGKILL */
+    /* Callbacks for the process's lines, without line ends, cut at UMBJ_CAUSE_SIZE - 1 bytes. */
     void (*said)(void *user, const char *line);     /* on stderr */
     void (*progress)(void *user, const char *line); /* on UMBJ_WORKER_FD_PROGRESS */
     void *user;

@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Asset maps: a mapped file with reserved address space behind it, opened and read under the guard.
+ * Asset maps: a mapped file with reserved address space after its end, opened and read under the
+ * guard.
  *
  * The mapped layout addresses nodes in words and bricks in units of 64 bytes, with 32-bit numbers.
- * They count from a start that is checked at the opening (format/view.h). So no number leads
- * further than REACH_BYTES beyond the map's end. That range is reserved without access, which costs
- * address space and nothing else.
+ * They count from a start that is checked when the asset is opened (format/view.h). So no number
+ * leads further than REACH_BYTES beyond the map's end. That range is reserved without access, which
+ * costs only address space.
  *
- * Opening reads hostile bytes too, so it runs under the guard. A fault would leak the memory of the
- * opening, hence its allocator keeps a list of its blocks. Some readers of the open asset
- * also allocate (umb_calibrate), on any thread: the list has a lock. No file byte is read under
- * that lock.
+ * Opening an asset reads hostile bytes too, so it runs under the guard. A fault would leak the
+ * memory of the opening, so its allocator keeps a list of its blocks. Some readers of the open
+ * asset also allocate (umb_calibrate), on any thread, so the list has a lock. No file byte is read
+ * under that lock.
  */
 #define _GNU_SOURCE /* MAP_ANONYMOUS, MAP_NORESERVE, madvise */
 #include "store/asset_map.h"
@@ -136,8 +137,8 @@ static enum umb_status has_changed(struct umb_error *error)
     return umb_fail(error, UMB_E_CORRUPT, "the mapped file was cut or changed while in use");
 }
 
-/* True if the file has the size and the modification time that it had at the opening. Deleting or
- * renaming a file leaves both as they are: only its time of change moves. */
+/* Returns true if the file still has the size and the modification time that it had when it was
+ * opened. Deleting or renaming a file changes neither, only its time of change. */
 static int is_unchanged(const struct umbs_asset_map *map)
 {
     struct stat now;
@@ -168,8 +169,8 @@ enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map, void (*rea
     return umbs_asset_map_revalidate(map, error);
 }
 
-/* Opens the bytes under the guard. In: alloc: an allocator that lists its blocks: a fault leaves
- * them to the caller. */
+/* Opens the asset under the guard. In: alloc: an allocator that lists its blocks, so that the
+ * caller can free them after a fault. */
 static enum umb_status open_guarded(const struct umbs_asset_map *map, enum umb_trust trust,
                                     const struct umb_alloc *alloc, struct umb_asset **asset,
                                     struct umb_error *error)
@@ -228,7 +229,7 @@ static enum umb_status open_file(struct umbs_asset_map *map, const char *path, i
 /*
  * Maps the file at the start of a reserved range. If that much address space is not available
  * (RLIMIT_AS, some sanitizers), the range is the map alone. The process then still survives every
- * fault inside the map, but the numbers of a file that is being overwritten may lead out of it.
+ * fault inside the map, but numbers of a file that is being overwritten may lead out of the range.
  */
 static enum umb_status map_file(struct umbs_asset_map *map, struct umb_error *error)
 {
@@ -252,7 +253,7 @@ static enum umb_status map_file(struct umbs_asset_map *map, struct umb_error *er
     return UMB_OK;
 }
 
-/* Reads the file into memory of this process, closes it and write-protects the memory. */
+/* Reads the file into memory of this process, closes the file and write-protects the memory. */
 static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *error)
 {
     void *base = mmap(NULL, map->bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -277,9 +278,9 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     return UMB_OK;
 }
 
-/* Look-ups jump, so read-ahead would push out pages that are needed. For an asset four times as
- * large as memory, random advice halves the slowest calls (tests/system/larger_than_memory.py). A
- * copy needs no advice. */
+/* Advises the kernel of random access, so that read-ahead does not push out pages that are needed.
+ * For an asset four times as large as memory, this halves the slowest calls
+ * (tests/system/larger_than_memory.py). A copy in memory needs no advice. */
 static void advise(const struct umbs_asset_map *map, int advice)
 {
     if (map->fd >= 0) {
@@ -289,8 +290,8 @@ static void advise(const struct umbs_asset_map *map, int advice)
 
 #define PIECE_BYTES ((size_t)1 << 20) /* bytes read at a time for the hash */
 
-/* SHA-256 of the file, or of the copy. Reads instead of the map: a file cut short ends them
- * early. */
+/* Computes the SHA-256 of the file, or of the copy. It reads the file and not the map, so a file
+ * that is cut short gives an error and no fault. */
 static enum umb_status hash_file(const struct umbs_asset_map *map, uint8_t digest[UMB_ID_BYTES],
                                  struct umb_error *error)
 {
@@ -339,7 +340,8 @@ static enum umb_status check_digest(const struct umbs_asset_map *map, struct umb
     return UMB_OK;
 }
 
-/* Opens the file and its asset: checks all bytes, or only the head of a file that is known. */
+/* Opens the file and its asset. Checks all bytes, or only the head if the file has a known
+ * stamp. */
 static enum umb_status open_checked(struct umbs_asset_map *map, const char *path,
                                     const struct umbs_asset_map_options *options,
                                     struct umb_error *error)

@@ -12,18 +12,20 @@
  *
  * Changes of the file, and their effect on a read:
  * - The file is cut short: the read faults and is ended by the guard (fault_guard.h), or the rest
- *   of a page reads as zeros. Either way umbs_asset_map_read fails, because after each read it
- *   compares the file's size and time of modification with those of the opening.
- * - The file is overwritten in place: the same comparison finds it. A node number read meanwhile
- *   may be wrong, but leads no further than the address space that is reserved without access
- *   behind the map: such a read faults and is ended by the guard too.
- * - The bytes change and the times stay (a failing disk, a clock set back, a write through a
- *   mapping that was dirty before): only umbs_asset_map_check finds that.
+ *   of a page reads as zeros. In both cases umbs_asset_map_read fails, because after each read it
+ *   compares the file's size and modification time with those at the opening.
+ * - The file is overwritten in place: the same comparison finds the change. A node number read
+ *   meanwhile may be wrong, but leads no further than the address space reserved without access
+ *   after the map. A read there faults and is ended by the guard too.
+ * - The bytes change while size and time stay (a failing disk, a clock set back, a write through a
+ *   mapping that was dirty before): only umbs_asset_map_check finds such a change.
  * - The file is deleted or replaced by a rename: no effect; the map keeps the old bytes.
+ *
  * With `copy` the file is read once into memory of this process, which is then write-protected:
  * later changes of the file have no effect.
  *
- * Threads: an open map is immutable; reads and checks may run at once, close needs that none does.
+ * Threads: an open map is immutable. Reads and checks may run at the same time; close only when
+ * none runs.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -44,8 +46,8 @@ int umbs_stamp_equal(const struct umbs_stamp *a, const struct umbs_stamp *b);
 
 struct umbs_asset_map_options {
     uint8_t id[UMB_ID_BYTES]; /* Id of the asset that the file must hold */
-    /* Stamp of the file when it passed a full check, or NULL. If the file still has this stamp,
-     * only the head is checked now. Copies are always checked in full. */
+    /* Stamp that the file had when it passed a full check, or NULL. If the stamp is unchanged,
+     * opening checks only the head. Copies are always checked in full. */
     const struct umbs_stamp *known;
     /* SHA-256 of the whole file, [UMB_ID_BYTES], or NULL. A full check compares it. */
     const uint8_t *digest;
@@ -55,12 +57,13 @@ struct umbs_asset_map_options {
 };
 
 /*
- * Opens a mapped file and checks that it is the asset it should be.
+ * Opens a mapped file and checks that it is the expected asset.
  *
  * Out:   out: the map, or NULL.
- * Fails: as umb_asset_open_file; E_CORRUPT also if it is another asset's, a packed file, does not
- *        have the digest, or changes while it is checked; E_PERMISSION if it must be ours.
- * Cost:  blocks on the disk: one pass over the file, or its head if known.
+ * Fails: as umb_asset_open_file; E_CORRUPT also if the file is another asset's, is packed, does not
+ *        have the digest, or changes while it is checked; E_PERMISSION if the file must be ours and
+ *        is not.
+ * Cost:  blocks on the disk: one pass over the file, or over its head if the stamp is known.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_open(const char *path,
                                                 const struct umbs_asset_map_options *options,
@@ -70,8 +73,8 @@ UMB_CHECKED enum umb_status umbs_asset_map_open(const char *path,
 /* Releases memory and descriptor. NULL is allowed. */
 void umbs_asset_map_close(struct umbs_asset_map *map);
 
-/* The asset, borrowed until close. Its description may be read at any time. Its voxels, which
- * umb_query_run reads, may be read only in umbs_asset_map_read. */
+/* Returns the asset, borrowed until close. Its description may be read at any time, its voxels only
+ * inside umbs_asset_map_read (umb_query_run reads voxels). */
 const struct umb_asset *umbs_asset_map_asset(const struct umbs_asset_map *map);
 
 /* 1 if the bytes are a copy: changes of the file have no effect on it. */
@@ -86,8 +89,8 @@ const struct umbs_stamp *umbs_asset_map_stamp(const struct umbs_asset_map *map);
 /*
  * Calls read(user), which may read the asset's voxels and must not own anything (fault_guard.h).
  *
- * Fails: E_CORRUPT if the file was cut or changed since it was opened: discard what read wrote.
- *        read may have been called and left midway.
+ * Fails: E_CORRUPT if the file was cut or changed since it was opened; discard the results of read
+ *        then. A fault may have ended read midway.
  * Cost:  10 ns and one fstat, 0.2 us; with copy nothing.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map,
@@ -95,8 +98,9 @@ UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map
                                                 struct umb_error *error);
 
 /*
- * umbs_asset_map_read in two steps, for many small reads: results of optimistic reads may be used
- * once a revalidation after all of them succeeded. Each step fails as umbs_asset_map_read does.
+ * The two steps of umbs_asset_map_read, for many small reads. Use the results of optimistic reads
+ * only after a revalidation that followed all of them succeeded. Each step fails as
+ * umbs_asset_map_read does.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
                                                            void (*read)(void *user), void *user,
@@ -104,9 +108,11 @@ UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_ass
 UMB_CHECKED enum umb_status umbs_asset_map_revalidate(const struct umbs_asset_map *map,
                                                       struct umb_error *error);
 
-/* Checks the whole file again: by its digest, or without one by checksums, structure and identity.
- * Fails: E_CORRUPT and the like, E_IO, E_NO_MEMORY.
- * Cost: one pass over the file (1 GB/s or more). */
+/*
+ * Checks the whole file again: by its digest, or, if there is none, by checksums, structure and
+ * identity. Fails: E_CORRUPT and the like, E_IO, E_NO_MEMORY.
+ * Cost:  one pass over the file (1 GB/s or more).
+ */
 UMB_CHECKED enum umb_status umbs_asset_map_check(const struct umbs_asset_map *map,
                                                  struct umb_error *error);
 

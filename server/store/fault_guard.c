@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The guard: one jump buffer per thread, which the handler finds through a thread-local pointer.
+ * The guard: one jump buffer for each thread, which the handler finds through a thread-local
+ * pointer.
  *
  * Leaving the handler by a jump is safe here. Both signals are raised by the instruction that reads
- * (POSIX: generated synchronously), so the interrupted code is the guarded function and never a
- * half-done allocation or a held lock. The signal mask comes back from the interrupted context, so
- * the jump buffer saves none: saving it would cost a system call a batch.
+ * (POSIX: generated synchronously). So the interrupted code is the guarded function and never a
+ * half-done allocation or a held lock. The handler restores the signal mask from the interrupted
+ * context, so the jump buffer saves none: saving it would cost a system call for each batch.
  * Source: POSIX.1-2008, sigsetjmp and sigaction, "Rationale".
  */
 #include "store/fault_guard.h"
@@ -28,8 +29,8 @@ static _Thread_local struct guard *volatile current;
 static struct sigaction before_bus, before_segv;
 static pthread_mutex_t installing = PTHREAD_MUTEX_INITIALIZER;
 
-/* Passes the fault to the handler that had the signal before. The instruction runs again and faults
- * again; a signal that a process sent is raised again. */
+/* Restores the signal's earlier handler for a fault outside the guarded range. The instruction then
+ * runs again and faults again; a signal that a process sent is raised again. */
 static void pass_on(int number, const siginfo_t *info)
 {
     sigaction(number, number == SIGBUS ? &before_bus : &before_segv, NULL);

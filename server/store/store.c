@@ -14,7 +14,7 @@
 #include "tool/clock.h"
 
 /* Adds a cache at a path, and reads its list of proven files. is_asked_for: 1 if the options name
- * the cache, which must then be usable. */
+ * the cache; opening the store then fails if the cache is not usable. */
 static enum umb_status open_cache(struct umbs_store *store, const char *path, int is_asked_for,
                                   struct umb_error *error)
 {
@@ -73,7 +73,7 @@ void umbs_store_close(struct umbs_store *store)
     for (size_t i = 0; i < store->cache_count; i++) {
         umbs__cache_finish(&store->caches[i]);
     }
-    /* Before the reaping: a thread that retires an entry after this store sees it, and reaps the
+    /* Set before the reaping: a thread that retires an entry afterwards sees the flag and reaps the
      * entry itself. */
     atomic_store(&store->closed, 1);
     if (store->table != NULL) {
@@ -137,7 +137,7 @@ void umbs_store_replacing(struct umbs_store *store, const uint8_t id[UMB_ID_BYTE
     umbs_entry_release(entry);
 }
 
-/* Retains the asset whose mapped file was checked longest ago, if it is due. */
+/* Takes a reference to the asset whose mapped file was checked longest ago, if a check is due. */
 static struct umbs_entry *take_due(struct umbs_store *store, uint64_t interval_ms)
 {
     uint64_t now_ms = (uint64_t)umbu_clock_ms();

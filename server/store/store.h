@@ -57,18 +57,19 @@ struct umbs_entry; /* opaque: one version of one asset */
 
 struct umbs_store_options {
     const char *folders[UMBS_STORE_FOLDERS_MAX]; /* at least one; the first NULL ends the list */
-    const char *cache; /* folder of mapped files (store_cache.h); NULL = `.umbrage-cache` in each */
+    const char *cache; /* Folder of mapped files (store_cache.h); NULL = a folder `.umbrage-cache`
+                          in each store folder */
     uint64_t max_memory_bytes;  /* limit of one asset's packed and expanded bytes; 0 = 64 GiB */
     const struct umbs_log *log; /* NULL = silent; must outlive the store */
     int no_cache;               /* 1 = never write cache files, expand in memory */
     int copy;                   /* 1 = hold copies in memory, so files may change */
     int warm;                   /* 1 = read mapped files ahead when they are opened */
-    /* Called when a retired version waits to be freed, from the thread that released it: must not
-     * wait. The owner then calls umbs_store_reap where blocking is allowed. NULL: the version is
-     * freed at once. */
+    /* Callback when a retired version waits to be freed, on the thread that released the version.
+     * It must not wait. The owner then calls umbs_store_reap where blocking is allowed. NULL: the
+     * version is freed at once. */
     void (*retired)(void *user);
-    /* Called when an asset was taken out of use, from the thread that found the damage, and when
-     * the lane loaded one: the owner then rescans. NULL: it waits for the next scan. */
+    /* Callback when an asset was taken out of use, on the thread that found the damage, and when
+     * the lane has loaded an asset. The owner then rescans. NULL: the next scan handles both. */
     void (*faulted)(void *user);
     void *owner; /* argument of both callbacks */
 };
@@ -81,7 +82,8 @@ struct umbs_store_report {
     size_t skipped;        /* names that cannot be asset names */
     size_t shadowed;       /* names that an earlier folder has too */
     size_t swept;          /* stray temporaries removed */
-    int unsettled; /* 1 if a file that failed is so young that it should be tried again soon */
+    int unsettled; /* 1 if a file that failed was changed so recently that it should be tried again
+                      soon */
 };
 
 struct umbs_store_item {
@@ -101,13 +103,13 @@ UMB_CHECKED enum umb_status umbs_store_open(const struct umbs_store_options *opt
 void umbs_store_close(struct umbs_store *store);
 
 /*
- * Looks at the folders, loads new and changed files, drops missing ones, sweeps old temporaries.
- * Files that open at once are published at once; slow ones are published one by one.
+ * Scans the folders: loads new and changed files, drops missing ones, and removes old temporaries.
+ * Files that open at once are published together first; slow ones are published one by one.
  *
  * Out:   report: filled also on failure; may be NULL.
  * Fails: E_IO or E_NO_INPUT if the folder cannot be read (the old table stays), E_NO_MEMORY. A bad
  *        file is not a failure of the scan.
- * Cost:  blocks on the disk; new files are read and proven.
+ * Cost:  blocks on the disk; new files are read and verified.
  */
 UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
                                               struct umbs_store_report *report,
@@ -115,13 +117,13 @@ UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
 
 /*
  * Starts the lane: a thread of the store that loads files of from_bytes and more, one at a time.
- * Rescans go on with the other files and keep the old version of a large one; they take the new one
- * once `faulted` was called. Without the lane, a rescan loads everything itself. Stop the lane
- * before the store is closed.
+ * Meanwhile rescans load the other files, and keep the old version of a large one. A rescan after
+ * the `faulted` callback takes the new version. Without the lane, a rescan loads everything itself.
+ * Stop the lane before the store is closed.
  *
- * _stop waits up to its limit for a load to end; it returns 0 if the load did not end: the store
+ * _stop waits up to its limit for a load to end. It returns 0 if the load did not end; the store
  * then cannot be closed.
- * Threads: not at once with a rescan.
+ * Threads: not at the same time as a rescan.
  * Fails: E_LIMIT (no thread).
  */
 UMB_CHECKED enum umb_status umbs_store_lane_start(struct umbs_store *store, uint64_t from_bytes,
@@ -129,12 +131,12 @@ UMB_CHECKED enum umb_status umbs_store_lane_start(struct umbs_store *store, uint
 int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms);
 
 /*
- * Checks one asset's mapped file again: the one whose last check is the oldest, if that is
- * interval_ms ago or more, or if it was opened by its record alone. A damaged asset is taken out of
- * use, as after a failed read. Copies need no check. Returns 1 if there was a file to check, and
- * how many bytes were read.
+ * Checks one asset's mapped file again: the file with the oldest check, if that check is
+ * interval_ms ago or more, or if the file was opened by its record alone. A damaged asset is taken
+ * out of use, as after a failed read. Copies need no check. Returns 1 if there was a file to check.
+ * Out: number of bytes read.
  *
- * Cost: blocks on the disk; one pass over the file.
+ * Cost:  blocks on the disk; one pass over the file.
  */
 int umbs_store_scrub(struct umbs_store *store, uint64_t interval_ms, uint64_t *bytes);
 
@@ -150,9 +152,9 @@ UMB_CHECKED enum umb_status umbs_store_acquire(struct umbs_store *store, const c
                                                struct umbs_entry **out, struct umb_error *error);
 
 /*
- * Announces that an asset's file is about to be replaced by an equal one, which shall be loaded as
- * a new file is: its mapped form is removed, and umbs_entry_is_replaced is true of the version in
- * use. That version goes on answering until the next scan.
+ * Announces that an asset's file is about to be replaced by an equal one, which must be loaded like
+ * a new file. The asset's mapped form is removed, and umbs_entry_is_replaced returns 1 for the
+ * version in use. That version answers until the next scan.
  *
  * In:    folder: number of the folder with the file; nothing happens if the asset is not served
  *        from it. yes: 0 = the replacement failed and the version in use stays.
@@ -165,14 +167,14 @@ int umbs_entry_is_replaced(const struct umbs_entry *entry);
 /*
  * A reader: one thread's own access to the assets, for threads that answer queries. acquire, has
  * and refresh take no lock and never wait, whatever scans, other readers and releases do meanwhile.
- * They see all that a scan published before the call.
+ * They see everything that a scan published before the call.
  *
- * A reader holds the versions of its last look-up. An idle one refreshes now and then, so that
- * replaced versions can be freed. Close it before the store.
+ * A reader holds the versions of its last look-up. An idle reader must refresh now and then, so
+ * that replaced versions can be freed. Close it before the store.
  *
  * Threads: one at a time.
  * Fails: open E_NO_MEMORY; acquire as umbs_store_acquire.
- * Cost:  two reads more than the look-up; after a scan published, an exchange and a count down.
+ * Cost:  the look-up and two reads; after a scan has published, also an exchange and a count down.
  */
 struct umbs_reader; /* opaque */
 
@@ -182,33 +184,34 @@ void umbs_reader_close(struct umbs_reader *reader); /* NULL is allowed */
 
 UMB_CHECKED enum umb_status umbs_reader_acquire(struct umbs_reader *reader, const char *name_or_id,
                                                 struct umbs_entry **out, struct umb_error *error);
-/* 1 if one of the first `folders` folders has a whole file with that id. */
+/* Returns 1 if one of the first `folders` folders has an undamaged file with that id. */
 int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders);
 void umbs_reader_refresh(struct umbs_reader *reader);
 
-/* Fails with the E_NOT_FOUND of umbs_store_acquire: there is no such asset. */
+/* Fails with the E_NOT_FOUND and the message of umbs_store_acquire for a missing asset. */
 UMB_CHECKED enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error);
 
 /* Takes a further reference. Never waits. */
 void umbs_entry_retain(struct umbs_entry *entry);
 
-/* Releases a reference; waits for nothing if there is a `retired`. NULL is allowed. */
+/* Releases a reference. It does not wait if the store has a `retired` callback. NULL is allowed. */
 void umbs_entry_release(struct umbs_entry *entry);
 
 /*
  * Calls read(user), which may read the entry's voxels (umb_query_run and the like). read must hold
- * no lock and own nothing, because it may be left midway.
+ * no lock and own nothing, because a fault may end it midway.
  *
- * Fails: E_CORRUPT if the mapped file was cut or changed: discard what read wrote. The asset is
- *        then taken out of use.
+ * Fails: E_CORRUPT if the mapped file was cut or changed; discard the results of read then. The
+ *        asset is taken out of use.
  * Cost:  0.2 us.
  */
 UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*read)(void *user),
                                             void *user, struct umb_error *error);
 
 /*
- * umbs_entry_read in two steps, for many small reads: results of optimistic reads may be used once
- * a revalidation after all of them succeeded. Each step fails as umbs_entry_read does.
+ * The two steps of umbs_entry_read, for many small reads. Use the results of optimistic reads only
+ * after a revalidation that followed all of them succeeded. Each step fails as umbs_entry_read
+ * does.
  * Cost:  read 10 ns, revalidate 0.2 us.
  */
 UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,
@@ -217,22 +220,23 @@ UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,
 UMB_CHECKED enum umb_status umbs_entry_revalidate(struct umbs_entry *entry,
                                                   struct umb_error *error);
 
-/* The asset, borrowed until the release. Its description may be read at any time, its voxels only
- * in umbs_entry_read. */
+/* Returns the asset, borrowed until the release. Its description may be read at any time, its
+ * voxels only inside umbs_entry_read. */
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry);
 const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry);
 
 /*
- * Opens the packed file that an entry was made from, for reading it in parts.
+ * Opens the packed file from which an entry was made, so that parts of the file can be read.
  *
  * Out:   fd: the caller closes it; -1 on failure. size: bytes of the file.
- * Fails: E_STATE (there is another file now, or none), E_IO, E_NO_MEMORY.
+ * Fails: E_STATE (another file is in its place, or none), E_IO, E_NO_MEMORY.
  * Cost:  blocks on the disk.
  */
 UMB_CHECKED enum umb_status umbs_entry_open_packed(const struct umbs_entry *entry, int *fd,
                                                    uint64_t *size, struct umb_error *error);
 
-/* Copies the list, sorted by name, damaged ones included; free() it. Fails: E_NO_MEMORY. */
+/* Copies the list of all assets, damaged ones included, sorted by name; free() it. Fails:
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs_store_list(struct umbs_store *store,
                                             struct umbs_store_item **items, size_t *count,
                                             struct umb_error *error);

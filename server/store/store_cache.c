@@ -69,8 +69,8 @@ static enum umb_status open_folder(struct umbs_cache *cache, struct umb_error *e
 }
 
 /*
- * Reads the key. Fails: E_NO_INPUT (none yet), E_CORRUPT (other users can change it, or it is not a
- * key: make it anew), E_IO.
+ * Reads the key. Fails: E_NO_INPUT (there is no key yet), E_CORRUPT (other users can change the
+ * file, or it is not a key; a new key must be made), E_IO.
  */
 static enum umb_status read_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
                                 struct umb_error *error)
@@ -114,7 +114,7 @@ static enum umb_status make_key(const char *path, uint8_t key[UMBS_KEY_BYTES],
     return umbu_output_replace(path, UMBU_OUTPUT_PRIVATE, key, UMBS_KEY_BYTES, error);
 }
 
-/* Reads the key. The daemon with write access makes a new one if there is no usable key. */
+/* Reads the key. If there is no usable key, a daemon with write access makes a new one. */
 static enum umb_status take_key(struct umbs_cache *cache, struct umb_error *error)
 {
     char path[UMBS_PATH_SIZE];
@@ -148,9 +148,9 @@ static void read_records(struct umbs_cache *cache)
     }
 }
 
-/* Takes the lock unless another daemon has it; without the lock the cache is only read. On a file
- * system without locks two daemons may write, which does no harm: files appear whole, and their
- * digests are checked. */
+/* Takes the lock unless another daemon has it; without the lock this daemon only reads the cache.
+ * On a file system without locks two daemons may write. That does no harm, because files appear
+ * complete and their digests are checked. */
 static enum umb_status take_lock(struct umbs_cache *cache, struct umb_error *error)
 {
     char path[UMBS_PATH_SIZE];
@@ -263,13 +263,13 @@ void umbs__cache_made(struct umbs_cache *cache, int synced)
 }
 
 /*
- * Makes the mapped files durable before a list names them; returns 1 if they are. Called with the
- * mutex held, which is released during the sync: that may take seconds, and other threads ask for
+ * Makes the mapped files durable before a list names them; returns 1 if they are. The caller holds
+ * the mutex, which is released during the sync: a sync may take seconds, and other threads ask for
  * paths and records. Files made meanwhile wait for the next sync.
  *
- * The duplicate shares the lock's open file description, which is as old as the cache: syncfs
- * reports write errors since a description was opened, once. After such an error the kernel may
- * have dropped bytes, so no list is written any more.
+ * The duplicated descriptor shares the open file description of the lock, which is as old as the
+ * cache. syncfs reports, once, write errors since a description was opened. After such an error the
+ * kernel may have dropped bytes, so no list is written any more.
  */
 static int sync_mapped(struct umbs_cache *cache)
 {

@@ -9,13 +9,14 @@
  *     proven      list of the mapped files, each line with a MAC by the key (store_record.h)
  *     ID.umbm     mapped forms
  *
- * The folder is used only if no other user can change it (private_folder.h), and a file in it only
- * if it belongs to this user or root, no other user may write to it, it has one name, and its
- * SHA-256 is beside its id in the list. A file that fails a check is made anew.
+ * The folder is used only if no other user can change it (private_folder.h). A file in it is used
+ * only if it belongs to this user or root, no other user may write to it, it has one name, and the
+ * list has its SHA-256. A file that fails a check is made anew.
  *
  * Remaining risks: processes of the daemon's user and of root can read the key. A file with the
- * listed device, inode, size and times is opened without reading it. A user cannot set the time of
- * change; root can (through the clock), and a failing disk can change bytes without it.
+ * listed device, inode, size and times is opened without reading all of it. A user cannot set the
+ * time of change. Root can (through the clock), and a failing disk can change bytes without
+ * changing that time.
  *
  * Threads: any at once.
  */
@@ -53,17 +54,18 @@ UMB_CHECKED enum umb_status umbs__cache_init(struct umbs_cache *cache, const cha
 void umbs__cache_finish(struct umbs_cache *cache);
 
 /*
- * Makes the folder ready, unless it is: created, checked, locked, key and list read. Tries again at
- * each call, since another daemon may have ended.
+ * Makes the folder usable, unless it is already: created, checked and locked, its key and list
+ * read. A failed step is repeated at the next call, because another daemon may have ended
+ * meanwhile.
  *
- * Out:   writable: 1 if this daemon may write to it. May be NULL.
+ * Out:   writable: 1 if this daemon may write to the folder. May be NULL.
  * Fails: E_PERMISSION (other users can change it), E_BUSY (another daemon is making the key),
  *        E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable,
                                               struct umb_error *error);
 
-/* Copies the record of a packed file, or of an id; returns 0 if there is none. */
+/* Copies the record of a packed file, or of an id. Returns 0 if there is no record. */
 int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
                      struct umbs_record *record);
 int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
@@ -73,20 +75,21 @@ int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES]
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Steps around making a mapped file. _syncs returns 1 if the file is to be synced on its own, as
- * the first files of each scan are. _made counts a complete file. Unsynced files are synced
- * together before a list names them: a power cut may tear a mapped file without a record, which is
- * then made anew.
+ * Call these around making a mapped file. _syncs returns 1 if the file must be synced separately,
+ * as the first files of each scan are. _made counts a complete file. Other files are synced
+ * together before a list names them. A power cut may tear a mapped file that has no record; such a
+ * file is made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);
 
-/* Replaces the records by those of a scan, takes ownership of them, and writes them if the file
- * differs. Cost: may block on the disk for seconds; other threads may use the cache meanwhile. */
+/* Replaces the records by those of a scan, takes ownership of the new ones, and writes them if the
+ * list on disk differs. Cost: may block on the disk for seconds; other threads may use the cache
+ * meanwhile. */
 void umbs__cache_keep(struct umbs_cache *cache, struct umbs_records *records);
 
-/* Copies the path of the folder and returns 1 if this daemon may write to it; else 0. The field
- * `path` changes when another thread makes the cache ready. */
+/* Copies the path of the folder. Returns 1 if this daemon may write to the folder, else 0. The copy
+ * is needed because another thread may change the field `path` when it makes the cache ready. */
 int umbs__cache_own_folder(struct umbs_cache *cache, char path[UMBS_PATH_SIZE]);
 
 /* Writes the path of the mapped file of an id. */

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Entries of the store: references, reads, damage, packed files; and the end of entries, tables
- * and store.
+ * Entries of the store: references, reads, damage, packed files; and the end of entries, tables and
+ * store.
  *
- * Invariants: a table holds one reference to each of its entries. An entry with no references is in
- * no table; it is in the free list, or being freed by the thread that emptied the list. The store
- * itself lives until it is closed and its last entry is gone. A thread that pushes onto a free list
- * while the store may be closed holds the store during the push, because another thread may free
- * the pushed entry at once.
+ * Invariants: a table holds one reference to each of its entries. An entry without references is in
+ * no table; it is in the free list, or is being freed by the thread that emptied the list. The
+ * store itself lives until it is closed and its last entry is gone. If a thread pushes onto a free
+ * list while the store may be closed, it holds the store during the push, because another thread
+ * may free the pushed entry at once.
  */
 #include "store/store_internal.h"
 
@@ -218,8 +218,8 @@ int umbs_entry_is_replaced(const struct umbs_entry *entry)
     return atomic_load(&entry->replaced);
 }
 
-/* 1 if the head of an open file carries the entry's id. A copy of the asset with another stamp
- * serves as well: the receiver proves its pages. */
+/* Returns 1 if the head of an open file carries the entry's id. A copy of the asset with another
+ * stamp serves as well, because the receiver verifies its pages. */
 static int is_of(const struct umbs_entry *entry, int fd, uint64_t *size)
 {
     uint8_t head[UMB__HEAD_SIZE];

@@ -30,7 +30,8 @@ struct umbs_entry {
     int has_id;                      /* 1 if item.id was read from its head */
     atomic_int faulted;  /* 1 once its map was found cut or changed; error has the reason */
     atomic_int replaced; /* 1 if its file is being replaced: umbs_store_replacing */
-    int retry; /* 1 if the failure was not the file's: each scan tries again; under store->scan */
+    int retry; /* 1 if the cause of the failure was not the file: each scan tries again; under
+                  store->scan */
     struct umbs_entry *next_retired;
 };
 
@@ -107,8 +108,8 @@ struct umbs_store {
     uint64_t faults, scrubbed;
     int64_t scrubbed_at;
 
-    /* Unreferenced tables and entries that wait to be freed. These stacks are only ever taken
-     * whole, so a push is one compare and exchange. */
+    /* Stacks of unreferenced tables and entries that wait to be freed. A stack is only ever emptied
+     * as a whole, so a push is one compare-and-exchange. */
     _Atomic(struct umbs_table *) old_tables;
     _Atomic(struct umbs_entry *) free_list;
     atomic_size_t holders; /* Number of entries, plus 1 until the store is closed */
@@ -122,10 +123,11 @@ struct umbs_name_list {
 
 /* --- store_entry.c --- */
 
-/* 1 if the file is damaged; other failures: too large, of another version, or partial. */
+/* Returns 1 if the status means a damaged file. Other failures: the file is too large, of another
+ * version, or partial. */
 int umbs__is_damage(enum umb_status status);
 
-/* 1 if the file is the reason that it could not be loaded: trying again does not help. */
+/* Returns 1 if the failure lies in the file itself, so that trying again does not help. */
 int umbs__is_the_files_fault(enum umb_status status);
 
 /* Writes the path of an asset's packed file. */
@@ -135,14 +137,14 @@ void umbs__packed_path(const struct umbs_store *store, const struct umbs_name *n
 /* Makes an entry without content, with one reference; NULL: out of memory. */
 struct umbs_entry *umbs__entry_create(struct umbs_store *store, const struct umbs_name *name);
 
-/* Takes a damaged entry out of use: no further call gets it, and the owner is asked for a scan that
- * replaces it. Of several batches that find the same damage, only the first does so. */
+/* Takes a damaged entry out of use: no further call gets the entry, and the owner is asked for a
+ * scan that replaces it. If several batches find the same damage, only the first does so. */
 void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *error);
 
 /* Drops the references of an old table, and frees it. */
 void umbs__table_free(struct umbs_table *table);
 
-/* Has retired memory freed: asks the owner, or frees it here if there is no owner to ask. */
+/* Asks the owner to free retired memory, or frees it here if the owner gave no callback. */
 void umbs__reap_soon(struct umbs_store *store);
 
 /* Gives back `count` holds of a store; the last one frees it. */
@@ -150,33 +152,36 @@ void umbs__store_let_go(struct umbs_store *store, size_t count);
 
 /* --- store_table.c --- */
 
-/* An empty table with room for `room` entries, held once; NULL: out of memory. */
+/* Creates an empty table for `room` entries, held once. NULL: out of memory. */
 struct umbs_table *umbs__table_create(size_t room);
 
-/* The newest table, held. _let_go releases any table: the last release leaves the table to
- * umbs_store_reap and returns 1. _walked does the same and has the table reaped soon. */
+/* Returns the newest table and holds it. _let_go releases a hold; if it was the last one, it leaves
+ * the table to umbs_store_reap and returns 1. _walked releases a hold too, and has the table reaped
+ * soon. */
 struct umbs_table *umbs__table_hold(struct umbs_store *store);
 int umbs__table_let_go(struct umbs_store *store, struct umbs_table *table);
 void umbs__table_walked(struct umbs_store *store, struct umbs_table *table);
 
 /* Makes a held table the newest, for the store and all its readers, and takes over the hold.
- * Returns the table before it, held. */
+ * Returns the previous table, held. */
 struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table);
 
-/* The healthy entry with that id, or NULL; the entry with that name, or NULL. */
+/* _find_id returns the healthy entry with an id, _find_name the entry with a name; NULL if there is
+ * none. */
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES]);
 struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name);
 
 /* --- store_load.c --- */
 
-/* Makes an entry for a file; a damaged file gives an entry without asset. rebuild: 1 = make its
- * cache anew in any case. NULL: out of memory. Blocks; called by the scan without the mutex. */
+/* Loads a file into a new entry; a damaged file gives an entry without an asset. rebuild: 1 = make
+ * the mapped file anew in any case. NULL: out of memory. Blocks; a scan calls it without the
+ * mutex. */
 struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_name *name,
                                     int rebuild);
 
-/* Makes an entry for a file of a known stamp; NULL if its mapped file is missing or changed.
- * Quick. */
+/* Makes an entry from the record of a known stamp, quickly. Returns NULL if there is no such
+ * record, or its mapped file is missing or changed. */
 struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umbs_name *name,
                                       const struct umbs_stamp *packed);
 
@@ -188,7 +193,8 @@ enum umbs_lane_answer {
     UMBS_LANE_TAKE,       /* it is loaded */
 };
 
-/* Asks the lane for a file, from a scan. Out: entry: with _TAKE, NULL if out of memory; load_ms. */
+/* Asks the lane for a file; called by a scan. Out: entry, load_ms: set with UMBS_LANE_TAKE; entry
+ * is NULL if memory was short. */
 enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs_name *name,
                                      const struct umbs_stamp *stamp, int rebuild,
                                      struct umbs_entry **entry, uint64_t *load_ms);
@@ -196,8 +202,8 @@ enum umbs_lane_answer umbs__lane_ask(struct umbs_store *store, const struct umbs
 /* 1 if the lane has a result that no scan took yet. */
 int umbs__lane_has_done(struct umbs_store *store);
 
-/* At the end of a pass: drops a result that was there at its beginning (was_done) and that no file
- * asked for. Returns 1 if the lane could load another file now. */
+/* Called at the end of a scan's pass. Drops the lane's result if it existed at the pass's beginning
+ * (was_done) and no file asked for it. Returns 1 if the lane could load another file now. */
 int umbs__lane_clear(struct umbs_store *store, int was_done);
 
 void umbs__lane_init(struct umbs_lane *lane);
@@ -205,14 +211,14 @@ void umbs__lane_finish(struct umbs_lane *lane);
 
 /* --- store_names.c, store_scan.c --- */
 
-/* Collects the names of all folders, sorted, each once. Fails: E_NO_INPUT, E_IO, E_NO_MEMORY; the
- * caller frees the list in every case. */
+/* Collects the names of all folders, sorted, each once. The caller frees the list, on failure too.
+ * Fails: E_NO_INPUT, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbs__names_read(struct umbs_store *store, struct umbs_name_list *list,
                                              struct umbs_store_report *report,
                                              struct umb_error *error);
 
-/* Removes stray temporaries of the store and its cache, and cache files of ids that table does not
- * have, when older than UMBS_STORE_TEMPORARY_AGE_S. Returns how many. */
+/* Removes stray temporaries of the store and its cache, and cache files whose ids are not in
+ * `table`, if they are older than UMBS_STORE_TEMPORARY_AGE_S. Returns their number. */
 size_t umbs__store_sweep(struct umbs_store *store, const struct umbs_table *table);
 
 #endif

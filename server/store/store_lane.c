@@ -95,7 +95,8 @@ int umbs_store_lane_stop(struct umbs_store *store, uint32_t wait_ms)
     return 1;
 }
 
-/* 1 if the file is the one that the lane loads or loaded last, unchanged; under its mutex. */
+/* Returns 1 if the file is unchanged and is the one that the lane is loading or loaded last. Under
+ * the lane's mutex. */
 static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *name,
                        const struct umbs_stamp *stamp)
 {
@@ -105,8 +106,9 @@ static int is_its_file(const struct umbs_lane *lane, const struct umbs_name *nam
            umbs_stamp_equal(was, stamp);
 }
 
-/* 1 if a file may have the free lane. The file that had it last gets it only when it asks twice: a
- * file that changes after every load must not keep the others out. Under the mutex. */
+/* Returns 1 if the free lane may take this file. The file that the lane loaded last must ask twice,
+ * so that a file that changes after every load does not keep the others out. Under the lane's
+ * mutex. */
 static int is_its_turn(struct umbs_lane *lane, const struct umbs_name *name)
 {
     const int had_it =

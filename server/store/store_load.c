@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Loading one file of the store: read it whole, prove it, map its cache file (made if needed) or
- * expand it in memory.
+ * Loading one file of the store: read the packed file whole, verify it, and map its cache file
+ * (made if needed) or expand it in memory.
  *
- * A packed file is read into memory and never mapped, so truncation by another process gives a
- * short read and no signal. It is proven in full (head and every page) at each load: that also
- * finds bytes that rotted since the file was published.
+ * A packed file is read into memory and never mapped. If another process cuts it short, the read
+ * ends early and no signal is raised. Each load verifies the head and every page, so it also finds
+ * bytes that changed on the disk since the file was published.
  */
 #include "store/store_internal.h"
 
@@ -29,7 +29,8 @@ struct packed {
     size_t size;
 };
 
-/* Opens a packed file and reads its size and stamp. Fails: fd is -1, or to be closed. */
+/* Opens a packed file and reads its size and stamp. On failure fd is -1, or the caller closes
+ * it. */
 static enum umb_status open_packed(struct umbs_entry *entry, const char *path, int *fd,
                                    struct umb_error *error)
 {
@@ -52,7 +53,7 @@ static enum umb_status open_packed(struct umbs_entry *entry, const char *path, i
     return UMB_OK;
 }
 
-/* Reads a packed file whole. Fails: E_TRUNCATED if it shrinks meanwhile. */
+/* Reads a packed file whole. Fails: E_TRUNCATED if the file shrinks meanwhile. */
 static enum umb_status read_packed(struct umbs_entry *entry, const char *path,
                                    struct packed *packed, struct umb_error *error)
 {
@@ -148,8 +149,8 @@ static enum umb_status cache_build(struct umbs_store *store, struct umbs_cache *
     return status;
 }
 
-/* Opens the mapped file that the list has for the id. Fails: E_NO_INPUT (the list has none, and
- * there is no file either), E_CORRUPT and the like: make it anew. */
+/* Opens the mapped file that the list records for the id. Fails: E_NO_INPUT (neither a record nor a
+ * file), E_CORRUPT and the like: the file must be made anew. */
 static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *entry,
                                    const char *path, int rebuild, struct umb_error *error)
 {
@@ -166,7 +167,8 @@ static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *
                           "no line under the cache's key says what the mapped file must be");
 }
 
-/* Makes the mapped file and opens it. Fails: E_BUSY (another daemon may write), and the like. */
+/* Makes the mapped file and opens it. Fails: E_BUSY (only another daemon may write to the cache),
+ * and the like. */
 static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *entry,
                                    const char *path, const struct packed *packed, int writable,
                                    struct umb_error *error)
@@ -186,8 +188,8 @@ static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *
     return cache_try(store, path, &record, NULL, entry, error);
 }
 
-/* Opens the mapped form of a proven packed image, made if needed. Fails: any status; the caller
- * then expands the packed form. */
+/* Opens the mapped form of a verified packed image, made if needed. Fails: any status; the caller
+ * then expands the packed form in memory. */
 static enum umb_status cache_open(struct umbs_store *store, struct umbs_entry *entry,
                                   const struct packed *packed, int rebuild, struct umb_error *error)
 {
@@ -215,7 +217,7 @@ static enum umb_status prove(struct umbs_entry *entry, const struct packed *pack
     return umb_packed_prove(packed->bytes, packed->size, NULL, &umbs_sha256, error);
 }
 
-/* Opens the asset of a proven packed image: mapped from its cache, else expanded. */
+/* Opens the asset of a verified packed image: mapped from its cache, else expanded in memory. */
 static enum umb_status open_proven(struct umbs_store *store, struct umbs_entry *entry,
                                    const struct packed *packed, int rebuild,
                                    struct umb_error *error)
@@ -313,7 +315,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
         return NULL;
     }
     entry->asset = umbs_asset_map_asset(entry->map);
-    /* The opening checked a changed mapped file in full, as it checks a copy. */
+    /* A copy, or a mapped file with another stamp, has just been checked in full by the opening. */
     if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
         entry->checked_ms = (uint64_t)umbu_clock_ms();
     }

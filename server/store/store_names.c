@@ -2,8 +2,8 @@
 /*
  * The names of a store: NAME.umb in its folders, and FOLDER/NAME.umb one folder down.
  *
- * Symbolic links are names like others, because opening follows them; a link to a folder counts as
- * a folder. Only one level is read below the top, so no loop of links can trap the walk.
+ * Symbolic links count as names too, because opening follows them; a link to a folder counts as a
+ * folder. Only one level below the top is read, so links cannot make the walk endless.
  */
 #include "store/store_internal.h"
 
@@ -35,7 +35,7 @@ static int compare_names(const void *a, const void *b)
 }
 
 /* Makes the asset's name from PREFIX/NAME.umb. Returns 1, 0 (not an asset's file) or -1 (an asset's
- * file with a refused name). */
+ * file whose name is not allowed). */
 static int name_of(const char *prefix, const char *file, char name[UMBS_STORE_NAME_MAX + 1])
 {
     size_t length = strlen(file);
@@ -88,7 +88,8 @@ static enum umb_status read_file_name(struct reading *reading, const char *prefi
     return kind > 0 ? add_name(reading, name, error) : UMB_OK;
 }
 
-/* Reads an open folder and closes it. prefix is NULL at the top; only there folders are entered. */
+/* Reads an open folder and closes it. prefix: name of the subfolder; NULL at the top, where
+ * subfolders are entered too. */
 static enum umb_status read_folder(struct reading *reading, DIR *folder, const char *prefix,
                                    struct umb_error *error)
 {
@@ -121,7 +122,7 @@ static enum umb_status read_folder(struct reading *reading, DIR *folder, const c
     return status;
 }
 
-/* Logs that some names are not served, once for each change of their number. */
+/* Logs how many names are not served, each time that number changes. */
 static void tell(const struct umbs_store *store, size_t now, size_t *before, const char *event,
                  const char *last)
 {

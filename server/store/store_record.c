@@ -113,7 +113,7 @@ void umbs__records_finish(struct umbs_records *records)
     memset(records, 0, sizeof *records);
 }
 
-/* Reads seven numbers and moves *at past them. Returns 1, or 0 if they are not there. */
+/* Reads seven numbers and moves *at past them. Returns 1, or 0 if there are fewer numbers. */
 static int parse_stamp(const char **at, struct umbs_stamp *stamp)
 {
     uint64_t numbers[7];
@@ -136,7 +136,7 @@ static int parse_stamp(const char **at, struct umbs_stamp *stamp)
     return 1;
 }
 
-/* Reads 64 hexadecimal digits and the character `end`; moves *at past both. */
+/* Reads 64 hexadecimal digits and then the character `end`; moves *at past them. */
 static int parse_hash(const char **at, char end, uint8_t hash[UMB_ID_BYTES])
 {
     char text[UMB_ID_TEXT_SIZE];
@@ -149,8 +149,8 @@ static int parse_hash(const char **at, char end, uint8_t hash[UMB_ID_BYTES])
     return umb_id_from_text(text, hash) == UMB_OK;
 }
 
-/* The MAC of a line's text before the MAC. The title is part of it, so a line of another version
- * does not pass for one of this version. */
+/* Computes the MAC of a line's text. The list's title is part of the MAC, so a line from a list of
+ * another version is not valid here. */
 static void line_mac(const uint8_t key[UMBS_KEY_BYTES], const char *line, size_t length,
                      uint8_t mac[UMB_ID_BYTES])
 {
@@ -203,7 +203,7 @@ static enum umb_status parse(char *text, const uint8_t key[UMBS_KEY_BYTES],
     return UMB_OK;
 }
 
-/* Opens the list. Out: fd: -1: there is none; also to be closed after a failure. */
+/* Opens the list. Out: fd: -1 if there is no list; after a failure the caller closes it too. */
 static enum umb_status open_list(const char *path, int *fd, size_t *size, struct umb_error *error)
 {
     struct stat facts;

@@ -2,18 +2,19 @@
 #ifndef UMBRAGE_SERVER_STORE_STORE_RECORD_H
 #define UMBRAGE_SERVER_STORE_STORE_RECORD_H
 /*
- * Records of proven files. For each packed file, identified by its stamp, a record holds its proven
- * id, the stamp of the mapped file that passed a full check, and that file's SHA-256. As long as
- * both files have these stamps, opening the asset reads its head and nothing else.
+ * Records of proven files. For each packed file, identified by its stamp, a record has three parts:
+ * its verified id, the stamp of the mapped file that passed a full check, and that file's SHA-256.
+ * As long as both files have these stamps, opening the asset reads its head and nothing else.
  *
- * Kept as `proven` in the cache folder, one line a file. Each line ends with its HMAC-SHA256 under
- * the cache's key, so only the daemon's user and root can write a valid line; other lines are left
- * out. The list only saves work: a missing line costs one more verification.
+ * The records are the file `proven` in the cache folder, one line for each packed file. Each line
+ * ends with its HMAC-SHA256 under the cache's key, so only the daemon's user and root can write a
+ * valid line; other lines are left out. The list only saves work: a missing line costs one more
+ * verification.
  *
  *     umbrage proven 2
  *     ID DIGEST  STAMP  STAMP  MAC
  *
- * A stamp is DEVICE INODE SIZE MTIME NS CTIME NS; the packed file's stands first.
+ * A stamp is DEVICE INODE SIZE MTIME NS CTIME NS. The packed file's stamp is the first of the two.
  */
 #include "store/asset_map.h"
 #include "common/sha256.h"
@@ -29,7 +30,8 @@ struct umbs_record {
 struct umbs_records {
     size_t count, capacity;
     struct umbs_record *list;
-    uint32_t *places;   /* [place_count] index + 1 in list, by hash of the packed stamp; 0 = none */
+    uint32_t *places;   /* Index in `list`, plus 1, by hash of the packed stamp, [place_count]; 0 =
+                           none */
     size_t place_count; /* a power of 2, at least twice as many as there are records */
 };
 

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Scanning the store's folders and swapping the table.
+ * Scanning the store's folders and replacing the table.
  *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
  * and publishes it whole. So a look-up sees the folders before or after the scan, never in between.
+ *
  * A scan publishes several times: first all files that open at once, then files that must be read
- * whole, for LOAD_MS each time. So a large new asset delays only the requests for it, and a
+ * whole, after each LOAD_MS of loading. So a large new asset delays only the requests for it, and a
  * thousand small ones do not take a thousand passes over all names.
  */
 #include "store/store_internal.h"
@@ -22,7 +23,7 @@
 #include "base/try.h"
 #include "tool/clock.h"
 
-#define LOAD_MS 100 /* milliseconds of reading whole files before a table with them is published */
+#define LOAD_MS 100 /* Milliseconds of loading before a table with the loaded files is published */
 
 /* One pass over the names. */
 struct pass {
@@ -70,7 +71,8 @@ static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
     return 1;
 }
 
-/* Adds the record of a proven entry, so that another name of its file opens at once. */
+/* Adds the record of a verified entry to its cache, so that another name of the same file opens at
+ * once. */
 static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
     struct umbs_record record;
@@ -79,8 +81,8 @@ static void remember(struct umbs_store *store, const struct umbs_entry *entry)
     }
 }
 
-/* Returns the entry for the new table: the fresh one, or the old one if the fresh one failed and a
- * later scan may succeed. */
+/* Returns the entry for the new table: `fresh`, or `old` if fresh failed and a later scan may
+ * succeed. */
 static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int old_faulted,
                                  struct umbs_entry *fresh, const struct stat *file)
 {
@@ -97,8 +99,8 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
         fresh->retry = 1;
     }
     if (fresh->retry && old != NULL && old->asset != NULL && !old_faulted) {
-        /* The file may be half copied, or the machine is at fault (no memory, no descriptor left):
-         * the old version goes on answering until a later scan can tell. */
+        /* Keep the old version until a later scan can decide: the file may be half copied, or the
+         * machine is at fault (no memory, no descriptor left). */
         umbs_entry_retain(old);
         umbs_entry_release(fresh);
         old->tried = pass->store->serial;
@@ -108,7 +110,8 @@ static struct umbs_entry *choose(struct pass *pass, struct umbs_entry *old, int 
 }
 
 /* Chooses the entry of one file for the new table: the old one, a new one, or NULL with UMB_OK if
- * the file vanished or waits for its turn. The entry has a reference for the table. */
+ * the file has vanished or waits for its turn. The caller gets a reference to the entry, for the
+ * table. */
 static enum umb_status place(struct pass *pass, const struct umbs_name *name,
                              struct umbs_entry **out, struct umb_error *error)
 {
@@ -120,7 +123,8 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     if (stat(path, &now) != 0 || !S_ISREG(now.st_mode)) {
         return UMB_OK;
     }
-    /* Only scans change the table, and the scan mutex is held: reading it needs no other lock. */
+    /* Only scans change the table, and this scan holds the scan mutex, so reading the table needs
+     * no other lock. */
     struct umbs_entry *old = umbs__table_find_name(store->table, name->text);
     struct umbs_stamp stamp = umbs_stamp_of(&now);
     int faulted = old != NULL && atomic_load(&old->faulted);
@@ -224,7 +228,7 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
     umbs__cache_keep(cache, &now);
 }
 
-/* Publishes tables until every file is in one; the first takes the files that open at once. */
+/* Publishes tables until every file is in one. The first table has the files that open at once. */
 static enum umb_status scan(struct pass *pass, struct umbs_name_list *list, struct umb_error *error)
 {
     struct umbs_store *store = pass->store;
@@ -264,7 +268,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
     return status;
 }
 
-/* 1 if the table has a cache file's id, or if the name is not a cache file's. */
+/* Returns 1 if a cache file must stay: the table has its id, or its name is not a cache file's. */
 static int cache_file_wanted(const char *name, const struct umbs_table *table)
 {
     char text[UMB_ID_TEXT_SIZE];

@@ -1,20 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Tables and readers: the content of a store at one moment, never changed once published, and how
- * a thread finds assets without ever waiting for another one.
+ * Tables and readers: the content of a store at one moment, never changed once published, and how a
+ * thread finds assets without ever waiting for another one.
  *
- * An entry cannot be freed while a look-up finds it: the look-up holds the table and the table
+ * An entry cannot be freed while a look-up finds it. The look-up holds the table and the table
  * holds the entry, so the entry's count is at least 1 when the look-up raises it.
  *
  * A reader looks into a table of its own, which it holds. A scan that publishes a table puts it
- * into the mail of each reader, with a hold for that reader. The reader takes the mail with one
- * exchange before it looks, so it sees all that was published before the look-up. A newer table
- * replaces one that was not fetched. The thread that exchanges a table out of the mail owns its
- * hold; so each hold is given back once, by the reader or by the scan.
+ * into each reader's mail field, with a hold for that reader. The reader takes the mail with one
+ * exchange before it looks, so it sees everything that was published before the look-up. A newer
+ * table replaces one that the reader has not taken. The thread that exchanges a table out of the
+ * mail owns its hold. So each hold is released once, by the reader or by the scan.
  *
  * Waiting and freeing happen elsewhere. The mutex guards the list of readers; a reader takes it
- * when it is opened and closed and never in between. A table that loses its last reader is left to
- * umbs_store_reap.
+ * only when it is opened and closed. A table that loses its last reader is left to umbs_store_reap.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -129,7 +128,7 @@ struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
 }
 
 /* Finds a damaged file whose head carries that id, so that a call by id gets the same answer as a
- * call by name. Of several, the first by name is taken. */
+ * call by name. If several files have the id, the first by name is taken. */
 static struct umbs_entry *find_damaged(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {
@@ -162,8 +161,8 @@ static enum umb_status table_acquire(const struct umbs_table *table, const char 
     }
     if (entry->asset == NULL || atomic_load(&entry->faulted)) {
         const enum umb_status cause = entry->error.status;
-        /* A fault of the file gives the status of damage; another failure (no memory) gives its
-         * own. */
+        /* If the file is at fault, the status is that of damage; another failure (no memory) keeps
+         * its own. */
         return umb_fail(error, umbs__is_the_files_fault(cause) ? UMB_E_CORRUPT : cause,
                         "asset: '%.64s' %s: %s", entry->item.name,
                         umbs__is_damage(cause) ? "is damaged" : "cannot be read",
@@ -281,7 +280,8 @@ void umbs_reader_close(struct umbs_reader *reader)
 
 void umbs_reader_refresh(struct umbs_reader *reader)
 {
-    /* Mostly there is none: a relaxed load leaves the cache line shared with its other readers. */
+    /* There is mostly no mail. A relaxed load leaves the cache line shared with its other
+     * readers. */
     if (atomic_load_explicit(&reader->mail, memory_order_relaxed) == NULL) {
         return;
     }

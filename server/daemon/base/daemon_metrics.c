@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The Prometheus text format (version 0.0.4). The grpc_server_ names are those that existing
- * dashboards of the gRPC ecosystem read.
+ * The Prometheus text format (version 0.0.4). The metrics named grpc_server_... have the names that
+ * dashboards of the gRPC ecosystem use.
  */
 #include "daemon/base/daemon_metrics.h"
 
@@ -17,7 +17,8 @@
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
                                                           "library", "timeout", "queue"};
 
-/* Upper bounds in nanoseconds, and as Prometheus writes them (docs/reference/operations.md). */
+/* Upper bounds of the buckets in nanoseconds, and as Prometheus writes them
+ * (docs/reference/operations.md). */
 static const uint64_t bounds_ns[UMBD_TIME_BUCKETS] = {
     50000,    100000,   250000,    500000,    1000000,   2500000,    5000000,    10000000,
     25000000, 50000000, 100000000, 250000000, 500000000, 1000000000, 5000000000,
@@ -78,7 +79,7 @@ static void single(FILE *out, const char *name, const char *type, const char *he
     fprintf(out, "%s %llu\n", name, value);
 }
 
-/* Calls `write` for each row of the methods' table, the last one, of unknown paths, too. */
+/* Calls `write` for each row of the methods' table, including the last row, for unknown paths. */
 static void each_method(FILE *out, struct umbd_metrics *metrics,
                         void (*write)(FILE *out, const char *labels, const char *type,
                                       struct umbd_method_counts *counts))
@@ -323,7 +324,7 @@ enum umb_status umbd_metrics_text(struct umbd_metrics *metrics, const struct umb
     }
     write_process(out);
     int bad = ferror(out);
-    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
+    /* glibc's fclose succeeds even if its last realloc failed; then there is no text. */
     if (fclose(out) != 0 || bad || *text == NULL) {
         free(*text);
         *text = NULL;

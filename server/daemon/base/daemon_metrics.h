@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_BASE_DAEMON_METRICS_H
 /*
  * Counters of the daemon and their Prometheus text. Every counter is a separate atomic that only
- * grows; a scrape may see one call counted as started and not yet as handled, never a torn number.
- * Labels come from fixed lists, so no peer can create new series.
+ * grows. A scrape may see a call counted as started and not yet as handled, but never a torn
+ * number. Labels come from fixed lists, so no peer can create new series.
  */
 #include <stdatomic.h>
 #include <stddef.h>
@@ -89,7 +89,7 @@ static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
     atomic_fetch_add_explicit(counter, n, memory_order_relaxed);
 }
 
-/* Counts the beginning of a call. method: a row of metrics->methods. _handled: counts its end.
+/* Counts the start of a call. method: a row of metrics->methods. _handled counts the call's end;
  * code: 0..16. */
 void umbd_metrics_started(struct umbd_metrics *metrics, const struct umbd_method *method);
 void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method *method, int code,

@@ -48,21 +48,21 @@ static const struct umbu_option SERVING[] = {
      UMBU_BYTES(MIB, PIB), AT(load_memory), .otherwise = "three quarters of this machine's memory"},
     {"socket-mode", "MODE", "permissions of unix: sockets, in octal, regardless of the umask",
      UMBU_MODE(0600, 0777), AT(socket_mode), .standard = "0660"},
-    {"copy", NULL, "hold assets in memory, so that nothing done to their files matters", UMBU_FLAG,
-     AT(copy)},
+    {"copy", NULL, "copy assets into memory; later changes of their files have no effect",
+     UMBU_FLAG, AT(copy)},
     {"warm-up", NULL, "read an asset's file ahead when it is opened", UMBU_FLAG, AT(warm_up)},
     {"scrub-interval", "TIME", "longest time between two checks of a mapped asset, 0 = no checks",
      UMBU_TIME(0, MONTH_MS), AT(scrub_interval_ms), .standard = "60m"},
-    {"loops", "N", "threads that own connections", UMBU_COUNT(1, UMBD_LOOPS_MAX), AT(loops),
-     .otherwise = "one for four cores"},
-    {"workers", "N", "threads that answer", UMBU_COUNT(1, 1024), AT(workers),
-     .otherwise = "one a core"},
+    {"loops", "N", "event-loop threads; each serves a share of the connections",
+     UMBU_COUNT(1, UMBD_LOOPS_MAX), AT(loops), .otherwise = "one for four cores"},
+    {"workers", "N", "worker threads, which answer all but small batches", UMBU_COUNT(1, 1024),
+     AT(workers), .otherwise = "one a core"},
     {"queue", "N", "batches that may wait for a worker", UMBU_COUNT(1, 1000000), AT(queue),
      .standard = "1024"},
     {"admin", "HOST:PORT", "plain HTTP for /metrics, /livez, /readyz; loopback only", UMBU_TEXT,
      AT(admin), .otherwise = "off"},
-    {"address-file", "FILE", "gets the addresses listened on, one a line, once they are open",
-     UMBU_TEXT, AT(address_file)},
+    {"address-file", "FILE", "file to which the open addresses are written, one a line", UMBU_TEXT,
+     AT(address_file)},
     {"log-level", NULL, "events to log: this level and above", UMBU_CHOICE("error|warn|info|debug"),
      AT(log_level), .standard = "info"},
     {"log-format", NULL, "one line an event: key=value, or a JSON object", UMBU_CHOICE("text|json"),
@@ -78,7 +78,7 @@ static const struct umbu_option ACCESS[] = {
      UMBU_FLAG, AT(without_tokens)},
     {"tls-cert", "FILE", "certificate chain (PEM) of the tls: addresses; read again on SIGHUP",
      UMBU_TEXT, AT(tls_cert)},
-    {"tls-key", "FILE", "its private key (PEM)", UMBU_TEXT, AT(tls_key)},
+    {"tls-key", "FILE", "private key (PEM) of the certificate", UMBU_TEXT, AT(tls_key)},
     {"tls-client-ca", "FILE", "clients of tls: must show a certificate of these authorities (PEM)",
      UMBU_TEXT, AT(tls_client_ca)},
     {"tls-crl", "FILE",
@@ -93,8 +93,8 @@ static const struct umbu_option LIMITS[] = {
      AT(max_message), .standard = "64MiB"},
     {"max-buffer", "BYTES", "requests and replies held at once", UMBU_BYTES(MIB, GIB << 10),
      AT(max_buffer), .standard = "1GiB"},
-    {"connection-buffer", "BYTES", "the same for one connection", UMBU_BYTES(1 << 16, GIB << 10),
-     AT(connection_buffer), .standard = "256MiB"},
+    {"connection-buffer", "BYTES", "requests and replies of one connection held at once",
+     UMBU_BYTES(1 << 16, GIB << 10), AT(connection_buffer), .standard = "256MiB"},
     {"max-connections", "N", "connections at once", UMBU_COUNT(1, 1000000), AT(max_connections),
      .standard = "4096"},
     {"max-address-connections", "N", "connections of one address (IPv6: of its /64) at once",
@@ -106,27 +106,28 @@ static const struct umbu_option LIMITS[] = {
      UMBU_COUNT(0, 1000000000000), AT(address_rate), .standard = "0"},
     {"max-watches", "N", "health Watches of all connections without rights; each has at most one",
      UMBU_COUNT(0, 1000000), AT(max_watches), .standard = "64"},
-    {"handshake-timeout", "TIME", "from connect to HTTP/2 settings", UMBU_TIME(100, HOUR_MS),
-     AT(handshake_timeout_ms), .standard = "10s"},
-    {"idle-timeout", "TIME", "of a connection without calls", UMBU_TIME(100, 24 * HOUR_MS),
-     AT(idle_timeout_ms), .standard = "5m"},
+    {"handshake-timeout", "TIME", "time from the connect to the HTTP/2 settings",
+     UMBU_TIME(100, HOUR_MS), AT(handshake_timeout_ms), .standard = "10s"},
+    {"idle-timeout", "TIME", "longest time of a connection without calls",
+     UMBU_TIME(100, 24 * HOUR_MS), AT(idle_timeout_ms), .standard = "5m"},
     {"max-age", "TIME",
-     "after which a connection is asked to go, give or take a tenth, so that balancers spread "
-     "their clients anew, 0 = never",
+     "age at which a connection is asked to leave, give or take a tenth, so that balancers spread "
+     "their clients again; 0 = never",
      UMBU_TIME(0, MONTH_MS), AT(max_age_ms), .standard = "0"},
-    {"body-timeout", "TIME", "for a request to arrive, and 1 s more a 64 KiB",
+    {"body-timeout", "TIME", "time for a request to arrive, and 1 s more for each 64 KiB",
      UMBU_TIME(100, HOUR_MS), AT(body_timeout_ms), .standard = "30s"},
-    {"stall-timeout", "TIME", "for a reply that the peer does not take, or takes at below 16 KiB/s",
+    {"stall-timeout", "TIME",
+     "longest time that a reply waits for a peer that takes nothing, or less than 16 KiB/s",
      UMBU_TIME(100, HOUR_MS), AT(stall_timeout_ms), .standard = "30s"},
-    {"drain-delay", "TIME", "from SIGTERM to the end of listening", UMBU_TIME(0, HOUR_MS),
+    {"drain-delay", "TIME", "time from SIGTERM to the end of listening", UMBU_TIME(0, HOUR_MS),
      AT(drain_delay_ms), .standard = "5s"},
-    {"drain-timeout", "TIME", "for calls under way after that", UMBU_TIME(0, HOUR_MS),
+    {"drain-timeout", "TIME", "time for calls to finish after that", UMBU_TIME(0, HOUR_MS),
      AT(drain_timeout_ms), .standard = "30s"},
 };
 
 static const struct umbu_option JOBS[] = {
     {"jobs", "DIR",
-     "take scenes over the network and bake them; all about them is in DIR, which is no --store",
+     "accept scenes over the network and bake them; DIR has their files and must not be a --store",
      UMBU_TEXT, AT(jobs), .otherwise = "off"},
     {"jobs-db", "FILE", "job table, on a local disk", UMBU_TEXT, AT(jobs_db),
      .otherwise = "DIR/jobs.db"},
@@ -139,8 +140,8 @@ static const struct umbu_option JOBS[] = {
     {"bake-workers", "N", "bakes at once", UMBU_COUNT(1, 256), AT(bake_workers), .standard = "1"},
     {"executor", NULL, "bakes run on this machine, or as tiles in array jobs of Slurm",
      UMBU_CHOICE("local|slurm"), AT(executor), .standard = "local"},
-    {"executor-interval", "TIME", "between questions to Slurm about tasks", UMBU_TIME(100, HOUR_MS),
-     AT(executor_interval_ms), .standard = "2s"},
+    {"executor-interval", "TIME", "time between two questions to Slurm about tasks",
+     UMBU_TIME(100, HOUR_MS), AT(executor_interval_ms), .standard = "2s"},
     {"slurm-options", "TEXT", "more options of sbatch, with blanks between, as --partition=bake",
      UMBU_TEXT, AT(slurm_options)},
     {"bake-tile", "N", "texels a side of a tile, the unit of work", UMBU_POWER(64, 32768),
@@ -151,20 +152,20 @@ static const struct umbu_option JOBS[] = {
      .standard = "4GiB"},
     {"tile-cache", "BYTES", "baked tiles kept for each owner, so that retries and edits go faster",
      UMBU_BYTES(0, PIB), AT(tile_cache), .standard = "10GiB"},
-    {"job-time", "TIME", "longest that one bake may take", UMBU_TIME(1000, MONTH_MS),
-     AT(job_time_ms), .standard = "240m"},
-    {"job-lease", "TIME", "longest that a bake may give no sign of life", UMBU_TIME(1000, MONTH_MS),
-     AT(job_lease_ms), .standard = "15m"},
-    {"job-keep", "TIME", "for jobs that are over, then they are forgotten: 30 days",
+    {"job-time", "TIME", "longest time of one bake", UMBU_TIME(1000, MONTH_MS), AT(job_time_ms),
+     .standard = "240m"},
+    {"job-lease", "TIME", "longest time that a bake may give no sign of life",
+     UMBU_TIME(1000, MONTH_MS), AT(job_lease_ms), .standard = "15m"},
+    {"job-keep", "TIME", "time for which finished jobs are kept: 30 days",
      UMBU_TIME(60000, 3660 * 24 * HOUR_MS), AT(job_keep_ms), .standard = "43200m"},
     {"max-bundle", "BYTES", "files of one submission together", UMBU_BYTES(1024, GIB << 14),
      AT(max_bundle), .standard = "1GiB"},
-    {"max-asset", "BYTES", "size of what one bake makes", UMBU_BYTES(1024, GIB << 14),
+    {"max-asset", "BYTES", "size of the asset that one bake makes", UMBU_BYTES(1024, GIB << 14),
      AT(max_asset), .standard = "16GiB"},
     {"owner-jobs", "N", "unfinished jobs of one owner", UMBU_COUNT(1, 1000000), AT(owner_jobs),
      .standard = "64"},
-    {"owner-bytes", "BYTES", "files of all of them together", UMBU_BYTES(1024, PIB),
-     AT(owner_bytes), .standard = "4GiB"},
+    {"owner-bytes", "BYTES", "files of all unfinished jobs of one owner together",
+     UMBU_BYTES(1024, PIB), AT(owner_bytes), .standard = "4GiB"},
     {"owner-assets", "BYTES", "size of the assets kept for one owner's jobs", UMBU_BYTES(1024, PIB),
      AT(owner_assets), .standard = "64GiB"},
     {"owner-history", "N", "finished jobs listed for one owner, the oldest are forgotten",
@@ -175,7 +176,7 @@ static const struct umbu_option JOBS[] = {
 
 /* Options that replace serving: they are not allowed in a file. */
 static const struct umbu_option OTHERS[] = {
-    {"config", "FILE", "options as lines of name = value; the command line goes before it",
+    {"config", "FILE", "file of options, lines of name = value; the command line overrides it",
      UMBU_TEXT, AT(config), .not_in_file = true},
     {"check", NULL, "check the options and the files and folders that they name, and exit",
      UMBU_FLAG, AT(check_files), .not_in_file = true},
@@ -320,12 +321,12 @@ static enum umb_status set_from_file(struct umbu_parsed *parsed, const char *nam
 }
 
 /*
- * The INI file (umbraged.conf) is read by libinih: one `name = value` a line, comments with ';',
- * and the section [umbraged], which may be left out. Names are those of the command line without
- * their dashes; `store` and `listen` may be repeated; flags take true or false.
+ * The config file (umbraged.conf, an INI file) is read by libinih: one `name = value` a line,
+ * comments with ';', and an optional section [umbraged]. Names are those of the command line
+ * without their dashes. `store` and `listen` may be repeated; flags take true or false.
  *
- * libinih gives no line numbers to its handler and cuts long lines, so its line source here counts
- * and measures the lines.
+ * libinih gives no line numbers to its handler and cuts long lines. The line source here therefore
+ * counts and measures the lines.
  */
 struct reading {
     FILE *file;
@@ -379,8 +380,8 @@ static int on_value(void *user, const char *section, const char *name, const cha
 }
 
 /*
- * Takes each setting of the file. Fails: E_NO_INPUT, E_PERMISSION, E_IO (the file), E_ARGUMENT (a
- * line, which the message names).
+ * Applies each setting of the file. Fails: E_NO_INPUT, E_PERMISSION or E_IO for the file;
+ * E_ARGUMENT for a line, which the message names.
  */
 static enum umb_status read_config(const char *path, struct umbu_parsed *parsed,
                                    struct umb_error *error)

@@ -2,10 +2,11 @@
 #ifndef UMBRAGE_SERVER_DAEMON_BASE_DAEMON_OPTIONS_H
 #define UMBRAGE_SERVER_DAEMON_BASE_DAEMON_OPTIONS_H
 /*
- * The command line and the config file of umbraged, checked. Text fields point into argv, or into
- * memory of the options. The command line overrides the file; a list (store, listen) of the command
- * line replaces the file's.
- * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is seconds).
+ * The command line and the config file of umbraged, checked. Text fields point into argv or into
+ * memory of the options. The command line overrides the file. If it has store or listen addresses,
+ * they replace all of the file's.
+ *
+ * Numbers take suffixes: bytes KiB, MiB, GiB; times ms, s, m (a bare number is in seconds).
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -81,9 +82,9 @@ struct umbd_options {
 };
 
 /*
- * Reads argv, and the file that it names. Fails: E_ARGUMENT with a message that names the option,
- * the value, its limits, and the file's line; as umbd_config_read. With help or version set no
- * option is required. Finish the options also after a failure.
+ * Reads argv, and the config file that argv names. With help or version set, no option is required.
+ * Finish the options after a failure too. Fails: E_ARGUMENT with a message that names the option,
+ * the value, its limits and the file's line; as umbd_config_read.
  */
 UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umbd_options *options,
                                                struct umb_error *error);
@@ -92,13 +93,13 @@ UMB_CHECKED enum umb_status umbd_options_parse(int argc, char **argv, struct umb
 void umbd_options_finish(struct umbd_options *options);
 
 /*
- * 1 if a listener on that address would serve other machines without any check of callers: no token
- * file, no client certificates, and no --without-tokens.
+ * Returns 1 if a listener on that address would serve other machines without any check of callers:
+ * there is no token file, no client certificate is required, and --without-tokens is not given.
  */
 int umbd_options_serve_anyone(const struct umbd_options *options, enum umbn_transport transport,
                               const struct sockaddr_storage *address);
 
-/* Prints every setting as a config file has it, in the order of the usage. */
+/* Prints every setting in the form of a config file, in the order of the usage text. */
 void umbd_options_print(const struct umbd_options *options, FILE *out);
 
 /* The table of options. */

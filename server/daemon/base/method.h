@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_SERVER_DAEMON_BASE_METHOD_H
 #define UMBRAGE_SERVER_DAEMON_BASE_METHOD_H
 /*
- * A method of the gRPC services: one row of a table (service/methods.c). The row gives the path,
+ * A method of the gRPC services: one row of the table in service/methods.c. The row gives the path,
  * the labels of the metrics, the rights, the price and the functions that answer.
  *
- * A table ends with a row without a path, which stands for every other path. Its calls fail with
+ * The table ends with a row without a path, for every unknown path. Its calls fail with
  * UNIMPLEMENTED.
  */
 #include "daemon/base/tokens.h"
@@ -25,8 +25,8 @@ enum umbd_method_kind {
 /* Time at which a call is charged UMBD_CALL_POINTS. */
 enum umbd_price {
     UMBD_PRICE_CALL = 0, /* When the headers are complete */
-    /* With the points of each request, in one step. In two steps the first would make the second
-     * fail for a call that costs more than the rate's head start. */
+    /* Together with the points of each request, in one step. Charged in two steps, a call that
+     * costs more than a full second of the rate would pay the first step and fail at the second. */
     UMBD_PRICE_REQUEST,
 };
 
@@ -51,7 +51,8 @@ struct umbd_method {
     /* Takes a header field that the protocol does not name. */
     void (*header)(struct umbd_call *call, const char *name, size_t name_size, const char *value,
                    size_t value_size);
-    /* Gives a field of the reply's headers or trailers; *name stays NULL without one. */
+    /* Gives a field for the reply's headers or trailers; *name stays NULL if there is no such
+     * field. */
     void (*field)(const struct umbd_call *call, int is_trailer, const char **name,
                   const char **value);
 };

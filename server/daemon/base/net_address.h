@@ -9,12 +9,14 @@
 
 #define UMBD_ADDRESS_TEXT_SIZE 160 /* "unix:" and a path, or "tcp:[v6]:port" */
 
-/* Parses HOST:PORT of the admin port. The host must look like loopback; the real address of a name
- * is known only after its look-up (umbd_address_is_loopback). Fails: E_ARGUMENT. */
+/* Parses HOST:PORT of the admin port. The host must look like a loopback address or name. The real
+ * address of a name is known only after its look-up (umbd_address_is_loopback). Fails:
+ * E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbd_address_parse_admin(const char *text, struct umbn_address *address,
                                                      struct umb_error *error);
 
-/* Looks a TCP host up. Blocks: for boot only. Fails: E_ARGUMENT (unknown host). */
+/* Resolves the host of a TCP address. It blocks, so call it only at the start. Fails: E_ARGUMENT
+ * (unknown host). */
 UMB_CHECKED enum umb_status umbd_address_resolve(const struct umbn_address *address,
                                                  struct sockaddr_storage *out,
                                                  struct umb_error *error);

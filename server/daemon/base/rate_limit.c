@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rates by the generic cell rate algorithm (ITU-T I.371, virtual scheduling), with debts, and the
+ * Rates by the generic cell rate algorithm (ITU-T I.371, virtual scheduling), with debts; and the
  * table of addresses. An address without connections stays in the table until its debts are paid,
- * so that connecting anew gains nothing. The next walk through its chain then removes it.
+ * so a new connection does not cancel them. The next walk through the address's hash chain then
+ * removes it.
  */
 #include "daemon/base/rate_limit.h"
 
@@ -51,7 +52,8 @@ void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
         return;
     }
     do {
-        /* Debts of calls that run side by side add up to an hour at most, as one call's price. */
+        /* Limit of a debt: an hour. It bounds the price of one call, and the sum of calls side by
+         * side. */
         const uint64_t most = now_ns + (uint64_t)COST_MAX_NS;
         const uint64_t from = until > now_ns ? until : now_ns;
         next = from + cost_ns(per_second, points);
@@ -101,7 +103,7 @@ void umbd_peers_destroy(struct umbd_peer_table *table)
     free(table);
 }
 
-/* 1 if the last four bytes are an IPv4 address: ::ffff:0:0/96 (RFC 4291), 64:ff9b::/96 (RFC
+/* Returns 1 if the last four bytes are an IPv4 address: ::ffff:0:0/96 (RFC 4291), 64:ff9b::/96 (RFC
  * 6052). */
 static int holds_v4(const struct in6_addr *address)
 {
@@ -134,8 +136,8 @@ void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER
     }
 }
 
-/* The secret seed keeps a peer from choosing addresses of one chain. All loops wait for the walk
- * through a chain, and a peer may have many IPv6 addresses. */
+/* The secret seed keeps a peer from choosing addresses that all fall into one chain. A peer may
+ * have many IPv6 addresses, and all loops wait while one walks through a chain. */
 size_t umbd_peers_chain(const struct umbd_peer_table *table, const uint8_t key[UMBD_PEER_KEY_BYTES])
 {
     return (size_t)XXH3_64bits_withSeed(key, UMBD_PEER_KEY_BYTES, table->seed) & (BUCKETS - 1);

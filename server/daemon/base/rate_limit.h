@@ -2,13 +2,15 @@
 #ifndef UMBRAGE_SERVER_DAEMON_BASE_RATE_LIMIT_H
 #define UMBRAGE_SERVER_DAEMON_BASE_RATE_LIMIT_H
 /*
- * Rates, weighted by points, for single addresses and tokens; and the table of addresses.
+ * Rates in points a second, for single addresses and tokens; and the table of addresses.
  *
- * A rate is one number: the time until which everything taken so far is paid for. It may be a
- * second ahead of the clock. The batch that goes beyond is still answered, however large, and later
- * ones wait until it is paid for. So any batch passes, and the mean rate holds.
+ * A rate is stored as one number: the time until which all points taken so far are paid for. That
+ * time may be a second ahead of the clock. The batch that goes beyond is still answered, however
+ * large, and later batches wait until it is paid for. So a batch of any size passes, and the mean
+ * rate holds.
  *
- * Threads: taking is one atomic exchange. The table's mutex is held when connections come and go.
+ * Threads: taking points is one atomic exchange. The table's mutex is held when connections come
+ * and go.
  */
 #include <stdatomic.h>
 #include <stddef.h>
@@ -22,13 +24,15 @@
 #define UMBD_OPEN_CALLS_OF_ONE     1 /* in addition, calls a second of each connection */
 
 /*
- * Takes `points` at `per_second` (0 = no limit). Returns 1, or 0 and takes nothing.
- * Out: wait_ns: if refused, the time after which it would succeed.
+ * Takes `points` from a rate of `per_second` (0 = no limit). Returns 1, or 0 if the rate is
+ * exceeded; then nothing is taken.
+ * Out:   wait_ns: after a refusal, the time in nanoseconds until the points would be granted.
  */
 int umbd_rate_take(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns, uint64_t *wait_ns);
 
-/* Takes points beyond the rate if needed: later takers wait until they are paid for. */
+/* Takes points even if they exceed the rate: later takers then wait until the points are paid
+ * for. */
 void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uint64_t points,
                    uint64_t now_ns);
 
@@ -37,7 +41,7 @@ void umbd_rate_return(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, 
 
 #define UMBD_PEER_KEY_BYTES 9
 
-/* Account of an address that has connections, or work that is not paid for. */
+/* Account of an address that has connections, or points that are not paid for. */
 struct umbd_peer_account {
     struct umbd_peer_account *next;
     uint8_t key[UMBD_PEER_KEY_BYTES]; /* Key by umbd_peer_key */
@@ -50,10 +54,11 @@ struct umbd_peer_account {
 };
 
 /*
- * Writes the key of an address's account: the family, then the IPv4 address or the first half of
- * the IPv6 address (a customer has a /64). IPv4 that comes as IPv6 (a dual-stack listener's
- * ::ffff:a.b.c.d, NAT64's 64:ff9b::a.b.c.d) is keyed as IPv4; link-local addresses share one half
- * and are keyed by the other. NULL (a Unix socket): zeros.
+ * Writes the key of an address's account: the family, and then the IPv4 address or the first half
+ * of the IPv6 address (a customer has a /64). An IPv4 address within an IPv6 one (::ffff:a.b.c.d of
+ * a dual-stack listener, 64:ff9b::a.b.c.d of NAT64) gets the key of the IPv4 address. All
+ * link-local addresses have the same first half, so their key is the second half. NULL (a Unix
+ * socket) gives zeros.
  */
 void umbd_peer_key(const struct sockaddr_storage *address, uint8_t key[UMBD_PEER_KEY_BYTES]);
 
@@ -63,14 +68,17 @@ struct umbd_peer_table; /* opaque */
 struct umbd_peer_table *umbd_peers_create(void);
 void umbd_peers_destroy(struct umbd_peer_table *table);
 
-/* Number of the chain with an address's account. Each table has an order of its own. */
+/* Returns the number of the hash chain for an address's account. Each table has another random
+ * seed. */
 size_t umbd_peers_chain(const struct umbd_peer_table *table,
                         const uint8_t key[UMBD_PEER_KEY_BYTES]);
 
 /*
- * Counts a connection of an address (NULL: Unix socket) and gives its account, valid until the
- * release. Returns 1, or 0 with the reason: the address has `limit` connections, or no memory.
- * Out: strangers: Number of the address's connections without rights; 0 without memory.
+ * Counts a connection of an address (NULL: Unix socket) and gives the address's account, valid
+ * until the release. Returns 1; or 0 and the reason: the address has `limit` connections, or memory
+ * is short.
+ *
+ * Out:   strangers: number of the address's connections without rights; 0 if memory is short.
  */
 int umbd_peers_acquire(struct umbd_peer_table *table, const struct sockaddr_storage *address,
                        size_t limit, struct umbd_peer_account **out, size_t *strangers,

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See service_manager.h. A name of the notify socket that begins with '@' is an abstract one. */
+/* Service managers, see service_manager.h. A name of the notify socket that begins with '@' is in
+ * Linux's abstract namespace. */
 #include "daemon/base/service_manager.h"
 
 #include <fcntl.h>
@@ -14,8 +15,8 @@
 #include "daemon/base/daemon_options.h"
 #include "tool/clock.h"
 
-/* Socket of the process, as its environment is the process's, kept open: a sign of life then needs
- * no descriptor when there is none left. Otherwise the manager would end a healthy daemon. */
+/* Notify socket of the process, kept open. A sign of life then works even when no descriptor is
+ * left; without it the manager would end a healthy daemon. */
 static int notify_socket = -1;
 
 void umbd_notify(const char *state)

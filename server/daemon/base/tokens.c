@@ -57,8 +57,8 @@ static int parse_scopes(char *text, unsigned *scopes)
     return 1;
 }
 
-/* Splits at blanks, in place, up to a word that begins with '#'. Returns the number of words, at
- * most `limit`. */
+/* Splits text at blanks, in place, up to a word that begins with '#'. Returns the number of words,
+ * at most `limit`. */
 static size_t split(char *line, char **words, size_t limit)
 {
     size_t count = 0;
@@ -77,7 +77,7 @@ static size_t split(char *line, char **words, size_t limit)
     return count;
 }
 
-/* Reads one line of the file. Returns NULL, or the words that name the fault of the line. */
+/* Reads one line of the token file. Returns NULL, or words that say what is wrong with the line. */
 static const char *take_line(struct umbd_token_set *set, char *line)
 {
     char *words[5];

@@ -4,12 +4,12 @@
 /*
  * Bearer tokens: the rights and rates of callers.
  *
- * The file has a line for each token: NAME SCOPES TOKEN [POINTS_PER_SECOND]. SCOPES is a list of
- * query, submit, admin with commas; `#` after a blank begins a comment, and is refused elsewhere.
- * Only hashes are kept, and all are compared on each call, so the time reveals nothing.
+ * The file has a line for each token: NAME SCOPES TOKEN [POINTS_PER_SECOND]. SCOPES is a
+ * comma-separated list of query, submit, admin. A `#` after a blank begins a comment; elsewhere it
+ * is refused. Only hashes are kept. Each call compares all of them, so the time reveals nothing.
  *
- * Threads: all functions from any thread. A set is immutable and counted: its holder keeps its
- * tokens across a reload.
+ * Threads: all functions from any thread. A set is immutable and reference-counted: the holder of a
+ * set keeps its tokens across a reload.
  */
 #include <stdatomic.h>
 #include <stddef.h>
@@ -39,8 +39,8 @@ struct umbd_token {
 struct umbd_token_set; /* opaque */
 struct umbd_tokens;    /* opaque: the set in use */
 
-/* Reads the file. Fails: E_NO_INPUT, E_PERMISSION (others may read it), E_ARGUMENT naming the line,
- * E_NO_MEMORY. path must live as long as the object. */
+/* Reads a token file. Fails: E_NO_INPUT, E_PERMISSION (others may read the file), E_ARGUMENT naming
+ * the line, E_NO_MEMORY. path must live as long as the object. */
 UMB_CHECKED enum umb_status umbd_tokens_create(const char *path, struct umbd_tokens **out,
                                                struct umb_error *error);
 void umbd_tokens_destroy(struct umbd_tokens *tokens);
@@ -48,7 +48,8 @@ void umbd_tokens_destroy(struct umbd_tokens *tokens);
 /* Reads the file again; on failure the old tokens stay. */
 UMB_CHECKED enum umb_status umbd_tokens_reload(struct umbd_tokens *tokens, struct umb_error *error);
 
-/* Grows with every reload: a set held from before is out of date. One atomic read. */
+/* Returns a number that grows with every reload; a set with a lower number is out of date. Cost:
+ * one atomic read. */
 unsigned umbd_tokens_generation(const struct umbd_tokens *tokens);
 
 /* The set in use, counted. _release: NULL is allowed. */

@@ -90,7 +90,7 @@ static int equals(const uint8_t *bytes, size_t size, const char *text)
     return size == strlen(text) && memcmp(bytes, text, size) == 0;
 }
 
-/* True for application/grpc and application/grpc+proto, either with parameters after a
+/* Returns true for application/grpc and application/grpc+proto, both also with parameters after a
  * semicolon. */
 static int is_grpc_type(const uint8_t *value, size_t size)
 {
@@ -158,7 +158,7 @@ int umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_si
     return 1;
 }
 
-/* Records that the call's rights were checked: the connection does real work. */
+/* Records that the call passed the check of its rights, so the connection does real work. */
 static void admit(struct umbd_call *call)
 {
     call->admitted = 1;
@@ -208,7 +208,8 @@ int umbd_call_headers_end(struct umbd_call *call)
     return 1;
 }
 
-/* Keeps the one message of a unary call until the end of the request proves that it is one. */
+/* Keeps the message of a unary call until the request ends. Only then is it certain that no second
+ * message follows. */
 static enum umb_status keep_message(struct umbd_call *call, uint8_t *message, size_t size,
                                     int owned)
 {
@@ -355,9 +356,9 @@ static uint64_t body_limit_ms(const struct umbd_call *call)
 }
 
 /*
- * Adds the time since the last check in which the server waited for the stream. Returns 1 for a
- * Submit whose files come too slowly. Its claimed sizes count against quotas, and a byte now and
- * then must not hold them.
+ * Adds the time since the last check in which the server waited for data of the stream. Returns 1
+ * for a Submit whose files come too slowly. The sizes that a Submit declares count against quotas,
+ * so a client that sends a byte now and then must not hold them.
  */
 static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
 {
@@ -369,8 +370,8 @@ static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
                                  call->data_bytes / UMBD_DATA_BYTES_PER_MS;
 }
 
-/* 1 if the request is overdue. A stream may pause between its messages as long as a connection
- * without calls may be idle. */
+/* Returns 1 if the request is overdue. Between its messages, a stream may pause as long as a
+ * connection without calls may be idle. */
 static int is_body_late(struct umbd_call *call, uint64_t now_ms)
 {
     const struct umbd_options *options = &call->server->options;

@@ -6,17 +6,17 @@
  *
  *     headers -> (body bytes)* -> end of request -> service -> reply or failure -> stream closed
  *
- * In a stream of requests (call_queue.c) each message goes to its service as it comes, one at a
+ * In a stream of requests (call_queue.c) each message goes to its service on arrival, one at a
  * time, and the end of the request ends the reply.
  *
  * Files, the lowest first: call_state.c, call_reply.c, call_rights.c, optimistic_reads.c,
- * call_queue.c, call.c, call_home.c. The services stand above and are reached through the call's
+ * call_queue.c, call.c, call_home.c. The services are above them and are called through the call's
  * method (base/method.h).
  *
  * A failure before the end of the request is answered at once (Trailers-Only). The rest of the
- * upload is discarded for a second before the stream is reset: some clients lose the status
- * otherwise. All functions run on the connection's loop and are safe in nghttp2's callbacks: they
- * only queue frames.
+ * upload is then discarded for a second before the stream is reset, because some clients would lose
+ * the status otherwise. All functions run on the connection's loop. They are safe in nghttp2's
+ * callbacks, because they only queue frames.
  */
 #include "daemon/base/method.h"
 #include "daemon/call/optimistic_reads.h"
@@ -26,7 +26,8 @@
 #include "wire/messages.h"
 
 #define UMBD_GRACE_MS 1000 /* time from an early failure to the reset of the upload */
-/* Retry delay for clients: a full queue of slices drains in about that time. */
+/* Retry delay for clients in milliseconds: about the time in which a full queue of slices
+ * drains. */
 #define UMBD_PUSHBACK_MS       50
 #define UMBD_HEADERS_MS        10000 /* time limit of a header block */
 #define UMBD_OPEN_BODY_MS      2000  /* time limit of a request that needs no rights */
@@ -163,35 +164,36 @@ size_t umbd_call_unsent(const struct umbd_call *call);
 /* 1 if the call's deadline has passed. */
 int umbd_call_expired(const struct umbd_call *call);
 
-/* 1 if the call needs no rights: health, and calls that are refused. Such a call has a short
+/* Returns 1 if the call needs no rights: health calls and refused calls. Such a call has a short
  * time-out, does not protect its connection from eviction, and does not delay a drain. */
 int umbd_call_is_open(const struct umbd_call *call);
 
 /* uv_now of the call's loop. */
 uint64_t umbd_call_now_ms(const struct umbd_call *call);
 
-/* Leaves the call's task to itself: it is cancelled if that is possible, and its bytes stay counted
- * until it comes back and is freed. */
+/* Detaches the call's task from the call. The task is cancelled if possible. Its bytes stay counted
+ * until it returns and is freed. */
 void umbd_call_leave_task(struct umbd_call *call);
 
 void umbd_call_drop_message(struct umbd_call *call);
 
-/* Takes the call's message over, copying a borrowed one. Returns NULL if out of memory. */
+/* Takes the call's message over; a borrowed message is copied. Returns NULL if memory is short. */
 uint8_t *umbd_call_take_message(struct umbd_call *call);
 
-/* umbd_call_take_message, and moves the points that lie in the message along. On failure they are
- * unchanged. */
+/* Does umbd_call_take_message, and changes the pointers of `points` into the message to its new
+ * place. On failure points is unchanged. */
 uint8_t *umbd_call_take_message_of(struct umbd_call *call, struct umb_points *points);
 
-/* Fills what brings a task back to the call, which then waits for it. bytes: held meanwhile. */
+/* Fills the fields by which a finished task finds the call, which then waits for the task. bytes:
+ * memory that the task holds. */
 void umbd_call_await(struct umbd_call *call, struct umbd_task *task, size_t bytes);
 
-/* Hands a task to the workers, with their queue, fairness, deadlines and cancelling. Fails: E_BUSY
- * (queue full); the task stays the caller's. */
+/* Submits a task to the worker pool, whose queue, fairness, deadlines and cancelling apply. Fails:
+ * E_BUSY (queue full); the task stays the caller's. */
 UMB_CHECKED enum umb_status umbd_call_send_task(struct umbd_call *call, struct umbd_task *task,
                                                 size_t bytes, struct umb_error *error);
 
-/* _drop: frees the waiting messages of a stream. _later: goes on with them in the loop's next
+/* _drop frees the waiting messages of a stream. _later continues with them in the loop's next
  * turn. */
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_later(struct umbd_call *call);
@@ -199,53 +201,55 @@ void umbd_stream_later(struct umbd_call *call);
 /* --- Replies (call_reply.c) --- */
 
 /*
- * A message (prefix included) is either made in place (umbd_call_reserve, write it,
- * umbd_call_commit) or handed over (umbd_call_reply). In a unary call it is the reply and ends it;
- * in others more may follow until umbd_call_finish.
+ * There are two ways to send a message with its prefix. In place: umbd_call_reserve, write the
+ * bytes, umbd_call_commit. Handed over: umbd_call_reply. In a unary call the message is the reply
+ * and ends the call. In other calls more messages may follow until umbd_call_finish.
  */
 
-/* Room for `bytes` at the end of the body. NULL: out of memory, and the call has been failed. */
+/* Reserves `bytes` at the end of the body. Returns NULL if memory is short; the call has then been
+ * failed. */
 uint8_t *umbd_call_reserve(struct umbd_call *call, size_t bytes);
 void umbd_call_commit(struct umbd_call *call, size_t bytes);
 
-/* Sends bytes first .. last - 1 of a block (malloc), and takes the block over. */
+/* Sends bytes first .. last - 1 of a malloc block, and takes the block over. */
 void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first, size_t last);
 
 /* Sends a message; takes it over. */
 void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message);
 
-/* Sends an encoded message, or the failure to make it. Takes the message over in any case. */
+/* Sends an encoded message, or fails the call with `status` if the encoding failed. Takes the
+ * message over in any case. */
 void umbd_call_reply_or_fail(struct umbd_call *call, enum umb_status status,
                              struct umbw_buffer *message, const struct umb_error *error);
 
 /* Ends a streamed reply with OK. */
 void umbd_call_finish(struct umbd_call *call);
 
-/* Fails the call. message: plain text. No effect if it has been answered in full. */
+/* Fails the call. message: plain text. Has no effect if the call has been answered in full. */
 void umbd_call_fail(struct umbd_call *call, int code, const char *message);
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error);
 
-/* umbd_call_fail_status for work; E_BUSY (no room) also holds the connection: it is not read until
- * there is room. */
+/* The same as umbd_call_fail_status, for work. After E_BUSY (no room) the daemon also stops reading
+ * from the connection until there is room. */
 void umbd_call_fail_work(struct umbd_call *call, enum umb_status status,
                          const struct umb_error *error);
 
 /* Answers a request that is not gRPC with 405 or 415 and a line of text. */
 void umbd_call_refuse(struct umbd_call *call);
 
-/* Changes the bytes counted for the call to `bytes`. Over a budget it returns 0 and fails the
- * call. */
+/* Changes the number of bytes counted for the call to `bytes`. If that exceeds a budget, fails the
+ * call and returns 0. */
 int umbd_call_charge(struct umbd_call *call, size_t bytes);
 
-/* Discards the replies that are not revalidated (optimistic_reads.h), and fails the call. */
+/* Discards the replies that have not been revalidated (optimistic_reads.h), and fails the call. */
 void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_error *error);
 
 /* Copies `count` body bytes for sending. */
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 
-/* Resets a call that needs no rights if its peer has not sent, or not read, all of it: a drain does
- * not wait for that. This drops the queued answer, so flush before. */
+/* Resets a call that needs no rights if its request or its reply is incomplete, because a drain
+ * does not wait for such a call. The reset drops the queued answer, so flush before. */
 void umbd_call_cut_open(struct umbd_call *call);
 
 /* --- Rights: token, rates of token and address (call_rights.c) --- */
@@ -253,42 +257,45 @@ void umbd_call_cut_open(struct umbd_call *call);
 /* Takes the authorization header. */
 void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_t size);
 
-/* Checks whether the method may be called. Returns 1, or 0 and fails the call: UNAUTHENTICATED,
- * PERMISSION_DENIED. */
+/* Checks whether the caller has the rights for the method. Returns 1; or 0 after failing the call
+ * with UNAUTHENTICATED or PERMISSION_DENIED. */
 int umbd_call_is_allowed(struct umbd_call *call);
 
-/* The call's token, looked up now; NULL: it has none, or the token is no longer known. */
+/* Returns the call's token from the current token file; NULL if the call has none or the file no
+ * longer has it. */
 const struct umbd_token *umbd_call_token(struct umbd_call *call);
 
 /*
  * Takes a reference to an asset for a call, as umbs_store_acquire. An asset of a job is E_NOT_FOUND
- * for every caller but its owners and admins. The words are those for a missing asset, also when
- * its file is damaged: the owner of a scene must not learn whether another owner had it baked. An
- * asset that also lies in the store under a name of its own is visible to all: baking it again
- * cannot hide it. _sees: tells whether a call may see an asset.
+ * for every caller but its owners and admins. The message is that of a missing asset, even if the
+ * file is damaged: the owner of a scene must not learn whether another owner had it baked. An asset
+ * that is also in the store under a name is visible to all; a bake of the same scene cannot hide
+ * it. _sees returns 1 if a call may see an asset.
  */
 UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
                                               struct umbs_entry **out, struct umb_error *error);
 int umbd_call_sees(struct umbd_call *call, const uint8_t asset[UMB_ID_BYTES]);
 
-/* 1 if health may report an asset's state: with a token file only to tokens with `query`. */
+/* Returns 1 if health may report an asset's state to the call. With a token file the call needs a
+ * token with the scope `query`. */
 int umbd_call_may_name_assets(struct umbd_call *call);
 
-/* Takes points off the rates, once for each request of a stream. Returns 1, or 0 and fails the
- * call: RESOURCE_EXHAUSTED with a retry delay, or, if a reload removed its token meanwhile, as
+/* Takes points from the rates, once for each request of a stream. Returns 1, or 0 and fails the
+ * call: RESOURCE_EXHAUSTED with a retry delay; or, if a reload has removed the call's token, as
  * umbd_call_is_allowed. */
 int umbd_call_take_points(struct umbd_call *call, uint64_t points);
 
-/* Takes points off the rates for work that has been allowed; later calls wait until they are paid
- * for. */
+/* Takes points from the rates for work that has been allowed, even beyond the rates. Later calls
+ * wait until these points are paid for. */
 void umbd_call_owe_points(struct umbd_call *call, uint64_t points);
 
 /*
  * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
- * is separate from --address-rate, so that a client over its rate does not fail a balancer's health
- * check. Each connection also has UMBD_OPEN_CALLS_OF_ONE of its own. Unix sockets have no rate.
- * Beyond the rate the call fails as above (_open), and the daemon stops reading from a connection
- * without rights for a moment. _refused: charges a call that fails anyway.
+ * is separate from --address-rate, so a client over --address-rate does not fail a balancer's
+ * health check. In addition each connection may make UMBD_OPEN_CALLS_OF_ONE calls a second. Unix
+ * sockets have no rate. Beyond the rate, _open fails the call with a retry delay, and the daemon
+ * stops reading from a connection without rights for a moment. _refused charges a call that fails
+ * anyway.
  */
 int umbd_call_take_open(struct umbd_call *call);
 void umbd_call_refused(struct umbd_call *call);
@@ -298,12 +305,14 @@ void umbd_conn_forget_rights(struct umbd_conn *conn);
 
 /* --- Streams of requests (call_queue.c) --- */
 
-/* Hands the call's message to its service; frees it, unless the service took it over. */
+/* Passes the call's message to its service, and frees the message unless the service took it
+ * over. */
 void umbd_call_serve(struct umbd_call *call);
 
-/* _message: takes the next message, bytes as in umbw_message_fn. _pump: goes on with waiting
- * messages. _window: tells how much of a DATA frame flow control may return at once. _charge:
- * counts the memory held now. _last_call: ends the stream after the received requests. */
+/* _message takes the next message, with the arguments of umbw_message_fn. _pump continues with
+ * waiting messages. _window returns how many bytes of a DATA frame flow control may give back at
+ * once. _charge counts the memory held now. _last_call ends the stream after the received
+ * requests. */
 UMB_CHECKED enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message,
                                                 size_t size, int owned);
 void umbd_stream_pump(struct umbd_call *call);
@@ -325,7 +334,8 @@ void umbd_call_destroy(struct umbd_call *call);
 /* Checks the call's timers. Returns 0 if the connection must be closed. */
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 
-/* The calls' part of every event (call_home.c). umbd_server.backend is a struct umbd_backend. */
+/* Handlers of the transport's events for calls (call_home.c). umbd_server.backend must be a struct
+ * umbd_backend. */
 extern const struct umbd_call_events umbd_call_events;
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The calls' part of the transport's events, and the tasks that come back to their calls. */
+/* Handlers of the transport's events for calls, and the return of finished tasks to their calls. */
 #include "daemon/call/call.h"
 
 #include <stdlib.h>
@@ -36,7 +36,8 @@ static void pump(struct umbd_conn *conn)
     }
 }
 
-/* A drain does not wait for calls without rights: it answers them, then resets those still open. */
+/* Ends the connection's calls without rights for a drain, which does not wait for them. They are
+ * answered first; those that are still open are then reset. */
 static void end_open_calls(struct umbd_conn *conn)
 {
     int found = 0;
@@ -114,7 +115,7 @@ static void close_home(struct umbd_loop *loop)
     loop->home = NULL;
 }
 
-/* Gives a task back to its call. The task of a call that has ended is only freed. */
+/* Gives a finished task back to its call. If the call has ended, the task is only freed. */
 static void deliver(struct umbd_loop *loop, struct umbd_task *task)
 {
     struct umbd_conn *conn = umbd_conn_find(loop, task->lane);

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Calls with a stream of requests: QueryStream, Submit and reflection.
+ * Calls with a stream of requests: QueryStream, Follow, Submit and reflection.
  *
- * One message is served at a time, so replies come in order. A message that comes meanwhile waits
- * in a queue. A stream waits for three things: a task away from the loop, a client that does not
- * read its replies (UMBD_BACKLOG_BYTES), and its share of this turn of the loop. While more than
- * UMBD_BACKLOG_BYTES wait, the stream's window is not opened again. So flow control stops a client
- * that writes ahead or does not read at one window beyond that.
+ * One message is served at a time, so replies come in order. A message that arrives meanwhile waits
+ * in a queue. A stream also waits for a task away from the loop, for a client that does not read
+ * its replies (UMBD_BACKLOG_BYTES), and for its share of this turn of the loop.
+ *
+ * While more than UMBD_BACKLOG_BYTES wait, the stream's window is not opened again. Flow control
+ * therefore stops a client that writes ahead or does not read: the stream holds at most one window
+ * more than that.
  *
  * Invariants: queue_bytes is the sum of the sizes in the queue. The bytes returned to the window
  * and those in window_held add up to the bytes received. A failed call has an empty queue.
@@ -158,7 +160,8 @@ void umbd_stream_pump(struct umbd_call *call)
         return;
     }
     if (call->request_ended) {
-        /* Each request pays the price of a call; a stream without requests pays it here. */
+        /* Each request pays the price of a call. If a stream had no requests, it pays that price
+         * here. */
         if (call->message_count > 0 || umbd_call_take_points(call, UMBD_CALL_POINTS)) {
             end_requests(call);
         }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A call's reply side: response headers, body, trailers, failures.
+ * A call's reply: response headers, body, trailers, failures.
  *
- * The body is one block. It is copied once, from where it was made into the connection's output.
- * Trailers are queued when nghttp2 asks for the last bytes, as it requires. Source: gRPC over
+ * The body is one block. Its bytes are copied once, into the connection's output. Trailers are
+ * queued when nghttp2 asks for the last bytes of the body, as nghttp2 requires. Source: gRPC over
  * HTTP/2, "Responses" (github.com/grpc/grpc, doc/PROTOCOL-HTTP2.md).
  */
 #include "daemon/call/call.h"
@@ -28,7 +28,7 @@ struct status_text {
     char code[4], pushback[12];
 };
 
-/* Appends the field that the service adds to the headers or the trailers, if any. */
+/* Appends the service's own field to the headers or the trailers, if there is one. */
 static size_t add_own(const struct umbd_call *call, int is_trailer, nghttp2_nv *fields,
                       size_t count)
 {
@@ -64,8 +64,8 @@ static size_t add_status(const struct umbd_call *call, struct status_text *text,
     return count;
 }
 
-/* If memory is short even for a reset, the connection is closed: its client must not wait for
- * ever. */
+/* If memory is short even for a reset, the connection is closed, so that its client does not wait
+ * for ever. */
 static void reset_stream(struct umbd_call *call)
 {
     if (nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,
@@ -122,7 +122,7 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
     }
 }
 
-/* Frees the request's bytes; they are of no use once the answer is known. */
+/* Frees the request's bytes, which are not needed once the answer is known. */
 static void drop_request(struct umbd_call *call)
 {
     umbw_reader_finish(&call->reader);
@@ -178,7 +178,8 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     submit(call, fields, count, 0);
 }
 
-/* True for failures that pass by themselves: without the trailer RESOURCE_EXHAUSTED looks final. */
+/* Returns true for failures that pass by themselves. Their replies need a trailer with a retry
+ * delay, because RESOURCE_EXHAUSTED alone means a final failure. */
 static int is_temporary(enum umb_status status)
 {
     return status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT || status == UMB_E_BUSY;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rights of calls. A connection remembers the last token it saw and the set that held it. So the
- * usual call compares one hash and takes no lock; after a reload the token is looked up again. The
- * remembered token may be another call's: each use first compares its hash with the call's.
+ * Rights of calls. A connection remembers the last token it saw and the set with that token. So the
+ * usual call compares one hash and takes no lock. After a reload the token is looked up again. The
+ * remembered token may be that of another call, so each use first compares its hash with the
+ * call's.
  */
 #include "daemon/call/call.h"
 
@@ -158,9 +159,9 @@ static int refuse_rate(struct umbd_call *call, const char *whose, const char *wh
 }
 
 /*
- * 1 if a call without rights is within the connection's own rate, or within its address's. The
- * first serves probes. Behind a balancer all clients have the balancer's address; one greedy client
- * would otherwise make the balancer's own probes fail.
+ * Returns 1 if a call without rights is within the rate of its connection, or within that of its
+ * address. The connection's own rate serves probes: behind a balancer all clients have the
+ * balancer's address, and one greedy client would otherwise make the balancer's probes fail.
  */
 static int open_rate_holds(struct umbd_call *call, uint64_t *wait_ns)
 {

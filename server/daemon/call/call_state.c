@@ -96,7 +96,7 @@ uint8_t *umbd_call_take_message(struct umbd_call *call)
     return message;
 }
 
-/* Address in the moved message of data that was at `at`; NULL stays NULL. */
+/* Returns where data at `at` of the old message is in the moved message; NULL for NULL. */
 static const void *moved(const void *at, const uint8_t *from, const uint8_t *to)
 {
     return at != NULL ? to + ((const uint8_t *)at - from) : NULL;

@@ -2,9 +2,9 @@
 /*
  * Recording and revalidating optimistic reads.
  *
- * Invariant: the unvalidated bytes of a body are its last `unvalidated_bytes`. There are some only
- * while the call's optimistic_turn is the loop's: HTTP/2 frames are made in a flush, which
- * revalidates first.
+ * Invariant: the unvalidated bytes of a body are its last `unvalidated_bytes`. A body has such
+ * bytes only while the call's optimistic_turn equals the loop's turn. HTTP/2 frames are made only
+ * in a flush, which revalidates first.
  */
 #include "daemon/call/optimistic_reads.h"
 

@@ -4,17 +4,18 @@
 /*
  * Optimistic reads of small batches, revalidated before their answers are sent.
  *
- * An answer from a mapped file may be sent once a check of the file after the read has found it
- * unchanged (store/asset_map.h). The check is a system call that takes as long as ten look-ups. So
- * a small batch reads without it. Its answers go into the body of its call, and the loop records
- * the version that was read. It checks each version once before it makes an HTTP/2 frame of any
- * body. If a file changed, every call that read it discards its unsent answers and fails.
+ * An answer from a mapped file may be sent once a check after the read has found the file unchanged
+ * (store/asset_map.h). The check is a system call that takes as long as ten look-ups. A small batch
+ * therefore reads without a check. Its answers go into the body of its call, and the loop records
+ * the version that was read. Before the loop makes an HTTP/2 frame of any body, it checks each
+ * recorded version once. If a file changed, every call that read it discards its unsent answers and
+ * fails.
  *
  *     umbd_optimistic_reads_find, umbs_entry_read_optimistic, umbd_optimistic_reads_add,
  *     umbd_call_commit ... umbd_optimistic_reads_revalidate, send
  *
- * The flush that ends the event revalidates, and the tick at the latest, so a replaced version is
- * not held longer than that. Threads: the loop's.
+ * The flush at the end of an event revalidates, at the latest the tick. A replaced version is not
+ * held longer than that. Threads: the loop's.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -38,17 +39,20 @@ struct umbd_optimistic_reads {
     } reads[UMBD_OPTIMISTIC_READS_MAX];
 };
 
-/* The version that this event found by that name, or NULL. Borrowed until the next revalidation. */
+/* Returns the version that this event found under that name, or NULL. It is borrowed until the next
+ * revalidation. */
 struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_call_home *home, const char *asked);
 
-/* Records the read of the batch's one part, which the call is about to commit; there must be room
- * for a version. Takes the part's reference if it has one to give. */
+/* Records the read of a batch with one part, whose answers the call is about to commit. The record
+ * must have room for a version. Takes over the part's reference to its entry if the batch owns
+ * one. */
 void umbd_optimistic_reads_add(struct umbd_call *call, struct umbd_batch *batch, const char *asked);
 
 /* 1 if there is room for a further version. */
 int umbd_optimistic_reads_has_room(const struct umbd_call_home *home);
 
-/* Checks every file that was read; fails the calls of changed ones. Safe in callbacks. */
+/* Checks every file that was read, and fails the calls that read a changed one. Safe in
+ * callbacks. */
 void umbd_optimistic_reads_revalidate(struct umbd_call_home *home);
 
 #endif

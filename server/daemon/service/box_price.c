@@ -8,7 +8,7 @@ double umbd_box_bricks(const struct umb_frustum_info *frustum, const struct umb_
 {
     const double across = (double)((uint64_t)1 << frustum->log2_size) / UMBD_BRICK_VOXELS;
     const double most = 6 * across * across;
-    /* density: number of bricks cut for each unit of area across a world axis. */
+    /* density: number of bricks cut by each unit of area, for a plane across each world axis. */
     double volume = 1, cut = 0, edge[3], density[3] = {0};
     for (size_t i = 0; i < 3; i++) {
         const double *step = frustum->voxel_step[i];

@@ -82,7 +82,8 @@ static void run_work(struct umbj_request *request, struct umbj_service *service)
     }
 }
 
-/* Returns a request to its loop; on the jobs' thread, or on the one that ends the service. */
+/* Returns a request to its loop. Called on the jobs' thread, or on the thread that ends the
+ * service. */
 static void come_home(struct umbj_request *request)
 {
     struct umbd_job_request *job_request = (struct umbd_job_request *)request;
@@ -110,7 +111,8 @@ static void free_there(struct umbj_request *request)
     job_request_free((struct umbd_job_request *)request);
 }
 
-/* Frees a job request that is at home, and what it holds, on the threads of the jobs. */
+/* Frees a job request that is with its call. Its upload, if any, is freed on the threads of the
+ * jobs. */
 static void give_up(struct umbj_service *jobs, struct umbd_job_request *job_request)
 {
     if (jobs == NULL || (job_request->upload == NULL && job_request->fd < 0)) {

@@ -12,7 +12,7 @@
  *                                                        on the loop
  *     umbd_job_close(call)                               the call ends
  *
- * While it is away neither the call nor the loop touches its data.
+ * While the request is away, neither the call nor the loop touches its data.
  */
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"
@@ -64,23 +64,25 @@ struct umbd_job_request {
 
 #define UMBD_CHUNK_BYTES ((size_t)256 << 10) /* bytes of a file in one message of Fetch */
 
-/* Makes the call's job request, or fails the call: UNIMPLEMENTED without --jobs, NO_MEMORY. */
+/* Creates the call's job request, or fails the call: UNIMPLEMENTED without --jobs, or out of
+ * memory. */
 struct umbd_job_request *umbd_job_request_create(struct umbd_call *call);
 
-/* Sends a job request, which is then away. files or work may be NULL; after a failure of files,
- * work is not called. */
+/* Sends a job request, which is then away. files or work may be NULL. If files fails, work is not
+ * called. */
 void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
                            void (*work)(struct umbd_job_request *, struct umbj_service *),
                            void (*answer)(struct umbd_job_request *, struct umbd_call *));
 
-/* Sends work that only reads the table: it does not wait for changes of the table. */
+/* Sends work that only reads the job table, and therefore does not wait for changes of the
+ * table. */
 void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
                                    void (*answer)(struct umbd_job_request *, struct umbd_call *));
 
 /*
- * Checks the call's rights again, since a reload may have changed them during the call. Returns 1,
- * or 0 and fails the call: as umbd_call_is_allowed, or PERMISSION_DENIED if its token now has
- * another name and so another owner.
+ * Checks the call's rights again, because a reload may have changed them during the call. Returns
+ * 1; or 0 after failing the call: as umbd_call_is_allowed, or PERMISSION_DENIED if the call's token
+ * now has another name and so another owner.
  */
 int umbd_job_request_is_allowed(struct umbd_call *call);
 

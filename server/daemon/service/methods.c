@@ -8,7 +8,7 @@
 #include "wire/regions.h"
 #include "wire/volume_queries.h"
 
-#define OPEN  1024 /* request limit of calls without rights: fits a service's name of 255 bytes */
+#define OPEN  1024 /* Most bytes of a call without rights: room for a service name of 255 bytes */
 #define SMALL 4096 /* request limit of calls with a name or an id and a few numbers */
 
 #define UNARY    UMBD_UNARY

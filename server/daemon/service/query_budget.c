@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Budgets of Shadows.Query and QueryStream. The first budget for a kind of points of a light sends
- * the call on a detour. A worker calibrates, on the call's own points if there are many; then the
- * call is served as if it had just come.
+ * Budgets of Shadows.Query and QueryStream. The first request with a budget for a light and a kind
+ * of points waits for a calibration. A worker calibrates, on the request's own points if there are
+ * many. Then the request is served as if it had just arrived.
  */
 #include "daemon/service/query_budget.h"
 
@@ -12,8 +12,8 @@
 #include "base/try.h"
 #include "tool/clock.h"
 
-/* Points that a calibration costs on the rates. They are taken together with the call's own points,
- * which would otherwise fail because of the calibration's debt. */
+/* Points that a calibration costs on the rates. They are taken in one step with the request's own
+ * points. In two steps, the debt of the calibration would make the request fail. */
 #define DETOUR_POINTS 65536
 
 #define PIXEL_BYTES (3 * sizeof(float)) /* a picture's pixel as a point */
@@ -35,8 +35,8 @@ struct detour {
     struct umb_error error;
 };
 
-/* Calibrates. If the asset's file is cut meanwhile, the calibration's memory (2 MiB) is lost: at
- * most once an asset, since the asset is then taken out of use. */
+/* Calibrates. If the asset's file is cut short meanwhile, the calibration's memory (2 MiB) is
+ * leaked. This happens at most once for each asset, because the asset is then taken out of use. */
 static void measure(void *user)
 {
     struct detour *detour = user;
@@ -49,7 +49,7 @@ static void measure(void *user)
                                    &detour->calibration, &detour->error);
 }
 
-/* Prepares the points of the calibration: those of the message, or those of its picture's
+/* Prepares the points of the calibration: the message's points, or the points of its picture's
  * pixels. */
 static enum umb_status ready_points(struct detour *detour, struct umb_error *error)
 {
@@ -71,7 +71,7 @@ static enum umb_status ready_points(struct detour *detour, struct umb_error *err
     return UMB_OK;
 }
 
-/* Calibrates, on a worker's thread; `run` of the task, which has one record. */
+/* Calibrates on a worker's thread. It is the `run` of a task with one record. */
 static enum umb_status run_detour(struct umbd_task *task, size_t first, size_t count,
                                   struct umbd_slice_result *result)
 {

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_SERVICE_QUERY_BUDGET_H
 #define UMBRAGE_SERVER_DAEMON_SERVICE_QUERY_BUDGET_H
-/* Calibrations for queries with a budget: the cost of settings for their points, on this
- * machine. */
+/* Calibrations for queries with a budget: the cost of each setting for the query's kind of points,
+ * on this machine. */
 #include "daemon/call/call.h"
 #include "daemon/work/calibrations.h"
 
 /*
- * Finds the calibration for a request with a budget, or has it made.
+ * Finds the calibration for a request with a budget, or has a worker make it.
  *
- * In:    again: serves the call's message once the calibration is made.
- * Out:   away: 1 if a worker is making it, or if the call has failed (no points left of its rate):
- *        then the caller returns.
+ * In:    again: function that serves the call's message after the calibration.
+ * Out:   away: 1 if a worker is making the calibration, or if the call has failed because its rate
+ *        is used up; the caller then returns.
  * Fails: as umbd_call_acquire, umbd_pool_submit; E_NO_MEMORY; E_ARGUMENT (targets).
  */
 UMB_CHECKED enum umb_status umbd_budget_calibrate(struct umbd_call *call,

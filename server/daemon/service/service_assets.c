@@ -22,8 +22,8 @@ static void fill_summary(struct umb_client_asset *summary, const struct umbs_sto
     summary->light_count = item->light_count;
 }
 
-/* Describes a light. Resolution and voxel size are those of its first frustum; its others have the
- * same resolution. */
+/* Describes a light. Resolution and voxel size are those of its first frustum; all its frusta have
+ * the same resolution. */
 static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
                                   struct umb_client_light *light)
 {
@@ -39,7 +39,7 @@ static enum umb_status fill_light(const struct umb_asset *asset, uint32_t index,
     return UMB_OK;
 }
 
-/* Fills a light's curve, with the costs of its rows that budgets have measured. */
+/* Fills a light's curve, with the costs that earlier calibrations have measured for its rows. */
 static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs_entry *entry,
                        uint32_t index, struct umb_client_light *light)
 {
@@ -55,7 +55,7 @@ static void fill_curve(struct umbd_calibrations *calibrations, const struct umbs
     }
 }
 
-/* Fills a description that borrows the asset's strings, with curves if calibrations is not NULL.
+/* Fills a description that borrows the asset's strings; with curves if calibrations is not NULL.
  * The caller frees the lights. */
 static enum umb_status fill_description(const struct umbs_entry *entry,
                                         struct umbd_calibrations *calibrations,

@@ -53,7 +53,7 @@ static void cancelled(struct umbd_job_request *job_request, struct umbd_call *ca
     reply_status(call, &status);
 }
 
-/* Makes the call's job request for the job that its message names, or fails the call. */
+/* Creates the call's job request for the job that the message names, or fails the call. */
 static struct umbd_job_request *begin(struct umbd_call *call)
 {
     struct umb_error error = {0};

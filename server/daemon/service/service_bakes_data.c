@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Bakes.Submit and Fetch: the calls that carry files. Each message of a Submit is one job request,
- * so at most one is written at a time and flow control holds the client back. A Fetch reads the
- * next piece when the client has read most of the sent bytes.
+ * so only one message is written at a time and flow control slows the client down. A Fetch reads
+ * the next piece of the file when the client has read most of the sent bytes.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 #include "daemon/service/job_request.h"
 
-/* Bytes of an upload that cost as much as a point: the size of its coordinates. */
+/* Bytes of an upload that cost as much as a point: 12, the size of a point's coordinates. */
 #define BYTES_A_POINT 12
 
 /* --- Submit --- */
@@ -74,9 +74,9 @@ static void begin_upload(struct umbd_job_request *job_request, struct umbj_servi
 }
 
 /*
- * Charges the files of an upload before their first byte, because one that is refused midway must
- * start again and would never end at a low rate. A submission that is refused, or whose job exists,
- * brings no files: it costs the call alone.
+ * Charges all files of an upload before their first byte. If an upload were refused midway, it
+ * would have to start again, and at a low rate it would never end. A submission that is refused, or
+ * whose job exists, sends no files and costs only the call.
  */
 static void upload_begun(struct umbd_job_request *job_request, struct umbd_call *call)
 {
@@ -198,7 +198,8 @@ static void open_file(struct umbd_job_request *job_request, struct umbj_service 
     }
 }
 
-/* Reads the next piece. A file is never changed in place, so a short read means damage. */
+/* Reads the next piece of the file. Asset files are never changed in place, so a short read means
+ * damage. */
 static void read_piece(struct umbd_job_request *job_request)
 {
     const uint64_t left = job_request->size - job_request->offset;

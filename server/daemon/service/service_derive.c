@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Regions.DeriveMap: shadow maps from an asset, made by one worker. It reads voxels in a file that
- * another process may cut short; the reading is then left midway. So all its memory comes from a
- * ledger, which knows what must be freed.
+ * Regions.DeriveMap: shadow maps from an asset, made by one worker. The worker reads voxels in a
+ * mapped file that another process may cut short; a fault then ends the reading midway. All its
+ * memory therefore comes from an allocator that lists its blocks, so that they can be freed.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -14,7 +14,7 @@
 #define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
 #define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
-/* Head of an allocated block; the memory follows it, aligned for any type. */
+/* Header of an allocated block. The memory after the header is aligned for any type. */
 struct block {
     _Alignas(max_align_t) struct block *next;
     struct block *previous;
@@ -32,8 +32,8 @@ struct deriving {
     struct umbw_buffer messages; /* the replies, prefixes included */
 };
 
-/* Allocator of struct umb_alloc: realloc, recorded. It reads no files, so it is never left
- * midway. */
+/* Allocator of struct umb_alloc: realloc that lists its blocks. It reads no mapped file, so no
+ * fault can end it midway. */
 static void *ledger_resize(void *user, void *memory, size_t bytes)
 {
     struct deriving *d = user;
@@ -101,7 +101,7 @@ static enum umb_status make_messages(struct deriving *d, struct umb_error *error
     return status;
 }
 
-/* Derives the maps, on a worker's thread; `run` of the task, which has one record. */
+/* Derives the maps on a worker's thread. It is the `run` of a task with one record. */
 static enum umb_status work(struct umbd_task *task, size_t first, size_t count,
                             struct umbd_slice_result *result)
 {
@@ -133,7 +133,8 @@ static uint64_t map_count(const struct deriving *d)
     return d->request.settings.cascades.count > 0 ? d->request.settings.cascades.count : 1;
 }
 
-/* Checks the size. The core limits the sides; this is the server's limit for one request. */
+/* Checks the number of texels against the server's limit for one request. The core limits the
+ * sides. */
 static enum umb_status check_texels(const struct umbd_call *call, const struct deriving *d,
                                     uint64_t *texels, struct umb_error *error)
 {
@@ -161,8 +162,8 @@ static void answer(struct umbd_call *call, struct umbd_task *task)
     }
 }
 
-/* Reads the request and sends it to the workers. Returns 0 if the task is not away: the call has
- * failed, or fails with *status. */
+/* Reads the request and sends it to the workers. Returns 0 if the task was not sent: the call has
+ * failed already, or must fail with *status. */
 static int begin(struct umbd_call *call, struct deriving *d, enum umb_status *status,
                  struct umb_error *error)
 {

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The standard health service: Check and Watch for the server, its service and each asset. An
- * unknown service is NOT_FOUND for Check and SERVICE_UNKNOWN, as a message, for Watch (the gRPC
- * health checking protocol).
+ * The standard health service: Check and Watch for the server, the service umbrage.v1.Shadows and
+ * each asset. For an unknown service Check fails with NOT_FOUND, and Watch sends the message
+ * SERVICE_UNKNOWN (the gRPC health checking protocol).
  */
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"
@@ -20,9 +20,9 @@ enum serving {
 #define ASSET_LOOK_MS 1000 /* between two checks of a watched asset */
 
 /*
- * State of a service. "" and the service are SERVING until the drain begins;
- * "umbrage.v1.Shadows/ASSET" also depends on the asset: NOT_SERVING while its file is damaged. To
- * callers without rights an asset is unknown.
+ * Returns the state of a service. "" and "umbrage.v1.Shadows" are SERVING until a drain begins.
+ * "umbrage.v1.Shadows/ASSET" is also NOT_SERVING while the asset's file is damaged. To callers
+ * without rights every asset is unknown.
  */
 static int state_of(struct umbd_call *call, const char *service)
 {
@@ -67,7 +67,7 @@ struct watch {
     char service[];
 };
 
-/* Sends a Watch the state if it changed. Asset states are checked once a second. */
+/* Sends the state to a Watch if it changed. The state of an asset is checked once a second. */
 void umbd_health_watch_tick(struct umbd_call *call)
 {
     struct watch *watch = call->state;
@@ -106,7 +106,8 @@ void umbd_health_watch_close(struct umbd_call *call)
     free(call->state);
 }
 
-/* Counts a Watch. Fails: E_BUSY (its connection has one, or strangers too many). */
+/* Counts a Watch. Fails: E_BUSY (its connection has a Watch already, or connections without rights
+ * have too many). */
 static enum umb_status take_watch(struct umbd_call *call, struct umb_error *error)
 {
     struct umbd_conn *conn = call->conn;

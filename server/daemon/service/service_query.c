@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Shadows.Query and QueryStream. A small batch is answered at once on the loop, within a time
- * budget a wake-up; a larger one goes to the workers, and comes back through `answer`.
+ * budget for each wake-up of the loop. A larger batch goes to the workers, and `answer` sends its
+ * reply.
  *
- * Each batch holds one version of its asset from here to the end of its work, and the reply names
- * that version.
+ * Each batch holds one version of its asset until its work ends, and the reply names that version.
  */
 #include "daemon/service/query_budget.h"
 
@@ -20,11 +20,12 @@
 /* Bytes of a reply's prefix, stats and ids. */
 #define HEAD_MAX (256 + UMBW_TARGETS_MAX * (2 + UMB_ID_BYTES))
 
-/* Most look-ups of a batch that the loop answers: about 0.2 ms at 0.1 us each. For fewer, two
- * thread switches cost more than they save. */
+/* Most look-ups of a batch that the loop answers: about 0.2 ms at 0.1 us each. For such a batch the
+ * workers would cost two thread switches, more than they save. */
 #define INLINE_WORK 2048
 
-/* Look-ups in units of one tap; wide windows read eight texels of a row at a time. */
+/* Returns the look-ups of a batch, in units of one tap. Wide windows read eight texels of a row at
+ * a time. */
 static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
 {
     uint64_t taps = settings->taps > 0 ? settings->taps : 1;
@@ -82,7 +83,7 @@ static int is_small(const struct umb_query_settings *settings, size_t count, siz
     return work_of(settings, count) * parts <= INLINE_WORK;
 }
 
-/* Description of the batch in the reply, without its answers. ids: [part_count * UMB_ID_BYTES]. */
+/* Returns the reply's fields for a batch, all but the answers. ids: [part_count * UMB_ID_BYTES]. */
 static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with_targets,
                                         uint8_t *ids)
 {
@@ -107,7 +108,8 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     return reply;
 }
 
-/* Answers into the reply itself. The next flush revalidates the answers of one version. */
+/* Answers a batch on the loop and writes the answers into the reply's body. If the batch has one
+ * asset, the next flush revalidates its answers. */
 static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
                           const struct umbw_query_request *request)
 {
@@ -139,13 +141,15 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
     umbd_call_commit(call, head + batch->value_bytes);
 }
 
-/* Bytes of a batch's answers: packing holds them, those of the base, and the packed ones. */
+/* Returns the most bytes that a batch's answers take. With packing, the memory also holds the
+ * base's answers and the packed forms. */
 static size_t answer_bytes(const struct umbd_batch *batch)
 {
     return (batch->picture_work.pack ? 5 : 1) * batch->value_bytes;
 }
 
-/* Keeps the answers that the client of a stream has: the next packed reply may build on them. */
+/* Keeps the answers that the client of a stream has. The next packed reply may be changes against
+ * them. */
 static void keep_picture(struct umbd_call *call, struct umbd_kept_picture *kept)
 {
     if (call->state == NULL) {
@@ -197,7 +201,7 @@ static void answer(struct umbd_call *call, struct umbd_task *task)
     umbd_call_reply_block(call, block, first, batch->head_room + reply.visibility_bytes);
 }
 
-/* Hands the batch to the workers; it is the caller's again if that fails. */
+/* Submits the batch to the workers. If that fails, the batch stays the caller's. */
 static enum umb_status answer_by_pool(struct umbd_call *call, struct umbd_batch *batch,
                                       int with_targets, struct umb_error *error)
 {
@@ -230,8 +234,8 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 
-/* Adds the one part of a batch, reusing the last one if it is equal: requests of one event mostly
- * ask the same asset. */
+/* Adds the one part of a batch. Requests of one event mostly ask the same asset, so the last part
+ * is reused if it is equal. */
 static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *batch,
                                      const struct umbw_query_request *request,
                                      struct umb_error *error)
@@ -283,8 +287,8 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
     return UMB_OK;
 }
 
-/* Reuses the stream's last answers as the base if the client still has them; otherwise frees
- * them. */
+/* Uses the stream's last answers as the base of the packing if the client still has them; otherwise
+ * frees them. */
 static void take_base(struct umbd_call *call, struct umbd_batch *batch, uint64_t mark)
 {
     struct umbd_kept_picture *kept = call->state;
@@ -308,8 +312,8 @@ static int is_inline(struct umbd_call *call, const struct umbd_batch *batch)
             umbd_conn_has_turn(call->conn));
 }
 
-/* Answers a batch, or sends it away. Returns UMB_OK with *away = 1 if the workers own it. A call
- * over its rate or budget has failed. */
+/* Answers a batch, or submits it to the workers. Returns UMB_OK with *away = 1 if the workers have
+ * the batch. A call over its rate or budget has been failed. */
 static enum umb_status answer_batch(struct umbd_call *call, struct umbd_batch *batch,
                                     const struct umbw_query_request *request, int is_paid,
                                     int *away, struct umb_error *error)
@@ -333,7 +337,7 @@ static enum umb_status answer_batch(struct umbd_call *call, struct umbd_batch *b
 
 static void serve_paid(struct umbd_call *call);
 
-/* is_paid: 1 if the request was paid before its detour to a calibration. */
+/* is_paid: 1 if the request was charged before its calibration and must not be charged again. */
 static void serve(struct umbd_call *call, int is_paid)
 {
     struct umbd_call_home *home = call->home;

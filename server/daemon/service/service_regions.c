@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Regions.Stream and Follow: byte ranges of the packed file, unchanged. The workers read the file,
- * since that may block on the disk.
+ * Regions.Stream and Follow: byte ranges of the packed file, unchanged. Workers read the file,
+ * because reading may block on the disk.
  */
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"
@@ -14,7 +14,7 @@
 #include "base/try.h"
 #include "wire/regions.h"
 
-/* Bytes that a token or an address pays for as a point: about what an answer costs. */
+/* Bytes of a range that count as a point on rates: about the cost of an answer. */
 #define BYTES_A_POINT 16
 
 /* A read for the workers. */
@@ -48,7 +48,7 @@ static enum umb_status read_range(int fd, const struct umb_range *range, uint8_t
     return UMB_OK;
 }
 
-/* Reads the ranges, on a worker's thread; `run` of the task, which has one record. */
+/* Reads the ranges on a worker's thread. It is the `run` of a task with one record. */
 static enum umb_status read_all(struct umbd_task *task, size_t first, size_t count,
                                 struct umbd_slice_result *result)
 {

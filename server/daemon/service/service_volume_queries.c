@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Volume queries (segments, columns, boxes): admitted here, answered by the workers
- * (volume_query_work.h) under the queue, turns, deadlines and rates of queries. Never on the loop:
- * the cost of a segment or a box is not known before.
+ * Volume queries (segments, columns, boxes). This file checks and submits them; workers answer them
+ * (volume_query_work.h) under the queue, turns, deadlines and rates of queries. The loop never
+ * answers them itself, because the cost of a segment or a box is not known beforehand.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -56,7 +56,8 @@ static uint64_t side_points(const struct umbd_volume_query *volume_query)
     return (uint64_t)(BRICK_POINTS * sum);
 }
 
-/* Allocates the answers: intervals first, since they are aligned like malloc's blocks. */
+/* Allocates the arrays of the answers. Intervals come first, because malloc's blocks are aligned
+ * for them. */
 static enum umb_status make_room(struct umbd_volume_query *volume_query, size_t *bytes,
                                  struct umb_error *error)
 {

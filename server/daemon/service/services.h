@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_SERVICE_SERVICES_H
 #define UMBRAGE_SERVER_DAEMON_SERVICE_SERVICES_H
-/* Functions of the services that the table of methods (methods.c) names; base/method.h tells when
- * each is called. */
+/* Functions of the services for the table of methods (methods.c). base/method.h says when each is
+ * called. */
 #include "daemon/base/method.h"
 
 /* The daemon's methods. */

@@ -9,7 +9,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#define TAKEN_MAX 64 /* connections taken in one event; then the loop's others have their turn */
+#define TAKEN_MAX 64 /* Most connections accepted in one event; other work has its turn then */
 
 int umbd_socket_bind(const struct sockaddr *address, int *fd)
 {
@@ -32,7 +32,7 @@ int umbd_socket_bind(const struct sockaddr *address, int *fd)
     return 0;
 }
 
-/* 1 if the error concerns one connection only, so another may wait behind it. */
+/* Returns 1 if the error concerns one connection only, so that another may wait behind it. */
 static int is_of_one(int code)
 {
     return code == EINTR || code == ECONNABORTED || code == EPROTO || code == EPERM ||
@@ -40,15 +40,16 @@ static int is_of_one(int code)
            code == ENOPROTOOPT || code == ENONET || code == EOPNOTSUPP;
 }
 
-/* accept reports a lack of descriptors even if no connection waits. This asks whether one waits. */
+/* Returns 1 if a connection waits. accept reports a lack of descriptors even if no connection
+ * waits. */
 static int is_waiting(int fd)
 {
     struct pollfd listening = {.fd = fd, .events = POLLIN};
     return poll(&listening, 1, 0) != 0;
 }
 
-/* Takes the waiting connections. A permanent failure stops the poll: otherwise an event that cannot
- * be handled would come again at once. */
+/* Accepts the waiting connections. A permanent failure stops the poll, because the same event would
+ * otherwise come again at once. */
 static void take(struct umbd_acceptor *acceptor)
 {
     for (int i = 0; i < TAKEN_MAX; i++) {

@@ -4,7 +4,8 @@
  *
  * Safety rules: nghttp2's callbacks only queue; only this file, conn_io.c and conn_life.c receive,
  * send and close. A closed connection stays in memory, with `closing` set, until libuv has closed
- * its handle. So a pointer that is held across a flush stays valid for the rest of the event.
+ * its handle. A pointer that is held across a flush therefore stays valid for the rest of the
+ * event.
  */
 #include "daemon/transport/conn.h"
 

@@ -11,11 +11,11 @@
  * Files, the lowest first: loop.c, conn_budget.c, conn_tls.c, conn.c, conn_io.c, conn_h2.c,
  * conn_room.c, conn_life.c.
  *
- * Output: nghttp2's frames are collected in the loop's buffer and written at once. Bytes that the
- * socket does not take are copied into one pending write, and no more frames are made until that is
- * done. So a peer that does not read costs one such block, plus the frames that nghttp2 queues
- * after it: at most UMBD_QUEUED_FRAMES, then the connection ends. A flush sends a limited amount;
- * the rest waits until other connections have had their turn.
+ * Output: nghttp2's frames are collected in the loop's buffer and written at once. If the socket
+ * takes only a part, the rest is copied into one pending write, and no more frames are made until
+ * that write is done. A peer that does not read therefore costs one such block, and the frames that
+ * nghttp2 queues afterwards. If these exceed UMBD_QUEUED_FRAMES, the connection ends. A flush sends
+ * a limited amount; the rest waits until other connections have had their turn.
  */
 #include <nghttp2/nghttp2.h>
 #include <uv.h>
@@ -87,25 +87,27 @@ struct umbd_conn {
 
 #define UMBD_STREAMS_MAX 256 /* number of calls open at once on a connection */
 
-/* Most frames queued for a peer: an answer for each stream, and the refusals of a burst. */
+/* Most frames queued for a peer: an answer for each stream, and the refusals of a burst of
+ * requests. */
 #define UMBD_QUEUED_FRAMES 1500
 
-/* Takes over a connected socket; closes it if there is no room or memory. If other loops have the
- * connections that its address must give up, they get it in turn; refusals: number of loops that
- * had none. */
+/* Takes over a connected socket; closes it if there is no room or memory. If an address has too
+ * many connections and some of them are strangers on other loops, those loops get the socket in
+ * turn. refusals: number of loops that had no stranger of the address to close. */
 void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
                      uint32_t refusals);
 
 #define UMBD_KEPT_SHARE 4 /* one part in this of --max-buffer is reserved */
 
 /*
- * Rights of connections, and room for them (conn_budget.c, conn_room.c).
+ * Rights of connections, and room for connections (conn_budget.c, conn_room.c). A stranger is a
+ * connection of which no call has been allowed by its rights.
  *
  *     umbd_conn_enter, _leave      adds a new connection, a stranger; removes a closed one
- *     umbd_conn_prove              a call of it was allowed by its rights
- *     umbd_conn_doubt              its tokens were read again
+ *     umbd_conn_prove              a call of the connection was allowed: no stranger from now on
+ *     umbd_conn_doubt              the tokens were read again: a stranger until the next such call
  *     umbd_conn_evict              closes a stranger or an idle connection, at least a second old
- *     umbd_conn_make_room          closes one if a newcomer needs its place; 1 if there is room
+ *     umbd_conn_make_room          closes one if a new one needs its place; 1 if there is room
  *     umbd_conn_make_room_at       closes the loop's oldest stranger of an address; 1 if it had one
  */
 void umbd_conn_enter(struct umbd_conn *conn);
@@ -138,10 +140,10 @@ int umbd_conn_read_start(struct umbd_conn *conn);
 void umbd_conn_read_again(struct umbd_conn *conn);
 
 /*
- * Stops reading until the workers' queue has room, at most a tick: one of its calls was refused for
- * lack of room. Reading a batch only to refuse it costs up to a third of answering it. A client
- * that repeats its call at once would use up the time for answers. Its data waits in the kernel
- * meanwhile.
+ * Stops reading from the connection until the workers' queue has room, at most for a tick. It is
+ * called after one of the connection's calls was refused for lack of room. Reading a batch only to
+ * refuse it costs up to a third of answering it. A client that repeats its call at once would
+ * therefore use up the time for answers. Meanwhile the client's data waits in the kernel.
  */
 void umbd_conn_hold(struct umbd_conn *conn);
 
@@ -151,31 +153,32 @@ void umbd_conn_release(struct umbd_conn *conn);
 /* Closes now; logs `why` at debug. Not from within nghttp2's callbacks. */
 void umbd_conn_close(struct umbd_conn *conn, const char *why);
 
-/* Sends queued frames up to a limit, the rest soon; closes the connection if its session is over.
- * Not from callbacks. */
+/* Sends queued frames up to a limit, and the rest in a later turn. Closes the connection if its
+ * session is over. Not from callbacks. */
 void umbd_conn_flush(struct umbd_conn *conn);
 
 /* Checks the timers. May close the connection. */
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
-/* Sends GOAWAY and lets the session end; the tick closes a connection that stays. */
+/* Sends GOAWAY and lets the session end. If the connection does not end, the tick closes it. */
 void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
 
 /*
- * The two steps in which a connection is asked to leave without losing a call. The first
- * is a GOAWAY that still admits requests on their way. The final one follows UMBD_NOTICE_MS later;
- * it ends replies without an end, and streams when they have answered the received requests.
+ * Two steps that ask a connection to leave without losing a call. _notice sends a GOAWAY that still
+ * admits requests on their way. _last_call follows UMBD_NOTICE_MS later with the final GOAWAY. It
+ * ends endless replies, and ends streams when they have answered the received requests.
  */
 #define UMBD_NOTICE_MS 200 /* more than a round trip */
 void umbd_conn_notice(struct umbd_conn *conn);
 void umbd_conn_last_call(struct umbd_conn *conn);
 
-/* Ends the session with a GOAWAY of that code; counts and logs it. Safe in callbacks. */
+/* Ends the session with a GOAWAY of the kind's code, and counts and logs the abuse. Safe in
+ * callbacks. */
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
 
-/* Counts bytes held for the connection's calls. Returns 1, or 0 if a budget would be exceeded
- * (*limit and *option then name it). _hand_over: the bytes leave the connection's account and stay
- * in the server's. */
+/* Counts bytes held for the connection's calls. Returns 1; or 0 if that would exceed a budget,
+ * which *limit and *option then name. _hand_over moves bytes from the connection's account to the
+ * server's alone. */
 int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
 void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);
 void umbd_conn_hand_over(struct umbd_conn *conn, size_t bytes);
@@ -184,7 +187,7 @@ void umbd_conn_charge_always(struct umbd_conn *conn, size_t bytes); /* ignores a
 /* The connection with that serial; NULL if it is closed. */
 struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial);
 
-/* Makes the HTTP/2 session and queues the settings (conn_h2.c). Fails: E_NO_MEMORY. */
+/* Creates the HTTP/2 session and queues the server's settings (conn_h2.c). Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_conn_h2_start(struct umbd_conn *conn);
 
 #endif

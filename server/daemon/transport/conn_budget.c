@@ -7,13 +7,13 @@
  * a quarter of --max-buffer, a few KiB each; conn_room.c limits their number.
  *
  * Without a token file every caller has rights, so the limits apply to single addresses. Every
- * connection keeps a stranger's allowance. Beyond that an address may hold three times what it
- * leaves free of the first three quarters of --max-buffer. The allowances of all connections fit
- * into the last quarter, so small calls are always answered; large calls share the rest.
+ * connection keeps a stranger's allowance. The allowances of all connections fit into the last
+ * quarter of --max-buffer, so small calls are always answered. Large calls share the first three
+ * quarters: there an address may hold three times what it leaves free.
  *
- * Invariants: the strangers of a loop are in its list, oldest first; their `buffered` add up to
- * the server's stranger_buffered; allowance is the stranger's one and `taken`, or SIZE_MAX; an
- * account's `granted` is the sum of its connections' `taken`.
+ * Invariants: the strangers of a loop are in its list, oldest first. Their `buffered` add up to the
+ * server's stranger_buffered. A connection's allowance is a stranger's allowance and `taken`, or
+ * SIZE_MAX. An account's `granted` is the sum of its connections' `taken`.
  */
 #include "daemon/transport/conn.h"
 
@@ -21,7 +21,8 @@
 #define GRANT_BYTES  ((size_t)64 << 10) /* granted to a connection at once */
 #define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by a connection when its calls end */
 
-/* Bytes that a connection may hold before it has shown a right: its part of the share, within: */
+/* Range of the bytes that a stranger may hold; the value is a connection's part of the strangers'
+ * share. */
 #define STRANGER_BYTES     65536
 #define STRANGER_BYTES_LOW 16384 /* a Watch and the call that shows a right fit */
 
@@ -154,8 +155,8 @@ static int grant(struct umbd_conn *conn, size_t bytes)
     return 1;
 }
 
-/* Counts bytes of a stranger. If the strangers together exceed their share, the oldest are closed
- * after the event. */
+/* Counts bytes of a stranger. If all strangers together exceed their share, the oldest ones are
+ * closed after the event. */
 static void stranger_charge(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_server *server = conn->server;

@@ -3,12 +3,15 @@
  * The HTTP/2 session of a connection: settings, limits, and nghttp2's callbacks, which turn frames
  * into events for the calls (server.h).
  *
- * Limits set here, with reasons (measured on nghttp2 1.52). Header blocks: 32 KiB, because one
- * block of 1 MiB of references costs 1.5 s of CPU. Header table: 4096 bytes; HAProxy 2.6 does not
- * announce that it lowers its own, and the library answers that with COMPRESSION_ERROR. Streams:
- * 256. Frames: 1 MiB, so that a batch of points is one frame. Windows: 64 MiB a connection and 16
- * MiB a stream, opened again by hand as bytes are taken. h2_guard.h counts what the library does
- * not: decoded header bytes, cheap frames, and streams that the peer makes us reset.
+ * Limits set here, with reasons (measured on nghttp2 1.52):
+ * - Header blocks: 32 KiB, because one block of 1 MiB of references costs 1.5 s of CPU time.
+ * - Header table: 4096 bytes. HAProxy 2.6 does not announce when it makes its own table smaller;
+ *   nghttp2 answers that with COMPRESSION_ERROR.
+ * - Streams: 256. Frames: 1 MiB, so that a batch of points is one frame.
+ * - Windows: 64 MiB a connection and 16 MiB a stream, opened again by our code as bytes are taken.
+ *
+ * h2_guard.h counts what nghttp2 does not: decoded header bytes, cheap frames, and streams that the
+ * peer makes us reset.
  *
  * Callbacks only queue frames; sending, receiving and closing happen outside of them.
  */
@@ -26,8 +29,9 @@
 #define SETTINGS_ENTRIES_MAX 32
 
 /*
- * Debian's 1.52 has these two functions of 1.57 and 1.61 as a security patch; other builds of that
- * version lack them. So the linker decides, not the version: weak symbols are NULL if missing.
+ * Weak declarations of two functions of nghttp2 1.57 and 1.61; a missing one is NULL. Debian's 1.52
+ * has both as a security patch, and other builds of 1.52 do not. So the linker decides, not the
+ * version number.
  */
 extern void nghttp2_option_set_stream_reset_rate_limit(nghttp2_option *option, uint64_t burst,
                                                        uint64_t rate)
@@ -40,7 +44,8 @@ static struct umbd_call *find_call(nghttp2_session *session, int32_t stream_id)
     return nghttp2_session_get_stream_user_data(session, stream_id);
 }
 
-/* True for frames that cost the peer nothing: all but requests and real data. */
+/* Returns true for frames that cost the peer nothing: all but requests and DATA frames with
+ * content. */
 static int is_control(const nghttp2_frame_hd *frame)
 {
     switch (frame->type) {
@@ -69,8 +74,8 @@ static int on_begin_frame(nghttp2_session *session, const nghttp2_frame_hd *fram
         umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_HEADERS], 1);
         return NGHTTP2_ERR_CALLBACK_FAILURE; /* before a byte of it is decoded */
     }
-    /* Without this limit, answers that a peer causes and does not read would pile up in the
-     * library. */
+    /* Limits the queued frames. Otherwise answers that a peer causes and does not read would pile
+     * up in nghttp2. */
     if (!conn->terminated &&
         nghttp2_session_get_outbound_queue_size(session) > UMBD_QUEUED_FRAMES) {
         umbd_conn_abuse(conn, UMBD_ABUSE_QUEUE, "too many frames wait to be taken");
@@ -87,8 +92,8 @@ static int on_begin_headers(nghttp2_session *session, const nghttp2_frame *frame
     const int was_reset = umbd_h2_filter_was_reset(&conn->filter, (uint32_t)frame->hd.stream_id);
     struct umbd_call *call = conn->server->calls->open(conn, frame->hd.stream_id, was_reset);
     if (call == NULL) {
-        /* No work was begun, so the client may try again. The library's own reset would not tell it
-         * so. */
+        /* REFUSED_STREAM tells the client that no work was begun, so it may try again. nghttp2's
+         * own reset would not say so. */
         nghttp2_submit_rst_stream(session, NGHTTP2_FLAG_NONE, frame->hd.stream_id,
                                   NGHTTP2_REFUSED_STREAM);
         return NGHTTP2_ERR_TEMPORAL_CALLBACK_FAILURE;
@@ -129,7 +134,7 @@ static int on_data(nghttp2_session *session, uint8_t flags, int32_t stream_id, c
         nghttp2_session_consume_connection(session, size);
         return 0;
     }
-    /* The budget was checked and counts the kept bytes, so the windows may open. */
+    /* The kept bytes are counted and within the budget, so the windows may open again. */
     size_t taken = conn->server->calls->data(call, data, size);
     return nghttp2_session_consume_connection(session, size) == NGHTTP2_ERR_NOMEM ||
                    (taken > 0 &&
@@ -159,7 +164,7 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     return 0;
 }
 
-/* The library ends a session by itself when the peer breaks the protocol; the GOAWAY has its
+/* When the peer breaks the protocol, nghttp2 ends the session by itself. The GOAWAY frame has the
  * reason. */
 static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
 {
@@ -228,7 +233,7 @@ static ssize_t frame_length(nghttp2_session *session, uint8_t type, int32_t stre
     return (ssize_t)length;
 }
 
-/* Copies one DATA frame straight from the reply into the loop's output: the only copy of it. */
+/* Copies one DATA frame straight from the reply into the loop's output. No other copy is made. */
 static int send_data(nghttp2_session *session, nghttp2_frame *frame, const uint8_t *head,
                      size_t length, nghttp2_data_source *source, void *user)
 {
@@ -272,8 +277,8 @@ static nghttp2_option *make_option(void)
     }
     nghttp2_option_set_no_auto_window_update(option, 1);
     nghttp2_option_set_max_settings(option, SETTINGS_ENTRIES_MAX);
-    /* Without this nghttp2 keeps 256 closed streams (80 KiB) for priorities, which are unused here.
-     */
+    /* Without this option nghttp2 keeps 256 closed streams (80 KiB) for priorities, which are
+     * unused here. */
     nghttp2_option_set_no_closed_streams(option, 1);
     if (nghttp2_option_set_stream_reset_rate_limit) {
         nghttp2_option_set_stream_reset_rate_limit(option, RESET_BURST, RESET_RATE);
@@ -294,7 +299,8 @@ static int queue_settings(nghttp2_session *session)
     };
     int code = nghttp2_submit_settings(session, NGHTTP2_FLAG_NONE, settings,
                                        sizeof settings / sizeof settings[0]);
-    /* The setting is about streams only; the connection's window has its own call. */
+    /* The SETTINGS frame sets the window of streams only; the connection's window needs its own
+     * call. */
     return code != 0
                ? code
                : nghttp2_session_set_local_window_size(session, NGHTTP2_FLAG_NONE, 0, WINDOW_BYTES);

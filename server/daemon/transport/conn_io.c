@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A connection's socket: reading and writing. Bytes read pass the TLS session, if there is one, and
- * the frame filter on their way to nghttp2; frames are collected in the loop's buffer, sealed, and
- * written at once as far as the socket takes them.
+ * A connection's socket: reading and writing. Bytes from the socket pass the TLS session, if there
+ * is one, and the frame filter, and then go to nghttp2. Frames to send are collected in the loop's
+ * buffer, sealed by TLS, and written at once as far as the socket takes them.
  */
 #include <openssl/err.h>
 #include <stdlib.h>
@@ -64,8 +64,8 @@ static void on_written(uv_write_t *request, int status)
     }
 }
 
-/* Copies the bytes that the socket did not take and lets libuv write them. Returns 0 on failure.
- * The block counts as held beyond all budgets: those only refuse new work. */
+/* Copies the bytes that the socket did not take, and lets libuv write the copy. Returns 0 on
+ * failure. The block is counted even beyond all budgets, because budgets only refuse new work. */
 static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
     struct pending_write *write = malloc(sizeof *write + count);
@@ -86,8 +86,8 @@ static int write_later(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
     return 1;
 }
 
-/* Makes the next block for sending; *size is 0 if there is none. Returns 0 if the connection had to
- * be closed. */
+/* Makes the next block to send; *size is 0 if there is nothing to send. Returns 0 if the connection
+ * had to be closed. */
 static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *size)
 {
     struct umbd_loop *loop = conn->loop;
@@ -139,10 +139,10 @@ void umbd_conn_flush(struct umbd_conn *conn)
 }
 
 /*
- * Room for the next bytes: right in their message, if a large piece of one DATA frame is still to
- * come, else in the loop's buffer. Bytes read in place belong to that frame and to nothing after
- * it. So they are not read again once the call has them, even if it then drops its message. libuv
- * reads and calls back at once: the call cannot end in between.
+ * Chooses the room for the next bytes. If a large part of one DATA frame is still to come, it is
+ * read straight into its message, else into the loop's buffer. Bytes read into a message belong to
+ * that frame alone. So they are not read again once the call has them, even if the call then drops
+ * its message. libuv reads and calls back at once, so the call cannot end in between.
  */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
@@ -177,7 +177,7 @@ static void session_broke(struct umbd_conn *conn, int code)
     umbd_conn_close(conn, nghttp2_strerror(code));
 }
 
-/* TLS failed, or the peer was not accepted: sends the alert, then closes. */
+/* Sends the alert and closes the connection: TLS failed, or the peer was not accepted. */
 static void tls_broke(struct umbd_conn *conn)
 {
     umbd_count(&conn->server->metrics.tls_failures, 1);
@@ -221,8 +221,8 @@ static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
     return code;
 }
 
-/* Work of reading, above all inflating, also ends a turn: libuv reads on as long as a peer sends,
- * and all others would wait. A decompression bomb of 4 kB takes 10 ms. */
+/* Ends a turn that took too long to read, above all because of inflating. libuv reads on as long as
+ * a peer sends, so all other connections would wait. A decompression bomb of 4 kB takes 10 ms. */
 static void pause_if_long(struct umbd_conn *conn)
 {
     if (!conn->closing && conn->turn_ns >= UMBD_INLINE_NS &&

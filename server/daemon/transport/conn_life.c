@@ -14,12 +14,12 @@
 #define SLOWEST_BYTES 16     /* bytes a millisecond that a peer must read while a reply waits */
 #define HOLD_MS       600000 /* milliseconds in which a peer must read all bytes held for it */
 #define AGE_SHARE                                                                                  \
-    10 /* a connection's age limit differs from --max-age by one part in this at most */
+    10 /* Largest deviation of a connection's age limit from --max-age: one part in this many */
 #define STALL_MARGIN_MS 1000 /* stalled streams are reset first, the others go on */
 
-/* Time when a connection is asked to leave. Connections that came together must not leave together.
- * So each has an age of its own, within a tenth of the option's (a multiplicative hash of its
- * serial). */
+/* Returns the time when a connection is asked to leave. Connections that came together must not
+ * leave together. So each gets its own age limit, within a tenth of --max-age, by a multiplicative
+ * hash of its serial. */
 static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
 {
     uint64_t spread_ms = 2 * max_age_ms / AGE_SHARE;
@@ -38,7 +38,8 @@ struct newcomer {
     const char *reason; /* Reason why it is not admitted */
 };
 
-/* Identifies the peer and counts the connection for its address. Returns 0 if it has too many. */
+/* Identifies the peer and counts the connection for its address. Returns 0 if the address has too
+ * many connections. */
 static int know_peer(struct newcomer *newcomer)
 {
     struct umbd_conn *conn = newcomer->conn;
@@ -55,7 +56,8 @@ static int know_peer(struct newcomer *newcomer)
         snprintf(conn->peer, sizeof conn->peer, "unknown");
     }
     const struct sockaddr_storage *from = transport == UMBN_UNIX ? NULL : &address;
-    /* Peers of a Unix socket have no addresses; the socket's mode admits them. */
+    /* Peers of a Unix socket have no addresses; the mode of the socket decides which users
+     * connect. */
     const size_t limit = from != NULL ? server->options.max_address_connections : SIZE_MAX;
     size_t strangers = 0;
     const int known = umbd_peers_acquire(server->peers, from, limit, &conn->account, &strangers,
@@ -67,7 +69,7 @@ static int know_peer(struct newcomer *newcomer)
     return known;
 }
 
-/* Charges a TLS handshake to its address's rate. Returns 0 if that is exceeded. */
+/* Charges a TLS handshake to the rate of its address. Returns 0 if the rate is exceeded. */
 static int may_shake_hands(struct umbd_conn *conn, const char **reason)
 {
     struct umbd_server *server = conn->server;
@@ -81,8 +83,8 @@ static int may_shake_hands(struct umbd_conn *conn, const char **reason)
     return 0;
 }
 
-/* Checks the address's limits, then finds room: a newcomer that is refused closes no connection of
- * another address. Returns 0 with the reason; the account is then released. */
+/* Checks the address's limits first and then makes room, so a refused connection evicts no
+ * connection of another address. Returns 0 with the reason; the account is then released. */
 static int admit(struct newcomer *newcomer)
 {
     struct umbd_conn *conn = newcomer->conn;
@@ -108,8 +110,8 @@ static void refuse(struct umbd_conn *conn, const char *reason)
     uv_close(&conn->socket.handle, umbd_conn_closed);
 }
 
-/* Hands a copy of the socket to the next loop, where the address may give up a connection. Returns
- * 0 if there is no such loop, or no descriptor. */
+/* Passes a copy of the socket to the next loop, which may close a stranger of the same address.
+ * Returns 0 if there is no such loop or no descriptor. */
 static int pass_on(const struct newcomer *newcomer)
 {
     uv_os_fd_t fd = -1;
@@ -201,9 +203,9 @@ void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport tra
 }
 
 /*
- * Returns 1 if the peer reads its replies too slowly. Its patience decreases while data waits to be
- * sent. It grows with the bytes taken, up to --stall-timeout. So neither silence nor a byte now and
- * then can hold replies in memory for long.
+ * Returns 1 if the peer reads its replies too slowly. The peer's patience shrinks while data waits
+ * to be sent, and grows with the bytes that the peer takes, up to --stall-timeout. So neither
+ * silence nor a byte now and then can hold replies in memory for long.
  */
 static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
 {
@@ -222,8 +224,8 @@ static int is_stalled(struct umbd_conn *conn, uint64_t now_ms)
     return conn->patience_ms < -STALL_MARGIN_MS;
 }
 
-/* Asks a connection whose time has come to leave, in the steps of a drain. Returns 1 if it had to
- * be closed. */
+/* Asks a connection to leave when its time has come, in the same steps as a drain. Returns 1 if the
+ * connection had to be closed. */
 static int retire(struct umbd_conn *conn, uint64_t now_ms)
 {
     const struct umbd_loop *loop = conn->loop;

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Room for connections. With a token file strangers (conn_budget.c) may have three quarters of
- * --max-connections. The oldest one makes room for the next, however busy it is, so a newcomer
- * always gets far enough to show its rights.
+ * Room for connections. With a token file, strangers (conn_budget.c) may have three quarters of
+ * --max-connections. Beyond that the oldest stranger is closed for the next one, even while it is
+ * busy. A new connection therefore always gets far enough to show its rights.
  */
 #include "daemon/transport/conn.h"
 
 #include <string.h>
 
-/* Connections that came or worked more recently are not evicted as idle. */
+/* Age and idle time in milliseconds below which a connection is not evicted. */
 #define ROOM_IDLE_MS 1000
 
-/* Number of connections that a loop may have: its share, since all loops get equally many. */
+/* Returns how many connections a loop may have. All loops get equal shares. */
 static size_t room_of(const struct umbd_loop *loop)
 {
     const struct umbd_server *server = loop->server;
@@ -19,8 +19,8 @@ static size_t room_of(const struct umbd_loop *loop)
     return (server->max_connections + loops - 1) / loops;
 }
 
-/* The connection with rights that has had no such call for the longest time, and at least a
- * second. */
+/* Returns the connection with rights that has been idle for the longest time, at least a second;
+ * else NULL. */
 static struct umbd_conn *idlest(const struct umbd_loop *loop)
 {
     uint64_t now_ms = uv_now(&loop->uv);
@@ -34,7 +34,8 @@ static struct umbd_conn *idlest(const struct umbd_loop *loop)
     return found;
 }
 
-/* A stranger is safe for a second: a new one may already have sent its call. */
+/* Evicts the oldest stranger if it is at least a second old, else the idlest connection with
+ * rights. A younger stranger may already have sent a call that shows its rights. */
 void umbd_conn_evict(struct umbd_loop *loop)
 {
     struct umbd_conn *stranger = loop->oldest_stranger;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See conn_tls.h. The loop's sealed buffer is flushed or kept before another connection uses it. */
+/* TLS of a connection, see conn_tls.h. The loop's buffer of sealed records is shared: it is flushed
+ * or its records are kept before another connection uses it. */
 #include "daemon/transport/conn_tls.h"
 
 #include <stdlib.h>
@@ -15,7 +16,8 @@ struct umbd_conn_tls {
     size_t kept_size;
 };
 
-/* Appends records to the loop's buffer. False beyond the size of all output and a handshake. */
+/* Appends records to the loop's buffer. Returns false if they exceed its capacity: all output and a
+ * handshake. */
 static bool put_records(void *user, const uint8_t *bytes, size_t count)
 {
     struct umbd_loop *loop = ((struct umbd_conn *)user)->loop;
@@ -80,7 +82,7 @@ int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
     return umbn_tls_open(conn->tls->session, bytes, count, take, user);
 }
 
-/* Puts the kept records before those sealed now. Returns 0 if they do not fit. */
+/* Puts the kept records before the newly sealed ones. Returns 0 if they exceed the buffer. */
 static int take_kept(struct umbd_conn *conn)
 {
     struct umbd_conn_tls *tls = conn->tls;

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_TLS_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_TLS_H
 /*
- * TLS of one connection of the daemon (net/tls_session.h): records go into the loop's buffer. A
- * connection keeps only records that could not be sent at once: those of handshakes and alerts,
- * since data is sealed when it can be sent.
+ * TLS of one connection of the daemon (net/tls_session.h). Records go into the loop's buffer. Data
+ * is sealed only when it can be sent, so a connection keeps only unsent records of handshakes and
+ * alerts.
  */
 #include "daemon/transport/conn.h"
 #include "net/tls_session.h"
@@ -19,25 +19,25 @@
 UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
 void umbd_conn_tls_finish(struct umbd_conn *conn);
 
-/* Opens records and passes their content to `take`; returns as umbn_tls_open. On an end the
- * connection must be flushed (there may be an alert) and closed. */
+/* Opens records and passes their content to `take`. Returns as umbn_tls_open. After a result that
+ * ends the session, flush the connection, because there may be an alert, and close it. */
 int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
                        umbn_plain_fn take, void *user);
 
 /*
- * 0 if --tls-client-ca or --tls-crl, reloaded, no longer accepts the client's certificate; else 1.
- * Checks only after a reload, at some hundred connections in a tick.
+ * Returns 0 if a reload of --tls-client-ca or --tls-crl no longer accepts the client's certificate,
+ * else 1. Certificates are checked only after a reload, about a hundred connections in each tick.
  */
 int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
 
 /* 1 once the handshake is over: then frames may be sent. */
 int umbd_conn_tls_ready(const struct umbd_conn *conn);
 
-/* Seals count bytes of the loop's output. Out: bytes, size: the records to send. Returns 0 on
- * failure. */
+/* Seals the first `count` bytes of the loop's output. Out: bytes, size: the records to send.
+ * Returns 0 on failure. */
 int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size);
 
-/* Keeps records that cannot be sent now. Returns 0 if there are too many, or no memory. */
+/* Keeps records that cannot be sent now. Returns 0 if there are too many, or memory is short. */
 int umbd_conn_tls_keep(struct umbd_conn *conn);
 
 /* Seals a close_notify; flush it afterwards. */

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The drain, as stages that the tick advances. First NOT_SERVING, so that balancers look away. Then
- * listeners close and every connection gets a GOAWAY that still admits requests on their way. A
- * moment later comes the final GOAWAY; then calls finish until the timeout. A second signal ends
- * the drain at once. Every loop drains its own connections; the first loop starts the others and is
- * the last to end.
+ * The drain, as stages that the tick advances:
+ * 1. Health reports NOT_SERVING, so that balancers choose other servers.
+ * 2. Listeners close, and every connection gets a GOAWAY that still admits requests on their way.
+ * 3. A moment later comes the final GOAWAY. Then calls finish until the timeout.
+ *
+ * A second signal ends the drain at once. Every loop drains its own connections; the first loop
+ * starts the others and is the last to end.
  *
  * Source: RFC 9113 section 6.8 (two GOAWAYs lose no request that was already sent).
  */

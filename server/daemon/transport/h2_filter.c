@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The filter of early resets. A frame head is 9 bytes: length (3), type, flags, stream id (4), big
- * endian (RFC 9113, section 4.1). Only a head that the end of a read cuts is held back until its
- * rest comes. Whole runs of frames are passed on in place.
+ * endian (RFC 9113, section 4.1). If the end of a read cuts a head, its bytes are held back until
+ * the rest comes. All other bytes are passed on in place, whole runs of frames at once.
  */
 #include "daemon/transport/h2_filter.h"
 
@@ -56,7 +56,8 @@ static int pass(const uint8_t *bytes, size_t from, size_t to, umbd_emit_fn emit,
 }
 
 /*
- * Takes head bytes at `at`; *run is the start of the bytes not passed on yet. Moves both.
+ * Reads the bytes of a frame head at `at`. *run is the start of the bytes not passed on yet. Moves
+ * both pointers.
  */
 static int take_head(struct umbd_h2_filter *filter, const uint8_t *bytes, size_t count, size_t *at,
                      size_t *run, umbd_emit_fn emit, void *user)

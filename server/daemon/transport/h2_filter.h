@@ -2,16 +2,17 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_H2_FILTER_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_H2_FILTER_H
 /*
- * A filter of the frames on their way to nghttp2. It removes RST_STREAM of streams that the peer
- * has not opened yet.
+ * A filter for frames on their way to nghttp2. It removes RST_STREAM frames of streams that the
+ * peer has not opened yet.
  *
- * Why: gRPC's C core (Python, C++, Ruby; seen with 1.51) writes the RST_STREAM of a call cancelled
- * at once before the HEADERS of the same call. By RFC 9113 that is a connection error: nghttp2 ends
- * the session, and every other call of that client dies with it. The filter remembers such a
- * stream, so that its HEADERS, when they come, begin a call that is cancelled already.
+ * Why:   gRPC's C core (Python, C++, Ruby; seen with 1.51) writes the RST_STREAM of a call
+ *        cancelled at once before the HEADERS of the same call. By RFC 9113 that is a connection
+ *        error: nghttp2 would end the session and with it every other call of that client. The
+ *        filter remembers such a stream. When its HEADERS come, they begin a call that is already
+ *        cancelled.
  *
- * Everything else passes unchanged, in the same order. The functions are pure; the state is the
- * caller's storage.
+ * Everything else passes unchanged, in the same order. The functions are pure; the state is in the
+ * caller's memory.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -28,8 +29,8 @@ struct umbd_h2_filter {
     uint32_t highest;      /* Highest stream opened by HEADERS */
     uint32_t early[UMBD_EARLY_RESETS]; /* Streams reset early, 0 = none */
     unsigned next_early;
-    /* Early resets and frames of unknown types so far; wraps. nghttp2 skips the latter without
-     * reporting them, so the count of cheap frames takes them from here. */
+    /* Number of early resets, and of frames of unknown types; both wrap. nghttp2 skips unknown
+     * types without a report, so the count of cheap frames adds them from this field. */
     unsigned odd;
 };
 
@@ -38,12 +39,13 @@ typedef int (*umbd_emit_fn)(void *user, const uint8_t *bytes, size_t count);
 
 void umbd_h2_filter_init(struct umbd_h2_filter *filter);
 
-/* Passes bytes on, in one or more pieces. Returns 0 or what emit returned to stop. */
+/* Passes bytes to `emit`, in one or more pieces. Returns 0, or the value with which emit
+ * stopped. */
 int umbd_h2_filter_feed(struct umbd_h2_filter *filter, const uint8_t *bytes, size_t count,
                         umbd_emit_fn emit, void *user);
 
-/* Bytes still to come of the current DATA frame, and its stream; 0 outside of one. The frame holds
- * nothing else. */
+/* Returns how many bytes of the current DATA frame are still to come, and the frame's stream; 0 if
+ * the current frame is no DATA frame or contains padding. */
 uint32_t umbd_h2_filter_data_left(const struct umbd_h2_filter *filter, uint32_t *stream_id);
 
 /* 1 if that stream was reset before it was opened; reported once. */

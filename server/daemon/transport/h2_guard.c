@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Token bucket and header budget, in integers: no rounding can lose or make tokens. */
+/* Token bucket and header budget. Both use integers, so rounding neither loses nor makes tokens. */
 #include "daemon/transport/h2_guard.h"
 
 void umbd_bucket_init(struct umbd_bucket *bucket, uint32_t burst, uint32_t per_second,

@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_H2_GUARD_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_H2_GUARD_H
 /*
- * Counting what nghttp2 does not count: decoded header bytes of one block, and cheap frames of one
- * connection. Pure arithmetic on the caller's storage; the connection decides what to do.
+ * Counters for two things that nghttp2 does not count: decoded header bytes of one block, and cheap
+ * frames of one connection. The functions are pure arithmetic on the caller's memory; the
+ * connection decides what to do.
  *
  * Measured on nghttp2 1.52: without a count one 16 kB header block decodes to 48 MB, and 300 000
  * PING, SETTINGS, PRIORITY, empty DATA or unknown frames pass without a limit.
@@ -17,14 +18,14 @@
 #define UMBD_CONTROL_BURST     1000 /* number of control frames at once */
 #define UMBD_CONTROL_RATE      200  /* control frames a second after the burst */
 #define UMBD_CONTROL_CREDIT    8    /* number of control frames that a sent DATA frame pays for */
-/* bytes: a shorter DATA frame that ends no stream counts as a control frame */
+/* Bytes: a DATA frame with fewer bytes that ends no stream counts as a control frame */
 #define UMBD_TINY_DATA 256
-/* A received DATA frame of at least this many bytes pays for the scraps and WINDOW_UPDATEs that
- * come with it: HAProxy 2.6 sends 0.9 and 0.4 of them for every frame of some 16 KiB. */
+/* Bytes of a DATA frame that pays for the small DATA frames and WINDOW_UPDATEs that come with it.
+ * HAProxy 2.6 sends 0.9 and 0.4 of them for every frame of about 16 KiB. */
 #define UMBD_LONG_DATA   4096
 #define UMBD_LONG_CREDIT 4
 
-/* A token bucket: tokens flow in at a rate up to a burst; each event takes some. */
+/* A token bucket: tokens are added at a rate, up to a burst; each event takes some. */
 struct umbd_bucket {
     uint64_t tokens_ns; /* Level, in nanoseconds of inflow */
     uint64_t burst_ns;
@@ -32,7 +33,7 @@ struct umbd_bucket {
     uint64_t last_ns;
 };
 
-/* Starts full. In: per_second: 1..1e9; burst * (1e9 / per_second) must fit 63 bits. */
+/* Starts a full bucket. In: per_second: 1..1e9; burst * (1e9 / per_second) must fit 63 bits. */
 void umbd_bucket_init(struct umbd_bucket *bucket, uint32_t burst, uint32_t per_second,
                       uint64_t now_ns);
 
@@ -47,7 +48,7 @@ struct umbd_header_budget {
     uint32_t fields, bytes;
 };
 
-/* Counts one field; returns 1, or 0 if the request is over its limits with it. */
+/* Counts one header field. Returns 1, or 0 if the request's headers now exceed a limit. */
 int umbd_header_take(struct umbd_header_budget *budget, size_t name_bytes, size_t value_bytes);
 
 #endif

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Opening listeners and accepting. When descriptors run out, new connections stay in the kernel's
- * queue until a descriptor is free (acceptor.h); an idle connection is closed if there is one. The
- * event is counted, and logged at a limited rate.
+ * Opening listeners and accepting connections. When descriptors run out, new connections stay in
+ * the kernel's queue until a descriptor is free (acceptor.h). An idle connection is closed, if
+ * there is one, to free a descriptor. The shortage is counted, and logged at a limited rate.
  */
 #define _GNU_SOURCE /* O_PATH */
 #include "daemon/transport/listener.h"
@@ -78,9 +78,9 @@ static void remove_stale(const char *path)
 }
 
 /*
- * Sets the permissions of a bound socket's name, which the umask may have reduced. The name is
- * opened without following a link and must be a socket of this user, so a name that others put
- * there meanwhile is left alone. Returns 0 or -errno.
+ * Sets the permissions of a bound Unix socket's file, which the umask may have reduced. The file is
+ * opened without following a link and must be a socket of this user. A file that another user put
+ * there meanwhile is therefore left alone. Returns 0 or -errno.
  */
 static int permit(const char *path, mode_t mode)
 {
@@ -103,7 +103,7 @@ static int permit(const char *path, mode_t mode)
     return code;
 }
 
-/* Clients can connect only after listen, so the permissions are set in time. */
+/* The permissions are set before listen, and clients can connect only after listen. */
 static int bind_unix(struct umbd_listener *listener, const struct umbn_address *address, int *fd)
 {
     struct sockaddr_un name = {.sun_family = AF_UNIX};
@@ -122,8 +122,8 @@ static int bind_unix(struct umbd_listener *listener, const struct umbn_address *
     return code;
 }
 
-/* Writes the listener's address. Only now port 0 has become a real one, and an inherited socket
- * reports its own address. */
+/* Writes the listener's address. It is known only after the bind: port 0 has become a real port,
+ * and an inherited socket reports its address. */
 static void name_listener(struct umbd_listener *listener)
 {
     static const char *const prefixes[] = {
@@ -216,8 +216,8 @@ static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct
                                 text, uv_strerror(code));
 }
 
-/* Protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening stream socket;
- * as check_reach). */
+/* Finds the protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening
+ * stream socket; as check_reach). */
 static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, int is_tls,
                                         enum umbn_transport *transport, struct umb_error *error)
 {
@@ -251,7 +251,8 @@ static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
                         "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
     }
     UMB__TRY(make_listener(loop, transport, &listener, error));
-    /* The path is the manager's, which keeps the socket: it is not removed at the end. */
+    /* The path belongs to the service manager, which keeps the socket; so it is not removed at the
+     * end. */
     int code = start(listener, fd, "service_manager");
     return code == 0
                ? UMB_OK

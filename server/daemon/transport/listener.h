@@ -17,11 +17,10 @@ struct umbd_listener {
 };
 
 /*
- * Opens the sockets that the service manager hands over, or, if there are none, all addresses of
- * the options. A stale Unix socket, on which no process answers, is replaced; any other file at
- * that path is left alone.
- * Fails: E_UNAVAILABLE (in use, no permission), E_ARGUMENT (unknown host), E_NO_MEMORY; call
- * umbd_listeners_close for those already open.
+ * Opens the sockets that the service manager passes, or, if there are none, all addresses of the
+ * options. A stale Unix socket, on which no process answers, is replaced; any other file at that
+ * path is left alone. After a failure call umbd_listeners_close for the sockets already open.
+ * Fails: E_UNAVAILABLE (in use, no permission), E_ARGUMENT (unknown host), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error);
 

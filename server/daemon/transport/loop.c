@@ -46,7 +46,7 @@ void umbd_loop_forget(struct umbd_conn *conn)
     conn->dirty = 0;
 }
 
-/* Starts a connection's turn: the time of a turn counts from zero in each wake-up. */
+/* Starts a connection's turn. In each wake-up of the loop the connection's time starts at zero. */
 static void begin_turn(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;

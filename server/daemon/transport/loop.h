@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
 /*
- * One event loop: it owns its listeners and connections. loop_group.h makes the loops and runs
- * them; they share only the server.
+ * One event loop, with its listeners and connections. loop_group.h creates and runs the loops,
+ * which share only the server.
  */
 #include <pthread.h>
 #include <uv.h>
@@ -65,7 +65,8 @@ struct umbd_loop {
     uint8_t *read_buffer; /* [UMBD_READ_BYTES] */
     uint8_t *out;         /* [UMBD_OUT_CAPACITY], output of the connection being flushed */
     size_t out_size;
-    uint8_t *sealed; /* [UMBD_SEALED_CAPACITY] records of that connection; NULL until one has TLS */
+    uint8_t *sealed; /* Sealed records of one connection, [UMBD_SEALED_CAPACITY] bytes; NULL until a
+                        connection uses TLS */
     size_t sealed_size;
     uint64_t inline_ns;    /* Time spent on small batches in this wake-up */
     uint64_t inline_at_ms; /* Time of that wake-up, uv_now */
@@ -75,22 +76,23 @@ struct umbd_loop {
     struct umbd_bucket log_budget; /* Warnings about peers: an attack must not fill a disk */
 };
 
-/* Flushes a connection after others had their turn. umbd_loop_forget: cancels that. */
+/* Flushes a connection after other connections had their turn. umbd_loop_forget cancels such a
+ * flush. */
 void umbd_loop_flush_later(struct umbd_conn *conn);
 void umbd_loop_forget(struct umbd_conn *conn);
 
 /* Marks a connection that must be flushed when the loop has taken its finished tasks. */
 void umbd_loop_mark(struct umbd_conn *conn);
 
-/* 1 if small work of the connection may be done in this wake-up. _began: start of the current work,
- * which is the end of the last one in this event, so the clock is read once for each; _spent: the
- * current work ends now. */
+/* Returns 1 if the connection may do small work in this wake-up. _began returns the start of the
+ * current work: the end of the last work in this event, so each piece of work reads the clock once.
+ * _spent ends the current work and counts its time. */
 int umbd_conn_has_turn(struct umbd_conn *conn);
 uint64_t umbd_conn_began(struct umbd_conn *conn);
 void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns);
 
-/* Time of uv_hrtime when the event began, in steps of a millisecond. For budgets of frames, where
- * reading the clock would cost more than the frame. */
+/* Returns the time of uv_hrtime at which the event began, in steps of a millisecond. Budgets of
+ * frames use it, because reading the clock would cost more than the frame. */
 uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop);
 
 /* 1 if a warning about a peer may be logged now. */
@@ -102,7 +104,7 @@ static inline uint64_t umbd_loop_now_ms(const struct umbd_loop *loop)
     return uv_now(&loop->uv);
 }
 
-/* The loop with the fewest connections; the loop after this one, in a ring. */
+/* _idlest returns the loop with the fewest connections. _after returns the next loop in a ring. */
 struct umbd_loop *umbd_loops_idlest(struct umbd_server *server);
 struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
 
@@ -114,19 +116,20 @@ struct umbd_handed {
     uint32_t refusals; /* Number of loops that had no room for it */
 };
 
-/* Hands an accepted socket to another loop; closes it if memory is short. */
+/* Passes an accepted socket to another loop; closes it if memory is short. */
 void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
                     uint32_t refusals);
 
-/* Makes every other loop begin its drain; the second call ends them at once. */
+/* Starts the drain of every other loop; a second call ends these loops at once. */
 void umbd_loops_drain(struct umbd_loop *from);
 
-/* Starts the drain of a loop (drain.c); a second call ends everything at once. _step: advances it,
- * with each tick. */
+/* Starts the drain of a loop (drain.c); a second call ends everything at once. _step advances the
+ * drain and is called with each tick. */
 void umbd_loop_drain(struct umbd_loop *loop);
 void umbd_loop_drain_step(struct umbd_loop *loop);
 
-/* Milliseconds since the last tick of the loop that ticked least recently. Any thread. */
+/* Returns the milliseconds since the last tick of the loop that ticked least recently. Any
+ * thread. */
 uint64_t umbd_loops_tick_age_ms(struct umbd_server *server);
 
 #endif

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The loops: timers, signals, and what they exchange. Loops exchange only sockets, in a list under
- * the receiver's mutex, and the order to drain, a counter; both wake the receiver by its async
- * handle.
+ * The loops: timers, signals, and data between loops. Loops exchange two things: sockets, in a list
+ * under the receiver's mutex, and the order to drain, a counter. For both the sender wakes the
+ * receiver by its async handle.
  *
- * No socket is lost at the end: the first loop takes sockets only while it listens. Sockets left in
- * the list of an ended loop are closed when all loops have ended.
+ * No socket is lost at the end: the first loop accepts sockets only while it listens, and sockets
+ * left in the list of an ended loop are closed when all loops have ended.
  */
 #define _GNU_SOURCE /* dup3 */
 #include "daemon/transport/loop_group.h"
@@ -39,11 +39,13 @@ static void on_event(uv_poll_t *poll, int status, int events)
 }
 
 /*
- * Grows the loop's table for all descriptors that the process may have (RLIMIT_NOFILE), which must
- * not be raised afterwards. libuv indexes this table by descriptor and ends the process if it
- * cannot grow, and a connection that comes when memory is short must not cause that. A short watch
- * on the highest descriptor grows the table. Fails: E_LIMIT. Cost: 8 bytes a descriptor; if memory
- * is short the process ends here, at boot. Source: libuv 1.44, src/unix/core.c, maybe_resize.
+ * Grows the loop's table for all descriptors that the process may have (RLIMIT_NOFILE). That limit
+ * must not be raised afterwards. libuv indexes this table by descriptor and ends the process if the
+ * table cannot grow; a connection that comes when memory is short must not cause that. A short
+ * watch on the highest descriptor makes libuv grow the table now.
+ * Fails: E_LIMIT.
+ * Cost:  8 bytes a descriptor; if memory is short the process ends here, at the start.
+ * Source: libuv 1.44, src/unix/core.c, maybe_resize.
  */
 static enum umb_status reserve_descriptors(uv_loop_t *loop, struct umb_error *error)
 {
@@ -58,7 +60,8 @@ static enum umb_status reserve_descriptors(uv_loop_t *loop, struct umb_error *er
         }
         return status;
     }
-    /* The highest number may be in use already (a sanitizer's, a parent's): then the one below. */
+    /* The highest descriptor may be in use by a sanitizer or a parent; then the next lower one is
+     * tried. */
     int high = -1;
     for (int number = (int)limit.rlim_cur - 1; high < 0 && number > fd; number--) {
         if (fcntl(number, F_GETFD) < 0) {
@@ -88,8 +91,8 @@ static void release_held(struct umbd_loop *loop)
     }
 }
 
-/* Takes the finished tasks, then flushes each connection once: the part that a flush leaves for
- * later comes with the loop's next turn. */
+/* Takes the finished tasks, then flushes each connection once. If a flush leaves data for later,
+ * the loop's next turn sends it. */
 static void collect_done(struct umbd_loop *loop)
 {
     const struct umbd_call_events *calls = loop->server->calls;
@@ -296,7 +299,8 @@ enum umb_status umbd_loops_run(struct umbd_server *server,
     if (status == UMB_OK) {
         run_first(&server->loops[0]);
     }
-    /* The first loop has ended for any reason: the others end now; most have already. */
+    /* The first loop has ended, for any reason. The other loops end now, if they have not ended
+     * already. */
     umbd_loops_drain(&server->loops[0]);
     umbd_loops_drain(&server->loops[0]);
     for (uint32_t i = 1; i < started; i++) {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_SERVER_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_SERVER_H
 /*
- * State that all loops share, and the functions by which the floors above take part in them. The
- * transport knows sockets, TLS and HTTP/2; what a stream carries is the calls' business.
+ * State that all loops share, and the tables of functions through which calls and daemon handle
+ * events. The transport knows sockets, TLS and HTTP/2; the calls interpret the content of a stream.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -17,38 +17,40 @@ struct umbd_conn;
 struct umbd_loop;
 struct umbd_server;
 
-/* Events for the calls, all on the connection's loop. Those of a stream come from nghttp2's
- * callbacks: they only queue frames. */
+/* Events for the calls, all on the connection's loop. Events of a stream come from nghttp2's
+ * callbacks, so their handlers only queue frames. */
 struct umbd_call_events {
-    /* A new stream. was_reset: 1 if the peer cancelled it before. NULL: no memory, or no budget. */
+    /* A new stream. was_reset: 1 if the peer has already cancelled it. Returns NULL if memory or a
+     * budget is exhausted. */
     struct umbd_call *(*open)(struct umbd_conn *conn, int32_t stream_id, int was_reset);
     /* A header field; 0 if the request's headers are over their budget. */
     int (*header)(struct umbd_call *call, const uint8_t *name, size_t name_size,
                   const uint8_t *value, size_t value_size);
     /* The header block is complete. Returns 0 if the stream was cancelled before. */
     int (*headers_end)(struct umbd_call *call);
-    /* Room in place for the next body bytes, at most `most`; 0 if there is none. */
+    /* Gives a place for the next body bytes, at most `most`. Returns its size; 0: there is no such
+     * place. */
     size_t (*room)(struct umbd_call *call, size_t most, uint8_t **place);
-    /* Body bytes. Returns how many of them the stream's window may open for again. */
+    /* Body bytes. Returns by how many of these bytes the stream's window may open again. */
     size_t (*data)(struct umbd_call *call, const uint8_t *bytes, size_t count);
     void (*request_end)(struct umbd_call *call);
     /* Copies `count` bytes of the reply for sending. */
     void (*take_body)(struct umbd_call *call, uint8_t *to, size_t count);
     void (*close)(struct umbd_call *call);
 
-    /* Of all calls of a connection. _is_sending: 1 if reply bytes wait. _tick: checks the timers;
-     * returns 0 if a header block takes too long. _pump: goes on with streams that waited for their
-     * turn. _last_call: ends those that would not end by themselves; may close the connection.
-     * _end: the connection closes. */
+    /* Events for all calls of a connection. _is_sending returns 1 if reply bytes wait. _tick checks
+     * the timers and returns 0 if a header block takes too long. _pump continues with streams that
+     * waited for their turn. _last_call ends calls that would not end by themselves; it may close
+     * the connection. _end ends all calls, because the connection closes. */
     int (*conn_is_sending)(const struct umbd_conn *conn);
     int (*conn_tick)(struct umbd_conn *conn, uint64_t now_ms);
     void (*conn_pump)(struct umbd_conn *conn);
     void (*conn_last_call)(struct umbd_conn *conn);
     void (*conn_end)(struct umbd_conn *conn);
 
-    /* Of a loop. _open: makes loop->home, _close: frees it. _woken: takes finished tasks. _settle:
-     * makes sure of the replies before HTTP/2 frames are made of them. _has_room: 1 if held
-     * connections may be read again. */
+    /* Events for a loop. _open creates loop->home, _close frees it. _woken takes finished tasks.
+     * _settle revalidates replies before HTTP/2 frames are made of them. _has_room returns 1 if
+     * connections that were held may be read again. */
     enum umb_status (*loop_open)(struct umbd_loop *loop, struct umb_error *error);
     void (*loop_close)(struct umbd_loop *loop);
     void (*loop_woken)(struct umbd_loop *loop);
@@ -86,10 +88,10 @@ struct umbd_server {
     atomic_uint stranger_watches;           /* Number of their health Watches */
 };
 
-/* Sets what the transport needs of the options. The caller then fills the pointers. */
+/* Initialises the server from the options. The caller then sets the pointers. */
 void umbd_server_init(struct umbd_server *server, const struct umbd_options *options);
 
-/* Counts bytes held. Returns 1, or 0 (nothing counted) if --max-buffer would be passed. */
+/* Counts bytes held. Returns 1; or 0, counting nothing, if --max-buffer would be exceeded. */
 int umbd_server_charge(struct umbd_server *server, size_t bytes);
 void umbd_server_uncharge(struct umbd_server *server, size_t bytes);
 

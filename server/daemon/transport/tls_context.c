@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Certificates and the rules of sessions. The current context is swapped under a mutex and counted
- * by OpenSSL, so a session that is being made keeps the one it began with.
+ * Certificates, and the rules for sessions. A reload replaces the current context under a mutex.
+ * OpenSSL counts references to contexts, so a session keeps the context with which it began.
  */
 #include "daemon/transport/tls_context.h"
 
@@ -58,10 +58,12 @@ static enum umb_status load_files(SSL_CTX *context, const struct umbd_tls_files 
             sk_X509_NAME_pop_free(names, X509_NAME_free);
             return umbn_tls_refuse_file(&named[3], error);
         }
-        /* With a missing or expired list of an authority, all its clients are refused. */
+        /* Every authority needs a current revocation list: if its list is missing or expired, all
+         * its clients are refused. */
         X509_STORE_set_flags(store, X509_V_FLAG_CRL_CHECK | X509_V_FLAG_CRL_CHECK_ALL);
     }
-    /* A ticket would admit a client again without a check of its certificate. */
+    /* No session tickets: a ticket would admit a client again without a check of its
+     * certificate. */
     SSL_CTX_set_options(context, SSL_OP_NO_TICKET);
     (void)SSL_CTX_set_num_tickets(context, 0);
     SSL_CTX_set_client_CA_list(context, names);

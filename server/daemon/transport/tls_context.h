@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_TLS_CONTEXT_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_TLS_CONTEXT_H
 /*
- * The server's certificate and key, and its demands on clients in addition to net/tls_rules.h: ALPN
- * "h2" and nothing else; with a client authority also a client's certificate (mutual TLS).
+ * The server's certificate and key, and its rules for clients in addition to net/tls_rules.h: only
+ * ALPN "h2" is accepted; with a client authority, a client also needs a certificate (mutual TLS).
  *
  * Threads: all functions from any thread; a session made before a reload keeps the old certificate.
  */
@@ -19,8 +19,8 @@ struct umbd_tls_files {
     const char *crl;         /* PEM file: their revocation lists; or NULL: none are checked */
 };
 
-/* Reads the files; their names must live as long as the object. Fails: E_NO_INPUT, E_ARGUMENT (a
- * wrong kind of file, the key of another certificate), E_NO_MEMORY. */
+/* Reads certificate files, whose names must live as long as the object. Fails: E_NO_INPUT,
+ * E_ARGUMENT (a wrong kind of file, the key of another certificate), E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_tls_create(const struct umbd_tls_files *files,
                                             struct umbd_tls **out, struct umb_error *error);
 void umbd_tls_destroy(struct umbd_tls *tls);
@@ -28,17 +28,19 @@ void umbd_tls_destroy(struct umbd_tls *tls);
 /* Reads the files again. On failure the earlier content stays in use. */
 UMB_CHECKED enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error);
 
-/* A new server-side session; SSL_free it. Out: generation: number of the files it was made of.
- * NULL: out of memory. */
+/* Makes a server-side session; SSL_free it. Returns NULL if memory is short. Out: generation:
+ * number of the reload whose files the session uses. */
 SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation);
 
-/* Number that grows with every reload: certificates of older sessions may no longer be accepted.
- * One atomic read. */
+/* Returns a number that grows with every reload. The certificate of a session with a lower number
+ * may no longer be accepted. Cost: one atomic read. */
 unsigned umbd_tls_generation(const struct umbd_tls *tls);
 
 /*
- * Verifies the certificate of a session's client by the current files. Returns 1 if it is accepted.
- * Out: generation: number of the files used. Cost: a handshake's verification.
+ * Verifies the certificate of a session's client with the current files. Returns 1 if it is
+ * accepted.
+ * Out:   generation: number of the reload whose files were used.
+ * Cost:  as the verification in a handshake.
  */
 int umbd_tls_admits(struct umbd_tls *tls, SSL *session, unsigned *generation);
 

@@ -8,7 +8,8 @@
 #include "daemon/work/batch.h"
 #include "tool/clock.h"
 
-/* Points of the smallest slice: a turn has a cost of its own, and answers fill cache lines. */
+/* Fewest points of a slice: each slice has a fixed cost, and the answers of a slice should fill
+ * whole cache lines. */
 #define SLICE_POINTS_MIN 256
 #define CPU_CLOCK_POINTS 256 /* slices with fewer points are timed by the wall clock */
 
@@ -55,7 +56,8 @@ enum umb_status umbd_batch_reuse(struct umbd_batch **spare,
     return UMB_OK;
 }
 
-/* Number of points of a slice, such that slices take about equally long, whatever a point costs. */
+/* Returns the number of points of a slice, chosen so that all slices take about equally long,
+ * whatever a point costs. */
 static size_t slice_points(const struct umbd_batch *batch)
 {
     const size_t parts = batch->part_count;
@@ -164,8 +166,9 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare)
     }
 }
 
-/* Reading the thread's CPU time is a system call of 0.7 us, longer than a few look-ups. For so few
- * the wall clock is more accurate: a thread switch hardly ever falls into such a short time. */
+/* Most look-ups that are timed by the wall clock. Reading the thread's CPU time is a system call of
+ * 0.7 us, longer than a few look-ups take. A thread switch hardly ever falls into such a short
+ * time, so the wall clock is more accurate there. */
 static uint64_t cost_clock_ns(size_t points)
 {
     return points < CPU_CLOCK_POINTS ? umbu_clock_ns() : umbu_thread_cpu_ns();
@@ -188,7 +191,7 @@ static struct umb_points sub_points(const struct umb_points *points, size_t firs
     return part;
 }
 
-/* Checks the footprints of pixels, with the messages of umb_points_check. */
+/* Checks the footprints of pixels, with the same messages as umb_points_check. */
 static enum umb_status check_pixels(const struct umbd_batch *batch, size_t first, size_t count,
                                     struct umb_error *error)
 {
@@ -214,8 +217,8 @@ static enum umb_status check_points(const struct umbd_batch *batch, size_t first
     if (umb_points_check(&part, error) == UMB_OK) {
         return UMB_OK;
     }
-    /* Checks again with indices of the whole batch in the message: all points before `first` are
-     * good. */
+    /* Repeats the check, so that the message has indices of the whole batch. All points before
+     * `first` are valid. */
     part = sub_points(&batch->points, 0, first + count);
     return umb_points_check(&part, error);
 }
@@ -227,7 +230,7 @@ struct slice {
     struct umb_answers *answers;
 };
 
-/* Runs one slice. It owns nothing, since it may be left midway if the asset's file is cut. */
+/* Runs one slice. The function owns nothing, because a fault in a cut file may end it midway. */
 static void run_slice(void *user)
 {
     const struct slice *slice = user;
@@ -240,8 +243,8 @@ static void run_slice(void *user)
                   slice->answers);
 }
 
-/* Checks and answers points first .. first + count - 1. Fails: E_ARGUMENT, naming the index within
- * the whole batch. result: zeroed, but for the error. */
+/* Checks and answers points first .. first + count - 1. In: result: zeroed, except for its error.
+ * Fails: E_ARGUMENT, naming the index within the whole batch. */
 static enum umb_status run(struct umbd_task *task, size_t first, size_t count,
                            struct umbd_slice_result *result)
 {

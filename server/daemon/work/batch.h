@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_SERVER_DAEMON_WORK_BATCH_H
 #define UMBRAGE_SERVER_DAEMON_WORK_BATCH_H
 /*
- * A batch: the points, or the picture, of one request, and their answers.
+ * A batch: the points or the picture of one request, and their answers.
  *
- * Life: umbd_batch_create, umbd_batch_add for each part. A small batch is then answered at once
- * (umbd_batch_run) into `values`. A large one gets memory for its answers (umbd_batch_reserve) and
- * goes to the workers as a task. umbd_batch_destroy frees it.
+ * Life: umbd_batch_create, then umbd_batch_add for each part. A small batch is answered at once
+ * (umbd_batch_run) into `values`. A large batch gets memory for its answers (umbd_batch_reserve)
+ * and goes to the workers as a task. umbd_batch_destroy frees the batch.
  */
 #include "daemon/base/daemon_metrics.h"
 #include "daemon/work/task.h"
@@ -50,7 +50,8 @@ struct umbd_batch {
     struct umbd_part *parts; /* [part_limit] */
     size_t part_limit;
     struct umb_points points;
-    /* Settings of all parts; light is that of the last one added, taps the largest of any. */
+    /* Settings of all parts. Its light is that of the last part added, its taps the largest of any
+     * part. */
     struct umb_query_settings settings;
     struct umb_dial dial; /* Chooses taps and level of each part, if it has a limit */
     const struct umb_calibration *calibration; /* For a budget, until the parts are added */
@@ -76,49 +77,52 @@ UMB_CHECKED enum umb_status umbd_batch_create(size_t part_limit,
                                               const struct umb_points *points,
                                               struct umbd_batch **out, struct umb_error *error);
 
-/* umbd_batch_create for at most one part, in the memory of *spare if there is any. _recycle, in
- * place of umbd_batch_destroy, keeps the memory there; it owns nothing, free() ends it. */
+/* The same as umbd_batch_create for at most one part, but uses the memory of *spare if there is
+ * any. umbd_batch_recycle, in place of umbd_batch_destroy, keeps the batch's memory in *spare; the
+ * memory owns nothing else, so free() releases it. */
 UMB_CHECKED enum umb_status umbd_batch_reuse(struct umbd_batch **spare,
                                              const struct umb_query_settings *settings,
                                              const struct umb_points *points,
                                              struct umbd_batch **out, struct umb_error *error);
 void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare);
 
-/* Adds a part; takes entry over, also on failure, unless is_borrowed is set. Fails: as
+/* Adds a part. Takes entry over, even on failure, unless is_borrowed is set. Fails: as
  * umb_query_prepare. */
 UMB_CHECKED enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry,
                                            uint32_t light, struct umb_error *error);
 
-/* Adds the one part of a reused batch again, if the last batch in its memory had the same part in
- * the same turn, and returns 1; else 0. entry: borrowed. */
+/* Adds the one part of a reused batch again. Returns 1; or 0 if the last batch in this memory had
+ * another part or belonged to another turn of the loop. entry: borrowed. */
 int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t turn);
 
-/* Allocates head_room bytes and the answers, and fills the task's functions and counts. Fails:
+/* Allocates head_room bytes and the answers, and sets the task's functions and counts. Fails:
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_batch_reserve(struct umbd_batch *batch, size_t head_room,
                                                struct umb_error *error);
 void umbd_batch_destroy(struct umbd_batch *batch);
 
-/* Checks and answers a whole batch on the calling thread; the results are in the task. */
+/* Checks and answers a whole batch on the calling thread, and stores the results in the batch's
+ * task. */
 void umbd_batch_run(struct umbd_batch *batch, struct umbd_metrics *metrics);
 
 /*
  * Pictures (picture_work.c): batches whose points are a picture's pixels, and whose answers are
- * packed against the stream's last ones.
+ * packed against the stream's last answers.
  *
- * A stream keeps the answers of its last packed reply (struct umbd_kept_picture). A request that
- * names them by their mark moves them into its batch. The worker that ends the batch packs, and
- * leaves the new answers there for the stream. If a batch fails they are lost with it: the next
- * reply is whole.
+ * A stream keeps the answers of its last packed reply (struct umbd_kept_picture). If a request
+ * names these answers by their mark, they are moved into the request's batch. The worker that ends
+ * the batch packs its answers and leaves the new ones in the batch for the stream. If a batch
+ * fails, the kept answers are lost, and the next reply is whole.
  */
 void umbd_kept_picture_drop(struct umbd_kept_picture *kept);
 
-/* Answers pixels first .. first + count - 1 of a batch with a picture. In: query, values: of one
+/* Answers pixels first .. first + count - 1 of a batch with a picture. In: query, answers: of one
  * part. first: a multiple of 8. */
 void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_query *query,
                            size_t first, size_t count, struct umb_answers *answers);
 
-/* Packs a batch's answers; called once, at its end. Fails: E_NO_MEMORY, as umb_picture_pack. */
+/* Packs a batch's answers; called once, after the last slice. Fails: E_NO_MEMORY, as
+ * umb_picture_pack. */
 UMB_CHECKED enum umb_status umbd_picture_work_pack(struct umbd_batch *batch,
                                                    struct umb_error *error);
 

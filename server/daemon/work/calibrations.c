@@ -8,7 +8,7 @@
 #include <string.h>
 
 #define SLOTS 256 /* 60 KiB */
-/* Points; smaller batches are calibrated on points that the library makes. */
+/* Points: a batch with fewer is calibrated on points that the library makes. */
 #define FEW           8192
 #define PAIRS         256  /* pairs of consecutive points that are compared */
 #define NEAR_IN_EDGES 32.0 /* distance of near points in voxel edges: mostly in the same bricks */

@@ -2,9 +2,10 @@
 #ifndef UMBRAGE_SERVER_DAEMON_WORK_CALIBRATIONS_H
 #define UMBRAGE_SERVER_DAEMON_WORK_CALIBRATIONS_H
 /*
- * Measured costs of settings on this machine, in nanoseconds a point. The table keeps the last few
- * hundred, for each light of each asset and each kind of points that a budget has used. The key is
- * the asset's id, so a file that is loaded again need not be measured again.
+ * Measured costs of settings on this machine, in nanoseconds for each point. The table has an entry
+ * for each light of each asset and each kind of points for which a budget was used. It keeps the
+ * last few hundred entries. The key contains the asset's id, so a file that is loaded again need
+ * not be measured again.
  *
  * Threads: all functions but create and destroy from any thread.
  */
@@ -19,8 +20,9 @@ enum umbd_point_kind {
     UMBD_POINT_KINDS,
 };
 
-/* Kind of a batch's points for a light. are_depths: the batch holds a picture's depths, one number
- * a pixel, which lie next to each other. Cost: reads 512 points at most; allocates nothing. */
+/* Returns the kind of a batch's points for a light. are_depths: 1 if the batch has a picture's
+ * depths, one number for each pixel in the picture's order. Cost: reads 512 points at most;
+ * allocates nothing. */
 enum umbd_point_kind umbd_point_kind_of(const struct umb_asset *asset, uint32_t light,
                                         const struct umb_points *points, int are_depths);
 

@@ -44,8 +44,9 @@ void umbd_picture_work_run(const struct umbd_batch *batch, const struct umb_quer
     umb_picture_fill(&picture, first, count, format, values);
 }
 
-/* Packs the whole answers, and the changes if there is a base, and keeps the shorter form. If the
- * whole picture moves, its borders change twice, and the whole form is shorter. */
+/* Packs the whole answers, and also the changes if there is a base, and keeps the shorter form. If
+ * the whole picture moves, the whole form is shorter: each shadow border then appears twice among
+ * the changes. */
 static enum umb_status pack_shorter(struct umbd_batch *batch, uint8_t *scratch, uint8_t *other,
                                     struct umb_error *error)
 {

@@ -2,18 +2,19 @@
 /*
  * The worker pool.
  *
- * Waiting tasks form a ring of lanes: the first task of each connection is in the ring and its
- * later ones follow it in a list. A worker takes a slice of the ring's first lane and moves the
- * lane to the back, so turns go round between connections. A slice may take many turns, as one
- * large box does. Its lane pays in advance: it gives up that many turns while other lanes want
- * them. So lanes of small slices do not wait for it again and again.
+ * Waiting tasks form a ring of lanes, one for each connection: the ring has the first task of each
+ * lane, and the lane's later tasks follow that task in a list. A worker takes a slice of the ring's
+ * first lane and moves the lane to the back, so connections take turns. A slice may count as many
+ * turns, such as one with a large box. Its lane pays in advance: it gives up that many turns while
+ * other lanes want them. So lanes of small slices do not wait for large slices again and again.
  *
- * Invariants, under the mutex: a task is linked exactly while it has records not handed out. The
- * thread that finds it neither linked nor in flight gives it back (done). That happens once,
- * because both states end only under the same mutex. `done` is called without the mutex.
+ * Invariants, under the mutex: a task is linked exactly while some of its records are not handed
+ * out. When a task is neither linked nor in flight, the thread that finds this gives it back
+ * (done). That happens once, because both states end only under the same mutex. `done` is called
+ * without the mutex.
  *
- * The first error in record order wins: slices are handed out in order, so every slice before a
- * failed one has been handed out and will report before the task is given back.
+ * The first error in record order wins. Slices are handed out in order, so all slices before a
+ * failed one have been handed out and report before the task is given back.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -150,14 +151,15 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_task *task, size_t f
     }
 }
 
-/* Whether a lane's head has given up enough turns. An expired head is due, so that it is failed. */
+/* Returns 1 if a lane's head has given up enough turns. An expired head counts as due, so that it
+ * is failed. */
 static int is_due(const struct umbd_task *head)
 {
     return head->waited + 1 >= head->turns ||
            (head->deadline_ns != 0 && umbu_clock_ns() >= head->deadline_ns);
 }
 
-/* Moves the lane whose turn it is to the front of the ring, which is not empty. */
+/* Moves the lane whose turn it is to the front of the ring. The ring must not be empty. */
 static void turn_ring(struct umbd_pool *pool)
 {
     const struct umbd_task *const last = pool->last;
@@ -185,8 +187,8 @@ static void turn_ring(struct umbd_pool *pool)
 
 /*
  * Hands out the next slice of the ring's first lane. Returns the task with *count records from
- * *first on. *count is 0 if the task expired and must be given back. Returns NULL if there was
- * none to run (an expired task whose other slices still run).
+ * *first on. If the task expired and must be given back, *count is 0. Returns NULL if there is
+ * nothing to run because an expired task still has slices under way.
  */
 static struct umbd_task *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
 {
@@ -334,9 +336,10 @@ static enum umb_status queue_full(const struct umbd_pool *pool, struct umb_error
 }
 
 /*
- * Takes the last task of the longest lane out of a full queue, if that lane stays the longer one
- * with a further task of this lane. Otherwise a few greedy connections would fill the queue. Only
- * heads are ever begun, and the victim is not a head. Returns it, to be given back, or NULL.
+ * Removes the last task of the longest lane from a full queue, to make room for a task of `lane`.
+ * The longest lane must still be longer than `lane` with the new task. Otherwise a few greedy
+ * connections would fill the queue. The removed task is never a head, and only heads are ever
+ * begun. Returns the task, to be given back, or NULL.
  */
 static struct umbd_task *make_room(struct umbd_pool *pool, uint64_t lane)
 {

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The store's own thread: rescans, checks and frees, away from the loops.
+ * The store's own thread: it rescans, checks and frees assets, so that the loops do not.
  *
- * It sleeps in one poll, on the folders' events and on a counter that other threads raise to wake
- * it.
+ * It sleeps in one poll, on the folders' events and on a counter by which other threads wake it.
  */
 #define _GNU_SOURCE /* eventfd and inotify are Linux's */
 #include "daemon/work/store_watch.h"
@@ -48,7 +47,7 @@ struct umbd_store_watch {
     const struct umbs_log *log;
 };
 
-/* Watches a folder of the store and its subfolders; those already watched stay so. */
+/* Watches a folder of the store and its subfolders. Folders that are already watched stay so. */
 static void watch_folder(struct umbd_store_watch *watch, const char *path)
 {
     int bad = inotify_add_watch(watch->folders, path, FOLDER_EVENTS) < 0;
@@ -102,7 +101,7 @@ static void scan(struct umbd_store_watch *watch)
                           (report.unsettled ? UMBS_STORE_SETTLE_MS : UMBD_RESCAN_S * 1000);
 }
 
-/* Checks one asset if one is due; schedules the next so that the disk gets a rest. */
+/* Checks one asset if one is due, and schedules the next check so that the disk has pauses. */
 static void scrub(struct umbd_store_watch *watch)
 {
     uint64_t bytes = 0;
@@ -114,7 +113,7 @@ static void scrub(struct umbd_store_watch *watch)
     watch->scrub_at_ms = (uint64_t)umbu_clock_ms() + pause_ms;
 }
 
-/* Sleeps until woken, until a folder changes or until an action is due. Returns 1 if a folder
+/* Sleeps until it is woken, a folder changes, or an action is due. Returns 1 if a folder
  * changed. */
 static int wait_for_work(struct umbd_store_watch *watch)
 {
@@ -154,7 +153,8 @@ static void *watch_thread(void *argument)
         if (rescan) {
             struct timespec pause = {.tv_nsec = UMBD_RESCAN_PAUSE_MS * 1000000L};
             nanosleep(&pause, NULL);
-            /* A kick from here on asks for another scan: this one may have passed its folder. */
+            /* A kick from here on asks for another scan, because this scan may already have passed
+             * the changed folder. */
             atomic_store(&watch->kicked, 0);
             watch_folders(watch); /* before the scan, which then sees files in new folders */
             scan(watch);

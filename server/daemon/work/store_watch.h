@@ -5,7 +5,7 @@
  * The thread that rescans the store, checks assets again and frees retired ones, so that no loop
  * ever blocks on the disk. It scans when a folder of the store changes (inotify), when kicked
  * (SIGHUP, an asset taken out of use), and every 30 s in any case. It scans again soon while a new
- * file looks half copied. Between scans it checks the mapped files again, one by one.
+ * file seems half copied. Between scans it checks the mapped files again, one by one.
  */
 #include "store/store.h"
 #include "daemon/base/daemon_metrics.h"
@@ -21,7 +21,8 @@
 
 struct umbd_store_watch; /* opaque */
 
-/* Makes the object. The store may be opened with the callbacks below before the start. */
+/* Creates the object. Afterwards the store can be opened with the callbacks below, before the
+ * thread starts. */
 UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics,
                                                     const struct umbs_log *log,
                                                     struct umbd_store_watch **out,
@@ -30,8 +31,8 @@ UMB_CHECKED enum umb_status umbd_store_watch_create(struct umbd_metrics *metrics
 /*
  * Starts the thread on a store.
  *
- * In:    folders: the store's, NULL behind the last or UMBS_STORE_FOLDERS_MAX; borrowed.
- *        scrub_interval_ms: longest time between two checks of an asset, 0 = no checks.
+ * In:    folders: the store's folders, at most UMBS_STORE_FOLDERS_MAX, with NULL after the last;
+ *        borrowed. scrub_interval_ms: longest time between two checks of an asset; 0 = no checks.
  * Fails: E_LIMIT.
  */
 UMB_CHECKED enum umb_status umbd_store_watch_start(struct umbd_store_watch *watch,
@@ -51,10 +52,10 @@ void umbd_store_watch_retired(void *user);
 void umbd_store_watch_faulted(void *user);
 
 /*
- * Stops and joins the thread, frees the object; returns 1. NULL is allowed. Returns 0, with the
- * thread running and nothing freed, if it is busy with files for longer than UMBD_WATCH_END_MS: a
- * large asset takes minutes to load, too long for the end of a daemon. The process must then end by
- * _exit: the thread leaves a temporary that the next daemon sweeps.
+ * Stops and joins the thread, frees the object and returns 1. NULL is allowed. Returns 0 if the
+ * thread is busy with files for longer than UMBD_WATCH_END_MS. The thread then still runs and
+ * nothing is freed: loading a large asset takes minutes, too long for the end of a daemon. The
+ * process must then end by _exit; the thread leaves a temporary file that the next daemon removes.
  */
 int umbd_store_watch_destroy(struct umbd_store_watch *watch);
 

@@ -4,10 +4,10 @@
 /*
  * A task: work of one call away from its loop. Points, volume queries, maps, page ranges and
  * calibrations go to the worker pool (pool.h), job requests to the threads of the jobs
- * (service/job_request.h). All of them come back through `done`, and the loop finds the call by
- * (lane, stream_id), never by pointer, because the call may have ended.
+ * (service/job_request.h). All tasks return through `done`. The loop finds the call by (lane,
+ * stream_id), never by pointer, because the call may have ended.
  *
- * A kind of work embeds the task in a struct of its own, which `free` frees.
+ * Each kind of work has a struct that contains a task; the task's `free` frees that struct.
  */
 #include <stdatomic.h>
 #include <stddef.h>
@@ -26,16 +26,17 @@ struct umbd_slice_result {
 
 struct umbd_task {
     /*
-     * Does records first .. first + count - 1; disjoint slices run at once. Long work checks
-     * umbd_task_stopped now and then.
+     * Does records first .. first + count - 1. Slices that share no record may run at the same
+     * time. Long work checks umbd_task_stopped now and then.
      */
     enum umb_status (*run)(struct umbd_task *task, size_t first, size_t count,
                            struct umbd_slice_result *result);
     /* Called once when all slices have succeeded; or NULL. */
     enum umb_status (*end)(struct umbd_task *task, struct umb_error *error);
-    /* Called on the loop while the call exists: answers it, also after a failure. */
+    /* Answers the call, even after a failure. Called on the loop if the call still exists. */
     void (*answer)(struct umbd_call *call, struct umbd_task *task);
-    /* Frees the whole: after `answer`, unless is_kept is set, or when the call has ended. */
+    /* Frees the struct that contains the task. Called after `answer`, unless is_kept is set, or
+     * when the call has ended. */
     void (*free)(struct umbd_task *task);
     int is_kept;       /* 1: the call keeps the task after `answer` */
     size_t count;      /* Number of records */
@@ -74,7 +75,7 @@ struct umbd_task {
     struct umb_error error; /* A result, valid only if status is not OK: never cleared */
 };
 
-/* UMB_OK while the call waits for the task; else the status that ended the wait. */
+/* Returns UMB_OK while the call waits for the task; else the status that ended the wait. */
 enum umb_status umbd_task_stopped(const struct umbd_task *task);
 
 #endif

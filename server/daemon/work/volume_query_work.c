@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See volume_query_work.h. A slice is answered in chunks: the library's structs on the stack, then
- * each of their fields into its array. Between chunks it checks whether the call still waits.
+ * Work of volume queries, see volume_query_work.h. A slice is answered in chunks: first into
+ * structs of the library on the stack, then from each field of them into the field's array. Between
+ * chunks the slice checks whether the call still waits.
  */
 #include "daemon/work/volume_query_work.h"
 
@@ -13,7 +14,7 @@
 
 #define CHUNK 64
 
-/* A slice in progress. It owns nothing, since it may be left midway if the asset's file is cut. */
+/* A slice in progress. It owns nothing, because a fault in a cut file may end it midway. */
 struct slice {
     struct umbd_volume_query *volume_query;
     size_t first, count;
@@ -53,8 +54,8 @@ static struct umb_segments sub_pairs(const struct umbw_volume_query_request *req
     return pairs;
 }
 
-/* Checks records first .. first + count - 1; with first 0, indices count from the message's
- * start. */
+/* Checks records first .. first + count - 1. With first 0, errors count records from the start of
+ * the message. */
 static enum umb_status check_some(const struct umbw_volume_query_request *request, size_t first,
                                   size_t count, struct umb_error *error)
 {
@@ -75,7 +76,8 @@ static enum umb_status check(const struct umbw_volume_query_request *request, si
     if (check_some(request, first, count, error) == UMB_OK) {
         return UMB_OK;
     }
-    /* Checks again with indices of the whole batch in the message: all before `first` are good. */
+    /* Repeats the check, so that the message has indices of the whole batch. All records before
+     * `first` are valid. */
     return check_some(request, 0, first + count, error);
 }
 

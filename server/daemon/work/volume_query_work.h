@@ -2,16 +2,17 @@
 #ifndef UMBRAGE_SERVER_DAEMON_WORK_VOLUME_QUERY_WORK_H
 #define UMBRAGE_SERVER_DAEMON_WORK_VOLUME_QUERY_WORK_H
 /*
- * Segments, columns and boxes of one request, answered by workers in slices. This is the work of a
- * slice (volume_query_work.c); service/service_volume_queries.c makes and ends it.
+ * Segments, columns and boxes of one request, answered by workers in slices. volume_query_work.c
+ * does the work of a slice; service/service_volume_queries.c submits the task and sends the reply.
  */
 #include "daemon/work/task.h"
 #include "store/store.h"
 #include "umbrage/volume.h"
 #include "wire/volume_queries.h"
 
-/* Steps after which a box fails (umbrage/volume.h): most of a second. A brick that its sides cut
- * takes 64 steps and 1 to 3 us. A worker's slice with that box ends no earlier. */
+/* Most steps of a box; one with more fails (umbrage/volume.h). That many steps take most of a
+ * second: a brick that the box's sides cut takes 64 steps and 1 to 3 us. A slice with such a box
+ * occupies a worker for that time. */
 #define UMBD_BOX_STEPS_MAX (1U << 24)
 
 struct umbd_volume_query {
@@ -21,7 +22,7 @@ struct umbd_volume_query {
     struct umbs_entry *entry;                 /* Version that answers, owned */
     struct umb_volume volume;
     uint8_t *answers; /* All answers, owned */
-    /* Arrays of a reply; but each segment has room for as many intervals as were requested. */
+    /* Arrays of a reply. Here each segment has room for as many intervals as the request allows. */
     uint8_t *fields[UMBW_ANSWER_FIELDS];
     struct umbw_buffer reply; /* Reply with its prefix, owned */
 };
@@ -29,12 +30,13 @@ struct umbd_volume_query {
 /* The records in the library's form. */
 struct umb_segments umbd_volume_query_pairs(const struct umbw_volume_query_request *request);
 
-/* Answers a slice; `run` of the task. Fails: E_ARGUMENT (a number that is not finite), E_TOO_LARGE
- * (a box with too many steps), E_DEADLINE, E_CANCELLED; as umbs_entry_read. */
+/* Answers a slice; it is the `run` of a task. Fails: E_ARGUMENT (a number that is not finite),
+ * E_TOO_LARGE (a box with too many steps), E_DEADLINE, E_CANCELLED; as umbs_entry_read. */
 UMB_CHECKED enum umb_status umbd_volume_query_run(struct umbd_task *task, size_t first,
                                                   size_t count, struct umbd_slice_result *result);
 
-/* Makes the reply of all answers, once; `end` of the task. Fails: E_NO_MEMORY, E_TOO_LARGE. */
+/* Makes the reply of all answers, once; it is the `end` of a task. Fails: E_NO_MEMORY,
+ * E_TOO_LARGE. */
 UMB_CHECKED enum umb_status umbd_volume_query_end(struct umbd_task *task, struct umb_error *error);
 
 #endif
