@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hash-consing of bricks and nodes, level by level: look-ups and additions one at a time. Also the
- * octree that a pool becomes. */
+/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist once a level
+ * (hash-consing). The file also turns a pool into an octree. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 
@@ -157,7 +157,8 @@ static uint32_t node_add(struct umb__pool_level *level, const struct umb__node_k
 {
     const uint32_t number = level->count++;
     level->masks[number] = (uint16_t)key->words[0];
-    /* Always copies eight children: there is room, and a fixed length is faster than a loop. */
+    /* Always copies eight children: the array has room for them, and a fixed length is faster than
+     * a loop. */
     memcpy(level->children + level->child_count, key->words + 1, 8 * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;

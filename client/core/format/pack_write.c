@@ -56,7 +56,8 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb__cont
     return status;
 }
 
-/* Computes the places of pages and blocks, and the blocks' checks and hashes. False: no digest. */
+/* Computes the places of pages and blocks, and the checksums and hashes of the blocks. Returns
+ * false if no digest could be made. */
 static bool lay_out(struct writer *w, struct umb__head *head)
 {
     const uint32_t count = w->pages.order.page_count;

@@ -55,7 +55,8 @@ struct umb_derive_settings {
      */
     struct umb_map_settings map;
     const struct umb_camera *camera; /* View that the cascades divide; not read without cascades */
-    /* Cascades; count 0: one map, of rect. Their `resolution` is not read: each has `width`. */
+    /* Cascades of one camera; count 0: one map, of rect. The field `resolution` is not read: each
+     * cascade has `width`. */
     struct umb_cascade_settings cascades;
     int (*cancelled)(void *user); /* Called for each row; nonzero stops. May be NULL */
     void *cancel_user;            /* First argument of `cancelled` */

@@ -92,7 +92,7 @@ UMB_API const char *umb_status_text(enum umb_status status);
 UMB_API enum umb_status umb_fail(struct umb_error *error, enum umb_status status,
                                  const char *format, ...) UMB_PRINTF(3, 4);
 
-/* As umb_fail, with the errno of a failed system call; its text is appended to the message. */
+/* Works as umb_fail, for a failed system call. The text of its errno is appended to the message. */
 UMB_API enum umb_status umb_fail_errno(struct umb_error *error, enum umb_status status,
                                        int system_error, const char *format, ...) UMB_PRINTF(4, 5);
 
