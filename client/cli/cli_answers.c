@@ -6,8 +6,7 @@
 #include <string.h>
 #include "tool/tool_try.h"
 
-/* Returns true for raw answers, which go to a file. stdout then gets only the JSON object, at the
- * end. */
+/* Returns true for raw answers, which go to a file. stdout then gets the JSON object only. */
 static bool is_raw(const struct umbc_answers *answers)
 {
     return answers->options->encoding != UMBC_ENCODING_TEXT;
@@ -39,8 +38,7 @@ static float float_at(const void *values, size_t i)
     return ((const float *)values)[i];
 }
 
-/* Returns true if JSON has a list of lights: for several lights, and with --light all also for
- * one. */
+/* Returns true if JSON has a list of lights: for several lights, or with --light all. */
 static bool is_list(const struct umbc_query_options *options, size_t light_count)
 {
     return light_count != 1 || options->all_lights;

@@ -146,7 +146,7 @@ static enum umb_status add_path(struct gathering *g, const char *path, bool *add
     return UMB_OK;
 }
 
-/* Counts a look-up of a name, and fails after too many: a scene of a gigabyte may hold millions of
+/* Counts a look-up of a name, and fails after too many: a large scene may hold millions of
  * names. */
 static enum umb_status count_name(struct gathering *g)
 {
@@ -408,8 +408,7 @@ static enum umb_status look_through(struct gathering *g, const char *scene)
     return status;
 }
 
-/* Returns the length in bytes of the deepest folder that holds all files, with the slash at its
- * end. */
+/* Returns the length in bytes, with its slash, of the deepest folder that holds all files. */
 static size_t common_folder(const struct umbc_bundle *bundle)
 {
     const char *first = bundle->files[0].source;

@@ -35,8 +35,7 @@ static const char *light_kind(enum umb_light_kind kind)
     return "unknown";
 }
 
-/* Number of times in each row: nanoseconds a point for scattered points, and for neighbouring
- * points. */
+/* Number of times in a row: nanoseconds a point for scattered and for neighbouring points. */
 #define CURVE_COSTS 2
 
 /* Prints a light's curve as an indented table; prints nothing if it has no rows. In: ns: for each

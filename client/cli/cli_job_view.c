@@ -130,8 +130,7 @@ static bool may_pass(enum umb_status status)
            status == UMB_E_BUSY || status == UMB_E_CANCELLED || status == UMB_E_PROTOCOL;
 }
 
-/* Watches a job until it is over. Out: view: status without texts; plan: the caller calls
- * free(). */
+/* Watches a job until it is over. Out: view: status without texts; plan: for free(). */
 static enum umb_status watch(struct umb_client *client, const char *job, bool quiet,
                              struct view *out, struct umb_error *error)
 {

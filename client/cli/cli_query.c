@@ -183,8 +183,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     return UMB_OK;
 }
 
-/* Reads the next points and their footprints. Out: a count of 0 means that both inputs have
- * ended. */
+/* Reads the next points and their footprints. Out: count: 0 at the end of both inputs. */
 static enum umb_status read_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
     const char *name = job->options->footprints;

@@ -29,8 +29,7 @@ static bool own_folder(char folder[PATH_SIZE])
     return true;
 }
 
-/* Makes the argument list: program, word (if not NULL), arguments, NULL. The list borrows the
- * strings. */
+/* Makes the argument list: program, word (if not NULL), arguments, NULL. Strings are borrowed. */
 static char **make_arguments(const char *program, const char *word, char **arguments)
 {
     size_t count = 0, at = 0;

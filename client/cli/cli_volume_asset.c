@@ -83,8 +83,7 @@ static struct umb_volume_query volume_query_of(const struct umbc_volume_asset *a
                                      .light = asset->options->settings.light};
 }
 
-/* Stores the id of the asset's version that answered. Fails if another reply came from another
- * version. */
+/* Stores the id of the asset that answered. Fails if an earlier reply has another id. */
 static enum umb_status take_reply(struct umbc_volume_asset *asset,
                                   const struct umb_volume_query_reply *reply,
                                   struct umb_error *error)

@@ -186,8 +186,7 @@ static void swap_point(float *a, float *b)
     memcpy(b, kept, sizeof kept);
 }
 
-/* Keeps the segments that cross a shadow boundary, each with the lit end first. Returns their
- * number. */
+/* Keeps the segments that cross a shadow boundary, lit end first. Returns their number. */
 static size_t keep_crossing(const struct hunt *hunt)
 {
     size_t kept = 0;

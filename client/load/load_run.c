@@ -138,8 +138,7 @@ static void note_end(const struct run *run, struct umbc_load_result *result)
     result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
 }
 
-/* Computes the daemon's processor time in the window. If that fails, the measurement is still
- * valid. */
+/* Computes the daemon's processor time in the window. The run is valid without it. */
 static void look_at_costs(const struct run *run, struct umbc_load_result *result)
 {
     struct umbc_server_figures figures;

@@ -213,8 +213,7 @@ struct round {
     struct umb_error *error;
 };
 
-/* Adds byte ranges for items in ascending order. Items that are neighbours in the file share one
- * range. */
+/* Adds byte ranges for items in ascending order. Neighbours in the file share a range. */
 static void join_items(struct round *round, enum item_kind kind, const uint32_t *items,
                        size_t count)
 {

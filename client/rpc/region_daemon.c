@@ -214,8 +214,7 @@ static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *
     return true;
 }
 
-/* Hands over the complete ranges after a failure, so that the region does not request them
- * again. */
+/* Hands over the complete ranges after a failure: the region need not request them again. */
 static void hand_over_rest(const struct gathering *g, const struct umb_range *ranges, size_t count,
                            const struct gather_call *calls, size_t call_count, umb_range_fn got,
                            void *got_user)

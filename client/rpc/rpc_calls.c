@@ -233,8 +233,7 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error)
 {
-    /* A callback `done` may start new calls, but those go to the inbox, so this list only
-     * shrinks. */
+    /* `done` may start new calls, but new calls go to the inbox, so this list only shrinks. */
     while (list->first != NULL) {
         umb__call_complete(client, list->first, error->status, error);
     }

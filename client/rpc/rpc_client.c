@@ -135,8 +135,7 @@ static void stop_everything(struct umb_client *client)
         umb__calls_fail(client, &client->endpoints[i].waiting, &error);
     }
     while (client->connections != NULL) {
-        /* The loss of a connection completes its calls. No call is queued again once `stopped` is
-         * set. */
+        /* The loss completes the connection's calls. None is queued again once `stopped` is set. */
         umb__connection_lose(client->connections, &error);
     }
     uv_close((uv_handle_t *)&client->deadline_timer, NULL);
@@ -276,8 +275,7 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     }
 }
 
-/* A system call that lacked a resource may succeed later. Any other failure is a bug of this
- * library. */
+/* A call that lacked a resource may succeed later. Any other failure is our bug. */
 static enum umb_status lacks(int code)
 {
     return code == ENOMEM                                       ? UMB_E_NO_MEMORY

@@ -54,8 +54,7 @@ struct umb__call_list {
  * requests. A failure resets the call. Runs on the loop thread. */
 typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 
-/* Source of request bytes for a call without a body of its own; see rpc_stream.h. user: the call's
- * user. */
+/* Source of request bytes of a call without a body, see rpc_stream.h. user: the call's. */
 struct umb__source {
     size_t (*read)(void *user, uint8_t *buffer, size_t length); /* 0: none for now */
     void (*rewind)(void *user); /* the unanswered requests are sent again */

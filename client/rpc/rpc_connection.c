@@ -272,8 +272,7 @@ static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
     (void)suggested;
     struct umb__connection *connection = handle->data;
-    /* One buffer serves all connections, because libuv reads into it and calls back before the next
-     * alloc. */
+    /* One buffer serves all connections: libuv reads and calls back before the next alloc. */
     buffer->base = (char *)connection->client->receive_buffer;
     buffer->len = UMB__RECEIVE_BYTES;
 }
@@ -289,8 +288,7 @@ static void start_draining(struct umb__connection *connection)
     umb__session_give_back(connection);
 }
 
-/* Gives HTTP/2 bytes from the peer to the session. Returns false if the connection was lost by
- * that. */
+/* Gives HTTP/2 bytes from the peer to the session. Returns false if that lost the connection. */
 static int take_plain(void *user, const uint8_t *bytes, size_t count)
 {
     struct umb__connection *connection = user;
@@ -311,8 +309,7 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return 0;
 }
 
-/* Ends TLS after a failure, and sends the peer the reason, as far as the socket takes it at
- * once. */
+/* Ends TLS after a failure; sends the peer the reason, if the socket takes it at once. */
 static void lose_tls(struct umb__connection *connection, const struct umb_error *detail)
 {
     struct umb_error error;

@@ -73,8 +73,7 @@ static uint64_t bit_of(const struct umb__endpoint *endpoint)
     return (uint64_t)1 << (endpoint - endpoint->client->endpoints);
 }
 
-/* Returns the best replica not tried yet, if possible one not known to be down. NULL if all were
- * tried. */
+/* Returns the best untried replica, if possible one not known to be down; NULL: none. */
 static struct umb__endpoint *choose(struct umb_client *client, const struct umb__call *call)
 {
     struct umb__endpoint *best = NULL;

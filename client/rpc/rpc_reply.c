@@ -96,8 +96,7 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     return UMB_OK;
 }
 
-/* Stores the only message of a reply. Takes over the reader's block if it is the message, else
- * copies. */
+/* Stores a reply's only message: takes over the reader's block if it is one, else copies. */
 static enum umb_status keep_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umb__reply *reply = user;

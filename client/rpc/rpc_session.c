@@ -273,8 +273,7 @@ static bool is_header_value(const char *text)
     return text[0] != '\0';
 }
 
-/* The token is never put into HPACK's table: a proxy could be made to compare guesses with that
- * table. */
+/* Tokens never enter HPACK's table: a proxy could be made to compare guesses with it. */
 static nghttp2_nv secret_header(const char *name, const char *value)
 {
     nghttp2_nv pair = header(name, value);

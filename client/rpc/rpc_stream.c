@@ -85,8 +85,7 @@ static void fail_all(struct umb_client_stream *stream, const struct umb_error *r
     umb__calls_fail(stream->client, &stream->queue, reason);
 }
 
-/* Fails the oldest sent request with the server's status: a server ends a stream because of that
- * one request. */
+/* Fails the oldest sent request with the server's status: that request ended the stream. */
 static void refuse_oldest(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *oldest = stream->sent.first;

@@ -51,8 +51,7 @@ enum umb_status umb__tls_context_create(const struct umb_client_options *options
     return status;
 }
 
-/* Sets the name that the certificate must have: an address, or a host name, which is also sent to
- * the server. */
+/* Sets the certificate's required name: an address, or a host name, which is also sent. */
 static bool expect_name(SSL *session, const char *name)
 {
     unsigned char number[sizeof(struct in6_addr)];

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of calls: a blocking caller waits for a condition variable, an asynchronous one gets a
- * callback. */
+/* The ends of calls: a blocking caller waits on a condition variable, others get a callback. */
 #include "rpc_client.h"
 #include "base/reserved.h"
 
@@ -128,8 +127,7 @@ static void on_end(void *user, enum umb_status status, const uint8_t *message, s
     free(running);
 }
 
-/* Starts a call whose end is reported to `async`. Out: context: the call's copy of the context, or
- * NULL. */
+/* Starts a call whose end is reported to `async`. Out: context: the call's copy, or NULL. */
 static enum umb_status start(struct umb_client *client, struct umb__call_plan *plan,
                              struct umbw_buffer *body, const struct umb__ending *ending,
                              struct umb_client_async *async, struct umb_error *error)

@@ -41,8 +41,7 @@ void umbu_json_bytes(struct umbu_json *json, const char *key, const char *text, 
 void umbu_json_integer(struct umbu_json *json, const char *key, uint64_t value);
 void umbu_json_signed(struct umbu_json *json, const char *key, int64_t value);
 
-/* Writes a number in full, or with `digits` significant digits; null if the number is not
- * finite. */
+/* Writes a number in full, or in `digits` significant digits; null if it is not finite. */
 void umbu_json_number(struct umbu_json *json, const char *key, double value);
 void umbu_json_rounded(struct umbu_json *json, const char *key, double value, int digits);
 

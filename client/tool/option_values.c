@@ -324,8 +324,7 @@ enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                     umbu_is_word(option) ? "" : "--", option->name, text, expects);
 }
 
-/* Writes a value in the largest unit that divides it, but no smaller unit than `smallest`: "64MiB",
- * "250ms". */
+/* Writes a value in the largest unit that divides it, at least `smallest`: "64MiB", "250ms". */
 static void unit_text(const struct unit *units, const char *smallest, uint64_t value, char text[32])
 {
     while (value == 0 || value % units->factor != 0) {

@@ -101,8 +101,7 @@ void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, 
     }
 }
 
-/* Stores a value. The first value of a list from a new source replaces the values of earlier
- * sources. */
+/* Stores a value. A list's first value from a new source replaces those of earlier sources. */
 static enum umb_status take_value(struct umbu_parsed *parsed, const struct found *found,
                                   const char *text, struct umb_error *error)
 {
@@ -152,8 +151,7 @@ static bool find_option(const struct umbu_command *command, const char *text, st
     return find_name(command, text + 2, length, found) && !umbu_is_word(found->option);
 }
 
-/* Takes the option at argv[*at]. Out: at: index of the option's value, if the value is the next
- * argument. */
+/* Takes the option at argv[*at]. Out: at: index of the value, if it is the next argument. */
 static enum umb_status take_option(struct umbu_parsed *parsed, int argc, char **argv, int *at,
                                    struct umb_error *error)
 {
@@ -280,8 +278,7 @@ static void condition_text(const char *condition, size_t length, char *text, siz
     text[used] = '\0';
 }
 
-/* Checks the conditions of an option that was given. wanted: true if each must hold, false if none
- * may hold. */
+/* Checks the conditions of a given option: each must hold or, if not `wanted`, none may. */
 static enum umb_status check_row(const struct umbu_parsed *parsed, const struct umbu_option *option,
                                  const char *conditions, bool wanted, struct umb_error *error)
 {

@@ -186,7 +186,8 @@ UMB_CHECKED enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int 
 UMB_CHECKED enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name,
                                               const char *value, struct umb_error *error);
 
-/* Checks `needed`, `needs` and `excludes`. With help or alone everything is allowed. */
+/* Checks `needed`, `needs` and `excludes`. With --help, or an option that is `alone`, every
+ * combination is allowed. */
 UMB_CHECKED enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *error);
 
 /* Calls umbu_begin, umbu_take_arguments and umbu_check. */
@@ -206,12 +207,10 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
 int umbu_end(const struct umbu_command *command, enum umb_status status,
              const struct umb_error *error);
 
-/* Returns true if an option or argument was given. In: name: name of a row; the program aborts for
- * any other. */
+/* Returns true if the option or argument of row `name` was given. Aborts without such a row. */
 bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 
-/* Fails with E_ARGUMENT and a message that has the option, the value, and what to give instead. For
- * readers. */
+/* Fails with E_ARGUMENT; the message has option, value, and what to give. For readers. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
 
@@ -227,12 +226,10 @@ enum umb_status umbu_read_name(const struct umbu_option *option, const char *tex
                                struct umb_error *error);
 #define UMBU_NAME(expects_) UMBU_READ(umbu_read_name, expects_)
 
-/* Reads decimal digits at *text and moves *text after them. Returns false for no digits, or too
- * many. */
+/* Reads decimal digits at *text and moves *text after them; false: no digits, or too many. */
 bool umbu_read_count(const char **text, uint64_t *value);
 
-/* Reads a finite decimal number at *text and moves *text after it. Returns false if there is
- * none. */
+/* Reads a finite decimal number at *text and moves *text after it; false: there is none. */
 bool umbu_read_number(const char **text, double *value);
 
 /* Reads numbers with commas between them, to the end of text. */

@@ -44,8 +44,7 @@ static void on_signal(int number)
     (void)raise(number); /* arrives when the handler returns */
 }
 
-/* Blocks the signals that end a command. Out: before: the thread's old mask, for the caller to
- * restore. */
+/* Blocks the signals that end a command. Out: before: the old mask, to be restored. */
 static void hold_signals(sigset_t *before)
 {
     sigset_t set;
@@ -180,8 +179,7 @@ static enum umb_status make_temporary(struct umbu_output *output, mode_t mode,
                           output->path);
 }
 
-/* Makes a command's temporary file, guarded against signals, with the permissions of the old
- * file. */
+/* Makes a command's temporary, guarded against signals, with the old file's permissions. */
 static enum umb_status begin_command(struct umbu_output *output, const struct stat *old,
                                      struct umb_error *error)
 {

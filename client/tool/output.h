@@ -70,7 +70,7 @@ struct umb_sink umbu_output_sink(struct umbu_output *output);
 /*
  * Completes the error of a core writer, which knows only that its sink failed.
  *
- * In: status: result of the writer; error: a message that it wrote stays. Returns the status.
+ * In: status: result of the writer. error: a message of the writer stays. Returns the status.
  */
 enum umb_status umbu_output_explain(const struct umbu_output *output, enum umb_status status,
                                     struct umb_error *error);

@@ -109,8 +109,7 @@ UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_
                                              struct umbc_point_list *list, struct umb_error *error);
 void umbc_point_list_finish(struct umbc_point_list *list);
 
-/* Number of points of a sample for calibration, so many that they touch more memory than caches
- * hold. */
+/* Number of points of a calibration sample; they touch more memory than caches hold. */
 #define UMBC_SAMPLE_POINTS 262144
 
 /*

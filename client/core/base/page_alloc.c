@@ -42,8 +42,7 @@ static void *small_resize(struct header *header, size_t bytes)
 
 #ifdef MREMAP_MAYMOVE
 
-/* Returns the length in bytes of the whole large pages that a block takes; 0 if the sum
- * overflows. */
+/* Returns the bytes of the whole large pages that a block takes; 0 if the sum overflows. */
 static size_t mapping_bytes(size_t bytes)
 {
     return bytes > SIZE_MAX / 2

@@ -43,8 +43,7 @@ static inline void umb__scale(double s, double a[3])
     }
 }
 
-/* Scales a vector to unit length. Returns 0 and leaves the vector unchanged if it has no
- * direction. */
+/* Scales a vector to unit length. A vector without direction is unchanged; then returns 0. */
 static inline int umb__unit(double a[3])
 {
     const double length = umb__length(a);

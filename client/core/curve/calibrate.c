@@ -306,8 +306,7 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Times the rows on points drawn here, and interpolates the times to the hardness of the curve's
- * points. */
+/* Times the rows on points drawn here, and interpolates to the hardness of the curve's points. */
 static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
                                   struct umb_calibration *calibration, struct umb_error *error)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading an asset's accuracy curve, and choosing from it; see umbrage/curve.h. */
+/* Reads an asset's accuracy curve, and chooses settings from it; see umbrage/curve.h. */
 #include "umbrage/curve.h"
 
 #include <math.h>

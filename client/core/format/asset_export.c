@@ -35,8 +35,7 @@ static uint32_t uniform(int lit)
     return lit ? UMB__REF_LIT : UMB__REF_SHADOWED;
 }
 
-/* Returns the pool's number of brick `number` of the view, and adds the brick if the pool lacks
- * it. */
+/* Returns the pool's number of brick `number` of the view; adds the brick if necessary. */
 static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_t *ref)
 {
     if (e->brick_of[number]) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decoding the canonical block (canonical.h); entry layouts in docs/reference/umb-format.md,
+/* Decodes the canonical block (canonical.h). Layouts of entries: docs/reference/umb-format.md,
  * section 3. */
 #include <string.h>
 
@@ -235,8 +235,7 @@ static enum umb_status read_receiver_mask(const struct entries *entries,
     return UMB_OK;
 }
 
-/* Counts the records of all entries, and allocates arrays and texts. Returns false if out of
- * memory. */
+/* Counts the records of all entries and allocates arrays and texts; false: out of memory. */
 static bool allocate(const struct entries *entries, const struct umb_alloc *alloc,
                      struct umb__canonical *canonical)
 {

@@ -82,8 +82,7 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     return all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
 }
 
-/* Computes voxel_step of struct umb_frustum_info. Returns false if the frustum's transform is
- * unsound. */
+/* Computes voxel_step of struct umb_frustum_info. Returns false if the transform is unsound. */
 static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
 {
     struct umb__perspective perspective;
@@ -192,8 +191,7 @@ uint32_t umb_level_max(uint32_t log2_size)
     return least | 1U;
 }
 
-/* Returns the highest level of coarse look-ups that all frusta of a light allow; 0 if they allow
- * none. */
+/* Returns the highest level of coarse look-ups that all frusta of a light allow; 0: none. */
 static uint32_t coarse_level_max(const struct umb__content *content, uint32_t light)
 {
     const struct umb_light_info *info = &content->lights[light];

@@ -67,7 +67,7 @@ struct umb__block_extent {
  * Checks one block: its XXH3, and its pages, which must follow one another in the file.
  *
  * In:    bytes: uint8[umb__block_bytes], the block as stored in the file. head->entries may be
- * NULL.
+ *        NULL.
  * Out:   extent: may be NULL.
  * Fails: E_CORRUPT, E_VERSION.
  * Trust: safe on hostile bytes.

@@ -79,8 +79,7 @@ static uint64_t words_of(const struct umb__octree *octree, uint32_t level, uint3
     return umb__wide_words(mixed);
 }
 
-/* Returns the bytes of the wide nodes of all levels and of the bricks. The grids may take a share
- * of that. */
+/* Returns the bytes of all wide nodes and bricks. The grids may take a share of that. */
 static uint64_t content_bytes(const struct umb__octree *octree)
 {
     uint64_t bytes = (uint64_t)octree->brick_count * 64;

@@ -133,8 +133,7 @@ struct measured {
     uint32_t level;
 };
 
-/* Measures the lists of columns at w->level. Makes no columns if the lists take more than
- * `bytes`. */
+/* Measures the lists of columns at w->level. Lists of more than `bytes` give no columns. */
 static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                struct measured *m)
 {

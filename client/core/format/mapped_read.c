@@ -221,8 +221,7 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     return true;
 }
 
-/* Checks that every column's list lies within the frustum's pieces, and that every piece has a
- * valid value. */
+/* Checks that columns' lists lie within the frustum's pieces, and that all pieces are valid. */
 static bool check_columns(const struct umb__view *view, const uint64_t *starts,
                           const struct umb__content *content, uint32_t frustum)
 {

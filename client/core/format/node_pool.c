@@ -157,8 +157,7 @@ static uint32_t node_add(struct umb__pool_level *level, const struct umb__node_k
 {
     const uint32_t number = level->count++;
     level->masks[number] = (uint16_t)key->words[0];
-    /* Always copies eight children: the array has room for them, and a fixed length is faster than
-     * a loop. */
+    /* Always copies eight children: there is room, and a fixed length is faster than a loop. */
     memcpy(level->children + level->child_count, key->words + 1, 8 * sizeof key->words[0]);
     level->child_count += key->child_count;
     level->first[number + 1] = level->child_count;

@@ -22,8 +22,7 @@ static void slot_ahead(const struct umb__hash_slots *slots, uint32_t tag)
     }
 }
 
-/* Returns the number in a slot; 0 for an empty slot, so that a prefetch of the number is
- * harmless. */
+/* Returns the number in a slot; 0 for an empty slot, which is harmless to prefetch. */
 static uint32_t number_in(const struct umb__hash_slots *slots, size_t place)
 {
     const uint64_t word = slots->words[place];
@@ -46,8 +45,7 @@ struct brick_group {
     uint32_t log2_size; /* Size of the table for which `places` hold */
 };
 
-/* Starts a group with the bricks from `first` on and prefetches their slots. The group may be
- * empty. */
+/* Starts a group, possibly empty, of the bricks from `first` on; prefetches their slots. */
 static void brick_slots_ahead(const struct umb__pool *pool, const struct bricks *from,
                               uint32_t first, struct brick_group *group)
 {

@@ -52,8 +52,7 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows *array of items from old_count to new_count. During a copy both blocks count against the
- * budget. */
+/* Grows *array of items from old_count to new_count. During a copy both blocks are charged. */
 static enum umb_status grow(struct umb__pool *pool, void *array, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
@@ -78,8 +77,7 @@ static int can_afford(const struct umb__pool *pool, uint64_t more)
     return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
 }
 
-/* Returns the capacity to which an array grows, at most `most` items. In: item: bytes of each
- * item. */
+/* Returns the capacity of a grown array, at most `most`. In: item: bytes of an item. */
 static uint32_t grown(const struct umb__pool *pool, uint32_t capacity, size_t item, uint32_t most)
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;

@@ -21,8 +21,7 @@
     (5 + UMB__OCCLUDER_DEPTH_PLANES_MAX * UMB__OCCLUDER_DEPTH_PLANE_WORDS +                        \
      64 * (1 + 5 + 2 * UMB__OCCLUDER_DEPTH_WIDTH_MAX))
 
-/* Largest error in voxels of a plane at a block at which the plane is still turned to meet the
- * block. */
+/* Largest error in voxels of a plane that is still turned to meet a block. */
 #define NEAR_BLOCK 2
 
 /* A square under way. */
@@ -137,8 +136,7 @@ static uint32_t bits_of(uint64_t most)
     return most == 0 ? 0 : 64 - (uint32_t)__builtin_clzll(most);
 }
 
-/* Stores number `index` of an array of numbers of `width` bits each. The array was zeroed
- * before. */
+/* Stores number `index` of an array of `width` bits each. In: a zeroed array. */
 static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t number)
 {
     const uint32_t bit = index * width;
@@ -382,8 +380,7 @@ struct joiner {
     uint64_t count;
 };
 
-/* Returns true if the square at (x, y) of a level, counted in squares of that level, has a
- * record. */
+/* Returns true if the square at (x, y) of a level has a record. In: x, y: in squares. */
 static bool holds_any(const struct umb__occluder_depth *occluder_depth, uint32_t level, size_t x,
                       size_t y)
 {
@@ -419,8 +416,7 @@ static uint32_t join_square(struct joiner *j, size_t x, size_t y)
     return from[1] + base;
 }
 
-/* Writes the records of a square of a level. Returns the square's reference, 0 if it has no
- * record. */
+/* Writes a square's records. Returns the square's reference; 0: it has no record. */
 static uint32_t join_level(struct joiner *j, uint32_t level, size_t x, size_t y)
 {
     if (!holds_any(j->occluder_depth, level, x, y)) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loading and checking occluder depth maps. A check reads the records in the order in which they
- * were written, and each reference must lead to the next one. So nothing is read twice, and the
- * walk ends. */
+/* Loads and checks occluder depth maps. A check reads the records in the order in which they were
+ * written, and each reference must lead to the next one. So nothing is read twice, and the walk
+ * ends. */
 #include "format/occluder_depth_build.h"
 
 #include "base/bytes.h"

@@ -137,8 +137,7 @@ static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
     return status;
 }
 
-/* Returns true if it is certain that no root of the lowest band is below another, and that no two
- * are equal. */
+/* Returns true if certainly no root of the lowest band is below or equal to another. */
 static bool roots_are_apart(const struct umb__octree *octree)
 {
     bool apart = true;

@@ -123,8 +123,7 @@ static enum umb_status compress_page(const struct packing *p, struct umb__page_w
     return UMB_OK;
 }
 
-/* Stores the encoded page until it is hashed, and gives the encoder the memory of an earlier
- * page. */
+/* Stores the encoded page for hashing, and gives the encoder the memory of an earlier page. */
 static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
 {
     const struct raw_page before = *raw;

@@ -41,7 +41,8 @@ struct reader {
     struct umb__page *pages; /* [page count] Parsed pages, which point into raw */
     page_numbers *first; /* [page count] Index in `numbers` of a page's first node of each level */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
-    uint32_t *others; /* Pool numbers of the nodes in other pages that a level of a page leads to */
+    uint32_t *others; /* Pool numbers of the nodes in other pages to which a level of a page
+                         refers */
     uint64_t *leaves; /* Leaves of a page; `others` and `leaves` have room for any page */
     struct umb__pool pool;
 };
@@ -79,8 +80,7 @@ static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct
     return umb__page_expand(zstd, file + entry->offset, entry, raw, error);
 }
 
-/* Makes the first pass. Out: totals: number of nodes of each level in all pages, all of which were
- * parsed. */
+/* Makes the first pass. Out: totals: number of nodes of each level in all parsed pages. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -152,8 +152,7 @@ static enum umb_status allocate_numbers(struct reader *r, const struct umb__cano
                : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for a page's tables");
 }
 
-/* Returns the pool's number of a node in any page. In: a node of a level whose nodes are all in the
- * pool. */
+/* Returns the pool's number of a node in any page. The pool must have the node's level. */
 static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
                                uint32_t position, uint32_t *number)
 {
@@ -180,8 +179,7 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
     return UMB_OK;
 }
 
-/* Reads the keys of the next nodes of a level of a page. The nodes in other pages already have pool
- * numbers. */
+/* Reads the keys of a page's next nodes of a level. Nodes in other pages are in the pool. */
 static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
                       uint32_t count, struct umb__node_group *group)
 {

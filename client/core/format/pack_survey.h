@@ -26,8 +26,7 @@ static inline void umb__bits_add(uint64_t *bits, uint32_t number)
     bits[number / 64] |= (uint64_t)1 << (number % 64);
 }
 
-/* Estimates the bytes in a page of a node with `children` mixed children, without references to
- * other pages. */
+/* Estimates the bytes of a node with `children` mixed children, all in the node's page. */
 static inline size_t umb__node_estimate(uint32_t children)
 {
     return 2 + (size_t)children;

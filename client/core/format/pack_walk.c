@@ -96,8 +96,7 @@ static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node
     }
     order->nodes[node.level][ordinal] = node.index;
     t->next[node.level] = ordinal + 1;
-    /* Closes the open page if it is full. Independent pages are closed only between the trees of
-     * two roots. */
+    /* Closes a full page. Independent pages are closed only between two roots' trees. */
     return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
 }
 
@@ -164,8 +163,7 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     return bytes;
 }
 
-/* Writes the bricks of a node directly after the node. The sizes of the bricks are prefetched
- * together. */
+/* Writes a node's bricks directly after the node, with one prefetch for all their sizes. */
 static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *bricks,
                                     uint32_t count)
 {

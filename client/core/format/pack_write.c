@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing a packed asset: its pages are made first, then head and pages are written. Also the
- * proof of a packed file. */
+/* Writes a packed asset: makes the pages first, then writes the head and the pages. The file also
+ * proves packed files. */
 #include <stdbool.h>
 #include <string.h>
 

@@ -100,8 +100,7 @@ static bool sort_table(struct writer *w)
     return !w->failed;
 }
 
-/* Bit that marks a reference to the table. References without it are positions of the page's own
- * nodes. */
+/* Bit of a reference to the table. References without it are positions in the page. */
 #define IN_TABLE 0x80000000U
 
 /* Lists the children of a level's nodes, in their order, and returns their number. */
@@ -145,8 +144,7 @@ static bool number_own(struct writer *w, uint32_t node_level, size_t count)
     return true;
 }
 
-/* Turns each child into its position in the page or, if it is in another page, into its number in
- * the table. */
+/* Turns each child into its position in the page or, in another page, its number in the table. */
 static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
     const uint32_t *ordinals = w->order->ordinals[node_level - 1];

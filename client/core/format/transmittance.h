@@ -34,8 +34,7 @@
 /* A square of 64x64 texels, or a block of 8x8. */
 struct umb__transmittance_group {
     uint64_t mask; /* Blocks, or texels, that have a list */
-    /* Number of the first block that has a list (of a square), or of the first texel's list (of a
-     * block) */
+    /* Number of the first block with a list (of a square), or of the first list (of a block) */
     uint32_t first;
 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading transmittance maps (transmittance.h). One walk checks and counts the parts of an entry,
- * and stores those for which there are arrays. */
+/* Reads transmittance maps (transmittance.h). One walk checks and counts the parts of an entry, and
+ * stores those parts for which there are arrays. */
 #include "format/transmittance.h"
 
 #include <string.h>

@@ -131,8 +131,7 @@ static enum umb_status slice_check(const struct fitting *fit, const struct umb__
     return UMB_OK;
 }
 
-/* Writes row `row` of world_to_map so that it gives the dot product of scale and (u, v, w), plus
- * shift. */
+/* Writes row `row` of world_to_map, which then gives scale . (u, v, w) + shift. */
 static void row_set(struct umb_map_frustum *frustum, const struct fitting *fit, int row,
                     const double scale[3], double shift)
 {
@@ -159,8 +158,7 @@ static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit
     frustum->depth_m = length;
 }
 
-/* Maps an extent across the light onto the texels of an axis, and leaves one texel on each side
- * free. */
+/* Maps an extent across the light onto an axis, and leaves one texel on each side free. */
 static void axis_fit(struct umb_map_frustum *frustum, const struct fitting *fit, int axis,
                      struct extent extent)
 {

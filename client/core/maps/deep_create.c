@@ -122,8 +122,7 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Links each node of list `from` to the node of list `to` that is nearest in depth. Both lists are
- * sorted. */
+/* Links each node of list `from` to the nearest node of list `to`. Both lists are sorted. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -147,8 +146,7 @@ static void list_link(const struct umb__deep *deep, size_t from, size_t to, int 
     }
 }
 
-/* Makes all links. The links of a texel without a neighbour on a side are 0 and are never
- * followed. */
+/* Makes all links. Links to a side without a neighbour are 0 and are never followed. */
 static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
@@ -188,8 +186,7 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* Replaces the transmittance in each node by the node's drop, from the end of each list to its
- * start. */
+/* Replaces each node's transmittance by its drop, from the end of each list to the start. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;

@@ -78,8 +78,7 @@ static uint32_t place_link(const struct place *place, int upper)
     return upper ? node->upper : node->right;
 }
 
-/* Moves a position to the list of a neighbouring texel, by the link of the position's node or by a
- * search. */
+/* Moves a position to a neighbouring texel's list, by the link of its node or by a search. */
 static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
                        struct umb__deep_list list, double depth, struct place *to)
 {

@@ -340,8 +340,7 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
     double at[UMB__MAP_CHANNELS_MAX];
-    /* The answer of a filterable technique depends on one depth of the receiver, so the biases move
-     * that depth. */
+    /* A filterable technique has one depth for the receiver, which the biases move. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {

@@ -357,8 +357,7 @@ static void trilinear(const struct umb__channels *channels, double x, double y, 
     }
 }
 
-/* One axis of a box: the table rows next to the box's lower and upper end, and the weight of each
- * row. */
+/* One axis of a box: the table rows next to its two ends, and the weight of each row. */
 struct side {
     size_t low[2], high[2];
     double low_weight[2], high_weight[2];

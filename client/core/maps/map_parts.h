@@ -182,8 +182,7 @@ static inline double umb__chebyshev(double variance, double distance, double con
     if (!(distance > 0.0)) {
         return 1.0;
     }
-    /* An infinite distance gives x / inf = 0, which is the right limit, because the variance is
-     * finite. */
+    /* The variance is finite, so an infinite distance gives x / inf = 0, the right limit. */
     return variance / (variance + contrast * distance * distance);
 }
 

@@ -209,8 +209,7 @@ static enum umb_status pcf_check(const struct umb_map_settings *settings, struct
     return UMB_OK;
 }
 
-/* Returns 0, since counting is exact. Rounding of depths moves a shadow's boundary, and the bias
- * covers that. */
+/* Returns 0, since counting is exact. Rounding of depths only moves a shadow's boundary. */
 static double pcf_slack(const struct umb_map *map)
 {
     (void)map;

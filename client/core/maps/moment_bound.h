@@ -35,8 +35,7 @@
 
 struct umb__moment_bound {
     double before; /* Least share that lies before t, 0..1 */
-    double at;     /* Greatest share that can lie at t; before + at is then the greatest share up to
-                      t */
+    double at;     /* Greatest share that can lie at t; before + at is the greatest share up to t */
 };
 
 /* Returns the bias needed by `count` means with errors of up to `e`, and at least the bias that the

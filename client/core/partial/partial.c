@@ -14,8 +14,7 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Bytes reserved for the links of a new page, and of the pages to which no held page referred
- * before. */
+/* Bytes reserved for links: of a new page, and of pages that it is the first to refer to. */
 #define ROOM_FOR_LINKS 4096U
 
 static enum umb_status no_memory(struct umb_error *error, const char *what)
@@ -50,8 +49,7 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
     return UMB_OK;
 }
 
-/* Makes room for all entries. Adds the first block of the directory if the front holds all of
- * it. */
+/* Makes room for all entries. Adds the first block of entries if the front holds all of it. */
 static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
                                        struct umb_error *error)
 {

@@ -61,8 +61,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
     return UMB_OK;
 }
 
-/* Allocates the arrays for nodes. The arrays for children are allocated when their sizes are
- * known. */
+/* Allocates the arrays for nodes. Those for children are allocated when their sizes are known. */
 static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 {
     struct umb__octree *g = &p->graph;
@@ -289,8 +288,7 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state
     return status == UMB_OK ? UMB_OK : no_memory(error);
 }
 
-/* Makes an asset for queries from a layout. The partial asset remains the owner of content and
- * id. */
+/* Makes an asset for queries from a layout. The partial asset still owns content and id. */
 static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;

@@ -9,8 +9,7 @@
 
 #define UMB__LEVELS (UMB_LEVEL_MAX + 1)
 
-/* Flag of a child in the graph that lies in a missing page; the other bits are the page's
- * number. */
+/* Flag of a graph's child that is in a missing page; the other bits are the page's number. */
 #define UMB__ABSENT 0x80000000U
 
 /* Facts about a page's nodes, level by level. */

@@ -212,8 +212,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     return UMB_OK;
 }
 
-/* Returns the benefit per stored byte of a missing page; 0 for a held page or one without
- * benefit. */
+/* Returns the benefit per stored byte of a missing page; 0: a held page, or no benefit. */
 static double worth(const struct umb_partial *p, uint32_t page)
 {
     const struct umb__held *held = &p->pages[page];

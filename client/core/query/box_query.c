@@ -33,8 +33,7 @@ struct count {
 
 #define CUT_STEPS 64 /* Number of steps of a brick whose voxels are tested one by one */
 
-/* Adds steps to the current box, and asks the watch when it is due. Returns false if the box is
- * given up. */
+/* Adds steps to the box, and asks the watch when due. Returns false if the box is given up. */
 static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
@@ -176,7 +175,7 @@ static void count_whole_brick(struct count *count, const uint64_t masks[8])
     count->answer->voxels += 512;
 }
 
-/* Counts a uniform cube. Where faces of the box cut it, it is halved, down to bricks. */
+/* Counts a uniform cube. A cube that the box's faces cut is halved, down to bricks. */
 static void count_uniform(struct count *count, const struct cube *cube, bool lit, enum cover cover)
 {
     if (cover == COVER_ALL) {

@@ -19,8 +19,7 @@
 
 #define HALVES 2U
 
-/* Reads the cells of the grid. Points in uniform cells leave `todo`; the others get their node's
- * number. */
+/* Reads the grid's cells. Points in uniform cells leave `todo`; others get a node's number. */
 static void coarse_grid(const struct umb__query *q, struct umb__block *block,
                         uint32_t number[UMB__BLOCK])
 {

@@ -51,8 +51,7 @@ static inline void umb__begin_descents(const struct umb__query *q, void *values,
     descents->none.level = UMB_LEVEL_BRICK;
 }
 
-/* Returns the number of points of a block, rounded up to whole vectors. All stages fill that
- * many. */
+/* Returns a block's number of points, rounded up to whole vectors, which all stages fill. */
 static inline uint32_t umb__padded(const struct umb__block *block)
 {
     return (block->size + 7) & ~7U;
@@ -129,8 +128,7 @@ static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent
     return left + (uint32_t)(mixed >> 63);
 }
 
-/* Reads the number of the node or brick that point k of the list goes to, and prefetches that node
- * or brick. */
+/* Reads the number of the node or brick below point k of the list, and prefetches it. */
 static inline void umb__ask(const struct umb__query *q, struct umb__descent *points, uint32_t k)
 {
     const uint32_t number = points->number[k] = *points->child[k];
@@ -185,8 +183,7 @@ static inline void umb__arrive(const struct umb__descents *descents, struct umb_
     umb__store_block(descents->query, &points->block, points->first, descents->values);
 }
 
-/* Copies a block lane by lane, which compilers vectorise. They would copy the whole structure word
- * by word. */
+/* Copies a block lane by lane, in vectors. Compilers would copy the structure word by word. */
 static inline void umb__copy_block(const struct umb__block *from, struct umb__block *to)
 {
     to->size = from->size;

@@ -23,8 +23,7 @@ struct umb__block {
     uint32_t lit[UMB__BLOCK + UMB__BEHIND];
 };
 
-/* The level-5 cells that a block's windows touch. Slot 4 * of[point] + right + 2 * down is a
- * cell. */
+/* The level-5 cells that a block's windows touch, in slots 4 * of[point] + right + 2 * down. */
 struct umb__cells {
     uint8_t of[UMB__BLOCK];               /* By window: the window whose slots it uses, its own or
                                              that of an earlier one in the same cell */
@@ -182,8 +181,7 @@ static inline void umb__placer_init(const struct umb__query *q, const struct umb
     placer->points = points;
 }
 
-/* Places the points from `index` on as lanes low .. high - 1 of a block whose `todo` has none of
- * these lanes. */
+/* Places the points from `index` on as lanes low .. high - 1, which are not yet in `todo`. */
 static inline void umb__place_points(const struct umb__placer *placer, size_t index,
                                      struct umb__block *block, uint32_t low, uint32_t high,
                                      struct umb_query_stats *stats)

@@ -78,7 +78,7 @@ static inline float umb__float_of(double value)
     return (float)fmax(fmin(value, 1e30), -1e30);
 }
 
-/* Sets up the constants for points with normals; returns the length that no bias exceeds. */
+/* Sets up the constants for points with normals. Returns the greatest length of a bias. */
 static inline double umb__wide_mover_init(const struct umb__query *q,
                                           struct umb__wide_placer *placer)
 {
@@ -112,8 +112,7 @@ static inline int32_t umb__wide_slack(double voxels)
     return slack;
 }
 
-/* Sets up one axis: the constant to which the products with a point are added, and the reach of
- * points. */
+/* Sets up one axis: the constant that the sums start from, and the reach of points. */
 static inline double umb__wide_base(const struct umb__query *q, const struct umb_points *points,
                                     unsigned axis, double longest, double *most)
 {
@@ -219,8 +218,7 @@ static inline void umb__widen(__m512 floats, __m512d *low, __m512d *high)
     *high = _mm512_cvtps_pd(_mm256_load_ps(eights + 8));
 }
 
-/* Mode of _mm512_range: gives the greater absolute value. If one number is NaN, the other
- * counts. */
+/* Mode of _mm512_range for the greater absolute value; if one is NaN, the other counts. */
 #define UMB__GREATER_LENGTH 0xb
 
 static inline void umb__sixteen_f32(const struct umb__wide_placer *placer, const uint8_t *at,
@@ -264,8 +262,7 @@ static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
     return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], v[0] * w[0]));
 }
 
-/* Steps along the normals, in voxels: of the first eight and of the last eight of sixteen
- * points. */
+/* Steps along the normals, in voxels: of the first and the last eight of sixteen points. */
 struct umb__sixteen_steps {
     __m512d low[3], high[3];
     __mmask16 usable; /* Points whose normal the argument above covers */

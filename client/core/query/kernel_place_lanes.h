@@ -12,8 +12,7 @@
  */
 #include "query/kernel_parts.h"
 
-/* Constants of a query and its points, set up once for a batch. Every lane of a vector has the same
- * value. */
+/* Constants of a query and its points, set up once for a batch; all lanes are equal. */
 struct umb__lane_placer {
     struct umb__placer plain;
     bool fits;
@@ -104,8 +103,7 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
 }
 
-/* First texels of windows, a point a lane, with a bit for each point that is negative or faces
- * away. */
+/* First texels of windows, a point a lane, and bits of points negative or facing away. */
 struct umb__placed_lanes {
     umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
     unsigned negative, away;
@@ -188,8 +186,7 @@ UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, siz
     return look | away << 8;
 }
 
-/* Places whole groups of eight points again, point by point. others: points whose groups are placed
- * again. */
+/* Places groups of eight points again, point by point: those with a point in `others`. */
 static inline void umb__place_again(const struct umb__lane_placer *placer, size_t first,
                                     uint64_t others, struct umb__block *block,
                                     struct umb_query_stats *stats)

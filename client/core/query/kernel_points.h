@@ -94,8 +94,7 @@ static inline bool umb__descend_together(const struct umb__query *q, struct umb_
     return false;
 }
 
-/* Returns the node or brick of a mixed cube; for a uniform cube, the constant node or brick of its
- * state. */
+/* Returns the node or brick of a mixed cube, or the constant one of a uniform cube's state. */
 static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
                                           uint64_t number, uint64_t lit)
 {

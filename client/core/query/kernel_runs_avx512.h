@@ -148,8 +148,7 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
         const __m512i z = umb__load_sixteen(heads->z + i);
         const uint32_t left = runs->count - i;
         const __mmask16 there = (__mmask16)(left < 16 ? (1U << left) - 1 : 0xffff);
-        /* For each key, a bit for every equal key before it. The lowest bit is the first of these
-         * keys. */
+        /* For each key, bits of the equal keys before it; the lowest is the first of them. */
         const __m512i equal = _mm512_maskz_conflict_epi32(there, umb__brick_keys(x, y, z));
         const __mmask16 other = _mm512_test_epi32_mask(equal, equal);
         const __mmask16 alone = (__mmask16)(there & ~other);
@@ -231,8 +230,7 @@ static inline void umb__read_brick_avx512(struct umb__block *block, const uint64
     }
 }
 
-/* Eight bricks in registers, as words of 32 bits. A slice is two words, the lower one for y & 4 ==
- * 0. */
+/* Eight bricks in registers. A slice is two words of 32 bits, the lower for y & 4 == 0. */
 struct umb__eight_bricks {
     __m512i brick[8];
 };

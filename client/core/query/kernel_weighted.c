@@ -45,8 +45,7 @@ static void add_square(const struct umb__place *place, const struct umb__window 
         if (place->brick) {
             row = place->brick[w->z & 7] >> (8 * (y & 7)) & 0xffU;
         }
-        /* Texels before the window's first one are cut off here, those behind its last one
-         * later. */
+        /* Texels before the window's first one are cut off here, those behind it later. */
         rows->bits[y - w->y0] |= bx < w->x0 ? row >> (w->x0 - bx) : row << (bx - w->x0);
     }
 }

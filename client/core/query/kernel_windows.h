@@ -86,8 +86,7 @@ static bool stage_is_due(uint32_t *idle)
     return *idle == 0;
 }
 
-/* Returns the count that skips a stage for `blocks` blocks if it settled at most `few` windows;
- * else 0. */
+/* Returns for how many blocks to skip a stage; 0 if it settled more than `few` windows. */
 static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
     bool idle = before != 0 && umb__count_bits(before & ~after) <= few;

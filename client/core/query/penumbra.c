@@ -78,16 +78,14 @@ static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limi
     return true;
 }
 
-/* Returns the last voxel whose centre is at least `gap` before the receiver; a number below 0 if no
- * voxel is. */
+/* Returns the last voxel whose centre is at least `gap` before the receiver; below 0: none. */
 static double limit_of(const struct search *s, double gap)
 {
     const double size = (double)((uint32_t)1 << s->q->log2_size);
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Returns the depth in voxels over which the cone grows until it reaches texel `texel` on an
- * axis. */
+/* Returns the depth in voxels over which the cone grows to texel `texel` on an axis. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;
@@ -208,8 +206,7 @@ static double width_of(const struct umb__query *q, unsigned axis, double gap)
     return fmax((double)q->taps, fmin(width, UMB_PENUMBRA_TAPS_MAX));
 }
 
-/* Makes the box for a gap of depth between receiver and blocker. Out: z: depth of the box's
- * slice. */
+/* Makes the box for a gap between receiver and blocker. Out: z: depth of the box's slice. */
 static struct umb__real_box box_of(const struct umb__query *q, const double v[3],
                                    struct slope slope, double gap, int64_t *z)
 {

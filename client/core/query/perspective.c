@@ -160,8 +160,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     for (unsigned axis = 0; axis < 3; axis++) {
         direction[axis] = has_normal ? n[axis] : distance > 0 ? -from_light[axis] / distance : 0;
     }
-    /* If the move leads into another face, the bias must also suffice for the voxel size of that
-     * face. */
+    /* If the move leads into another face, the bias must suffice for that face's voxels, too. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {
         double bias = has_normal ? bias_length(q, s->face, from_light, n, w)
                                  : bias_to_light(q, s->face, distance, w);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Batches of points and their answers: the check before a run, sizes, sums of counts. */
+/* Checks batches of points, computes sizes of answers, and adds up counts. */
 #include <float.h>
 #include <math.h>
 

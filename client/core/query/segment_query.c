@@ -12,8 +12,7 @@
 #include "base/reserved.h"
 #include "query/segment_walk.h"
 
-/* A segment in one face: X, Y and W at parameter 0, and their differences from there to parameter
- * 1. */
+/* A segment in one face: X, Y and W at parameter 0, and their changes up to parameter 1. */
 struct sight {
     double at[3], gain[3];
 };
@@ -94,7 +93,8 @@ static void walk_piece(const struct umb__volume *volume, uint32_t face, const st
     }
 }
 
-/* Walks a segment under a spot or point light. In: p: its ends, minus the asset's origin. */
+/* Walks a segment under a spot or point light. In: p: the segment's two ends, minus the asset's
+ * origin. */
 static void walk_faces(const struct umb__volume *volume, const double p[2][3],
                        struct umb__intervals *out)
 {

@@ -34,8 +34,7 @@ struct umb__line {
     double near_w, far_w;
 };
 
-/* Lit intervals of the lines of one segment. Zero the struct, then set answer, kept, kept_max and
- * stats. */
+/* Lit intervals of one segment's lines. Zero it, then set answer, kept, kept_max and stats. */
 struct umb__intervals {
     struct umb_segment_answer *answer;
     struct umb_interval *kept;

@@ -95,8 +95,7 @@ static enum umb_status check_light(const struct umb__plan *plan, struct umb_erro
                     plan->filter->any_light ? "footprint_m" : "filter", settings->light);
 }
 
-/* Checks coarse look-ups: they need one tap, parallel light, and a level that every layout of the
- * file has. */
+/* Checks coarse look-ups: one tap, parallel light, and a level that every layout has. */
 static enum umb_status check_level(const struct umb__plan *plan, struct umb_error *error)
 {
     const struct umb_query_settings *settings = plan->settings;

@@ -8,8 +8,8 @@ struct square {
     uint32_t level;
 };
 
-/* Two column ranges and two row ranges. Each of their four products is a window to count; range 0
- * contains range 1. */
+/* Two ranges of columns and two of rows; range 0 contains range 1. Each of the four products of
+ * columns and rows is a window to count. */
 struct ranges {
     int32_t x0[2], x1[2], y0[2], y1[2];
 };

@@ -30,8 +30,7 @@ struct umb__filter {
     /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
     umb__kernel *kernel; /* Kernel; NULL: that of windows */
-    /* Sets up the fields that only this filter has, after all stages; NULL: it has no such
-     * fields */
+    /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (batch.c) */
     /* Cost of a point without its window, in look-ups of one tap; and the cost added for each

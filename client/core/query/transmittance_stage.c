@@ -15,8 +15,7 @@
 
 #define CHUNK 256 /* points at a time: a multiple of 8, for bits */
 
-/* Clips a box of `taps` voxels around v to an axis of `size` voxels. Returns false if nothing is
- * left. */
+/* Clips a box of `taps` voxels around v to an axis of `size` voxels. False: nothing is left. */
 static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32_t *high)
 {
     const double first = floor(v) - taps / 2, last = floor(v) + taps / 2;

@@ -8,8 +8,7 @@
 
 struct umb__volume {
     struct umb__tree tree; /* Tree of the first frustum */
-    /* Faces of spot and point lights. The fields about one frustum below are then those of the
-     * first face. */
+    /* Faces of spot and point lights. The fields about a frustum are those of the first. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     const uint32_t *grid;                 /* Grid section of the asset */
@@ -70,8 +69,7 @@ static inline double umb__face_first_w(const struct umb_frustum_info *face)
     return offset > least ? offset : least;
 }
 
-/* Transforms p to voxel space under a directional light. In: p: world position minus the asset's
- * origin. */
+/* Transforms p to voxel space under a directional light. In: p: metres from the asset's origin. */
 static inline void umb__volume_to_voxel(const struct umb__volume *volume, const double p[3],
                                         double v[3])
 {

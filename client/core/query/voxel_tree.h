@@ -19,8 +19,7 @@ struct umb__tree {
     uint32_t grid_log2; /* The grid has 1 << grid_log2 cells a side */
 };
 
-/* A place in the tree: the largest aligned cube of one state around a voxel, or the voxel's
- * brick. */
+/* A place in the tree: the largest aligned uniform cube around a voxel, or its brick. */
 struct umb__place {
     const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
     uint32_t level;        /* Level of the cube, which is 1 << level voxels wide; 3 for a brick */
@@ -49,8 +48,7 @@ struct umb__rectangle {
     int32_t x0, x1, y0, y1;
 };
 
-/* Returns the texels of an 8x8 slice that lie in the rectangle, as bits. In: x, y: first texel of
- * the slice. */
+/* Returns the bits of an 8x8 slice's texels in the rectangle. In: x, y: the slice's first texel. */
 static inline uint64_t umb__slice_mask(int32_t x, int32_t y, const struct umb__rectangle *in)
 {
     const int32_t left = umb__max(in->x0 - x, 0), right = umb__min(in->x1 - x, 7);

@@ -219,7 +219,7 @@ struct umb_map_deep_settings {
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* A checked query: caller's storage, no pointer into itself, may be copied. */
+/* A checked query, filled by umb_map_prepare. The caller's storage; it may be copied. */
 struct umb_map_query {
     uint64_t opaque[192];
 };

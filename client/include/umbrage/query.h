@@ -204,13 +204,13 @@ struct umb_query_stats {
 UMB_API void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
 
 struct umb_answers {
-    void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
-                     indexed like the points: a run on [first, first+count) writes there */
+    void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format. A run on
+                     [first, first + count) writes the answers with these indices */
     struct umb_query_stats stats; /* Counts, added to */
     uint64_t reserved[2];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
+/* A prepared query, filled by umb_query_prepare. The caller's storage; it may be copied. */
 struct umb_query {
     uint64_t opaque[72];
 };

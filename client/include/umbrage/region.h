@@ -46,7 +46,7 @@ struct umb_range {
  * Called with the bytes of one range.
  *
  * In:    index: position in the requested ranges. bytes: uint8[size], borrowed; shorter than
- * requested only at the end of the file.
+ *        requested only at the end of the file.
  * Returns UMB_OK to go on; any other status makes the source stop and return that status.
  */
 typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *bytes, size_t size);

@@ -69,7 +69,7 @@ enum umb_status {
 #undef UMB_STATUS_ENUM
 };
 
-/* Detail of one failure; lives with the caller, holds no pointers, needs no destroy. */
+/* Detail of one failure. The caller's storage, without pointers; nothing needs to be freed. */
 struct umb_error {
     enum umb_status status; /* Code that the function also returned */
     int system_error;       /* errno of the failing system call, or 0 */

@@ -47,8 +47,8 @@
 extern "C" {
 #endif
 
-/* A light prepared for volume queries: caller's storage, no pointer into itself, may be copied.
- * Filled by umb_volume_prepare. */
+/* A light prepared for volume queries, filled by umb_volume_prepare. The caller's storage; it may
+ * be copied. */
 struct umb_volume {
     uint64_t opaque[48];
 };
@@ -105,10 +105,10 @@ struct umb_segment_answer {
 
 struct umb_segment_answers {
     struct umb_segment_answer *segments; /* [count], indexed like the segments */
-    struct umb_interval *intervals;      /* [count * interval_max], those of segment i in order from
-                                            i * interval_max on; NULL if interval_max is 0 */
-    size_t interval_max;                 /* Most intervals to store of each segment; later ones are
-                                            only counted and added to `lit` */
+    struct umb_interval *intervals;      /* [count * interval_max] Intervals; those of segment i
+                                            begin at i * interval_max. NULL if interval_max is 0 */
+    size_t interval_max;                 /* Most intervals to store of each segment; further ones
+                                            only count and add to `lit` */
     struct umb_volume_stats stats;       /* Counts, added to */
     uint64_t reserved[2];                /* Zero: room for later versions (umbrage/version.h) */
 };
