@@ -30,6 +30,7 @@ report "test that cannot be executed" "$(git ls-files -s 'tests/*/test_*.py' 'te
 report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
 
 report "name outside of the legend of prefixes (docs/ARCHITECTURE.md)" "$(python3 tests/lint/names.py || true)"
+report "small header with a single user" "$(python3 tests/lint/small_headers.py || true)"
 
 # Another version lays out otherwise.
 version=$(clang-format --version 2>/dev/null | sed -n 's/.*version \([0-9]*\)\..*/\1/p')

@@ -11,7 +11,8 @@ import sys
 
 import circles
 
-LIMITS = {"A Query from socket to reply": 16, "A scene from glTF to asset": 55}
+LIMITS = {"A Query from socket to reply": 16, "A scene from glTF to asset": 55,
+          "A page from wire to answer": 16}
 PAGE = os.path.join(circles.ROOT, "docs/explained/ways.md")
 
 

@@ -30,7 +30,7 @@ grep '^| `/' "$protocol" | cut -d'|' -f2 | grep -oE '/[A-Za-z0-9_./]+' | grep -v
 all_in "every RPC is in docs/reference/protocol.md" "$folder/rpcs" "$folder/rpcs.told"
 all_in "every RPC in docs/reference/protocol.md exists" "$folder/rpcs.told" "$folder/rpcs"
 
-same "the ways in docs/ARCHITECTURE.md are those of the code" "" "$(/usr/bin/python3 "$root/tests/lint/ways.py" 2>&1)"
+same "the files in docs/explained/ways.md are those of the build" "" "$(/usr/bin/python3 "$root/tests/lint/ways.py" 2>&1)"
 
 try 0 umbraged --print-options
 cp "$folder/out" "$folder/rows"

@@ -313,7 +313,7 @@ static void intervals_before_a_lamp_equal_a_march_through_every_voxel(void **sta
     size_t faces_met = 0;
     lamp_open(&lamp);
     print_message("seed %llu\n", (unsigned long long)seed);
-    for (size_t i = 0; i < (size_t)case_count(short_count(FEW, FEW / 4)); i++) {
+    for (size_t i = 0; i < (size_t)case_count(FEW); i++) {
         double p[2][3], ends[2][3];
         struct umb_segment_answer answer;
         struct umb_segment_answers answers = {
@@ -388,7 +388,7 @@ static void columns_before_a_lamp_end_at_their_first_shadowed_voxel(void **state
     uint64_t seed = 33;
     size_t met = 0;
     lamp_open(&lamp);
-    for (size_t i = 0; i < (size_t)case_count(short_count(FEW, FEW / 4)); i++) {
+    for (size_t i = 0; i < (size_t)case_count(FEW); i++) {
         double p[3], from_light = 0;
         struct umb_column_answer got;
         struct umb_column_answers answers = {.columns = &got};

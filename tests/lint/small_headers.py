@@ -1,0 +1,62 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+Small headers with a single user in the product belong into that user's module. KEPT lists those that stay, each
+with the idea that its source file holds alone. Prints new ones, and lines of KEPT that nothing needs any more.
+"""
+import os
+import re
+import subprocess
+import sys
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+LINES = 40  # a header below this is small
+KEPT = {
+    "client/cli/cli_bundle.h": "finds the files that a scene names",
+    "client/cli/cli_http.h": "ranges of a file from a web server; the only user of curl",
+    "client/load/load_histogram.h": "latencies in buckets; tested alone",
+    "client/load/load_metrics.h": "reads the daemon's metrics during a load test",
+    "server/bake/analysis/sun_position.h": "astronomy; tested alone",
+    "server/bake/bake_report.h": "what a bake prints",
+    "server/bake/bake_run.h": "the bake, called by its main",
+    "server/bake/build/tile_occluder_depth.h": "the effect's part of a tile; tested alone",
+    "server/bake/sandbox/doctor_ground.h": "files and addresses that the doctor tries to reach",
+    "server/bake/shut_in.h": "from the options of a bake to the paths of its sandbox",
+    "server/bake/write/curve_points.h": "points of the accuracy curve",
+    "server/daemon/admin.h": "the HTTP port of metrics and health",
+    "server/daemon/service/box_price.h": "price of a box in points; tested alone",
+    "server/daemon/service/query_budget.h": "accuracy and time budgets of a request",
+    "server/scene/alpha_pyramid.h": "ranges of alpha over blocks of texels; tested alone",
+    "server/scene/parts_nest.h": "parts inside parts; tested alone",
+    "server/scene/parts_weld.h": "corners of equal place",
+    "server/store/fault_guard.h": "reads of a mapped file that may fail; tested alone",
+    "server/study/bound_check.h": "`verify --bounds`",
+    "server/study/point_file.h": "points that `umbrage points` writes; tested alone",
+    "server/study/study_errors.h": "sums and quantiles of errors; tested alone",
+    "server/study/study_fog.h": "the fog integral; tested alone",
+}
+
+
+def main():
+    words = ["git", "-C", ROOT, "ls-files", "client", "proto", "server"]
+    names = subprocess.run(words, stdout=subprocess.PIPE, check=True, text=True).stdout.split()
+    texts = {}
+    for name in names:
+        if name.endswith((".c", ".h", ".cc")) and os.path.isfile(os.path.join(ROOT, name)):
+            with open(os.path.join(ROOT, name), encoding="utf-8") as file:
+                texts[name] = file.read()
+    users = {}
+    for name, text in texts.items():
+        for base in set(re.findall(r'#\s*include\s+"(?:[^"]*/)?([^"/]+\.h)"', text)):
+            users.setdefault(base, set()).add(name)
+    small = {name for name, text in texts.items()
+             if name.endswith(".h") and not name.startswith("client/include/") and text.count("\n") < LINES
+             and len(users.get(os.path.basename(name), set()) - {name[:-2] + ".c"}) <= 1}
+    for name in sorted(small - set(KEPT)):
+        print(f"{name}: under {LINES} lines, with a single user: fold it, or say in tests/lint/small_headers.py why not")
+    for name in sorted(set(KEPT) - small):
+        print(f"{name}: tests/lint/small_headers.py keeps it, and need not")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
