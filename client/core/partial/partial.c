@@ -335,7 +335,7 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
     }
     if (!umb__partial_knows(p, page)) {
         return umb_fail(error, UMB_E_STATE,
-                        "page %u of the file: add block %u of the directory first", page,
+                        "page %u of the file: block %u of the directory is missing; add it", page,
                         page / UMB__BLOCK_PAGES);
     }
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
