@@ -27,7 +27,7 @@ struct series {
     struct umbb_bake_figures figures;
 };
 
-/* Progress without the tiles found in the cache, which say nothing about the rate. */
+/* Reports progress without the tiles found in the cache, which say nothing about the rate. */
 static void series_progress(void *user, uint64_t texels_done, uint64_t tiles, uint64_t tiles_found)
 {
     struct series *series = user;
@@ -149,8 +149,9 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     return status;
 }
 
-/* Bakes under the static rule. The rule moves `end` away from `lit`, which needs the arrays of the
- * closed rule: if no caster is closed, all casters count as open under the closed rule. */
+/* Bakes a frustum under the static rule. The rule moves `end` away from `lit`, which needs the
+ * arrays of the closed rule. So if no caster is closed, all casters count as open under the closed
+ * rule. */
 static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
                                    uint32_t number, uint32_t *root, struct umb_error *error)
 {
@@ -223,7 +224,7 @@ static int is_unwanted(const struct series *series, uint32_t frustum)
     return series->options->task == UMBB_TASK_TILE && begin >= end;
 }
 
-/* Bakes the wanted frusta and joins their results. In: roots, levels: [frustum_count] zeroed. */
+/* Bakes the frusta of the requested tiles and joins their results. roots, levels: zeroed. */
 static enum umb_status bake_all(struct series *series, uint32_t *roots, uint32_t *levels,
                                 struct umb__octree *octree, struct umb_error *error)
 {

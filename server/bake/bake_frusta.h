@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_BAKE_FRUSTA_H
 #define UMBRAGE_SERVER_BAKE_BAKE_FRUSTA_H
 /*
- * Baking all frusta of an asset, one after another, into one pool of nodes. The ids of assets
- * depend on their order only through the lights' own.
+ * Baking all frusta of an asset, one after another, into one pool of nodes. The order of the
+ * frusta, which enters an asset's id, follows from the order of the lights alone.
  */
 #include "bake/analysis/analysis.h"
 #include "bake/build/tile_loop.h"
@@ -31,7 +31,7 @@ struct umbb_frusta_job {
     uint64_t *receiver_mask_cells;
 };
 
-/* Number of tiles of all frusta. Tiles are numbered frustum by frustum, row by row. */
+/* Returns the number of tiles of all frusta. Tiles are numbered frustum by frustum, row by row. */
 uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log2);
 
 /*
@@ -39,8 +39,8 @@ uint64_t umbb_tile_count(const struct umbb_analysis *analysis, uint32_t tile_log
  *
  * Out:   octree: canonical, a root for each frustum; the caller finishes it. With task tile it
  *        stays empty: the results are in `tile_folder`. figures: sums.
- * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), as the tile cache
- *        (tile_folder.h).
+ * Fails: E_NO_MEMORY, E_LIMIT (--memory), E_CANCELLED, E_INTERNAL (Embree), and the errors of the
+ *        tile cache (tile_folder.h).
  */
 UMB_CHECKED enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job,
                                              struct umb__octree *octree,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage-bake: the command, and the importer's process that it starts of itself. */
+/* main of umbrage-bake: the command, and the importer process, which runs the same program. */
 #include <stdio.h>
 #include <string.h>
 

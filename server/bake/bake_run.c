@@ -63,8 +63,8 @@ static void print_notices(const char *lines)
     }
 }
 
-/* Checks the output before the work: an output that is the scene itself would destroy it, and an
- * unwritable one is better known now than at the end. */
+/* Checks the output path before the work. An output that is the scene itself would destroy the
+ * scene, and an unwritable output should be reported at once. */
 static enum umb_status check_output(const struct umbb_options *options, struct umb_error *error)
 {
     struct stat scene, output;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The loop over frusta, and over resolutions until the maps are small enough. */
+/* Makes the maps of all frusta, at ever lower resolutions until the maps are small enough. */
 #include "bake/bake_transmittance.h"
 
 #include <stdlib.h>
@@ -26,7 +26,7 @@ struct maps {
     int too_large;
 };
 
-/* A copy of a frustum with x and y in texels of a map of 2^level texels a side. */
+/* Returns a copy of a frustum with x and y in texels of a map of 2^level texels a side. */
 static struct umb_frustum_info coarse_frustum(const struct umb_frustum_info *frustum,
                                               uint32_t level)
 {

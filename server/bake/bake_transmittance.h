@@ -18,7 +18,7 @@
 #define UMBB_TRANSMITTANCE_BYTES_MAX ((size_t)16 << 20)
 
 /*
- * Makes the entry.
+ * Makes the entry of the asset's head that holds the maps of all frusta.
  *
  * In:    analysis: read for its translucent triangles. working_bytes: limit of lists of triangles
  *        and fragments.

@@ -13,7 +13,7 @@
 #define PROGRAM_BYTES ((uint64_t)16 << 20)
 /* Bytes of a triangle during the bake. */
 #define CORNER_BYTES 75U
-/* Bytes of a triangle's projections: few are cut, and the array grows by half at a time. */
+/* Bytes of a triangle's projections. Few triangles are cut; the array grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
 /* Bytes of a user primitive in Embree's hierarchy while it is built. */

@@ -2,14 +2,15 @@
 #ifndef UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
 #define UMBRAGE_SERVER_BAKE_MEMORY_PLAN_H
 /*
- * How --memory is divided: triangles, depth, tiles; the octree may take the rest. The tile may
- * become smaller than requested; that changes no bit of the result.
+ * Division of --memory among triangles, depth and tiles; the octree may take the rest. The tile may
+ * become smaller than requested, which changes no bit of the result.
  *
- * Three moments count: the search for parts, the bake, and the comparison with rays. Triangles take
- * the most in the first and the last. In the bake, lists of triangles may use the difference.
+ * Three phases count: the search for parts, the bake, and the comparison with rays. Triangles take
+ * the most memory in the first and the last. During the bake, lists of triangles may use the
+ * difference.
  *
  * The space in an asset's head is divided before the work, too. Readers accept canonical blocks of
- * up to 64 MiB (docs/reference/umb-format.md); a bake that exceeded that would find out only at its
+ * up to 64 MiB (docs/reference/umb-format.md); without the division a bake would fail only at its
  * end.
  */
 #include <stddef.h>
@@ -45,13 +46,13 @@ UMB_CHECKED enum umb_status umbb_memory_divide(const struct umbb_memory_input *i
                                                struct umb_error *error);
 
 /*
- * Computes the limit of first occluders: 48 MiB, or the space that everything else leaves in the
- * head.
+ * Computes the limit in bytes of the occluder depth map: 48 MiB, or the space that everything else
+ * leaves in the head.
  *
- * In:    content: counts of lights and frusta and both texts are read; receiver_mask_cells only for
- *        NULL or not; the curve counts in full. translucent: 1 if maps of translucent casters
- *        follow.
- * Fails: E_BAD_SCENE: so many lights and frusta do not fit even without an occluder depth map.
+ * In:    content: counts of lights and frusta and both texts are read; receiver_mask_cells: only
+ *        whether it is NULL. The curve counts in full. translucent: 1 if maps of translucent
+ *        casters follow.
+ * Fails: E_BAD_SCENE (so many lights and frusta do not fit even without an occluder depth map).
  */
 UMB_CHECKED enum umb_status umbb_head_occluder_depth_bytes(const struct umb__content *content,
                                                            int translucent, size_t *bytes,

@@ -14,7 +14,7 @@
 
 #define SMALL_LOG2 11U /* voxels a side of the second small bake */
 
-/* Growth of time and bytes with each doubling: of lines twofold, of areas fourfold. */
+/* Limits of the growth of time and bytes with each doubling. Lines grow twofold, areas fourfold. */
 #define GROWTH_MIN 1.5
 #define GROWTH_MAX 3.5
 
@@ -124,7 +124,7 @@ static int fits(const struct umbb_resolution_job *job, uint32_t log2_size,
            forecast->costs.octree_bytes <= (double)plan.octree_max_bytes;
 }
 
-/* Fails because the wanted resolution is out of reach; names the best one within it. */
+/* Fails because the wanted resolution is out of reach. The message names the best one that fits. */
 static enum umb_status fail_memory(const struct umbb_resolution_job *job,
                                    const struct umbb_costs samples[2], uint32_t wanted_log2,
                                    const struct umbb_forecast *wanted, struct umb_error *error)

@@ -34,9 +34,10 @@ struct umbb_resolution_job {
 /*
  * Chooses the resolution.
  *
- * Out:   log2_size; forecast: without costs if the bake itself is small.
- * Fails: E_ARGUMENT (no resolution reaches it), E_LIMIT (none that fits the memory), both with the
- *        best that can be reached; E_NO_MEMORY, E_CANCELLED, as umbb_analysis_refit.
+ * Out:   log2_size. forecast: without costs if the bake itself is small.
+ * Fails: E_ARGUMENT (no resolution reaches the bound), E_LIMIT (no such resolution fits the
+ *        memory): both messages name the best bound that can be reached; E_NO_MEMORY, E_CANCELLED,
+ *        and the errors of umbb_analysis_refit.
  * Cost:  a pass over the triangles for each resolution tried, and two bakes of 1024 and 2048
  *        voxels.
  */

@@ -7,16 +7,16 @@
 
 /*
  * Sets the limits and restricts paths to those of the options. The bake may read the scene's folder
- * (of a scene buffer the file alone) and write the folders of output and tiles. A missing folder of
- * tiles is created first, because the bake may not create one afterwards.
+ * (only the file itself if the scene is a scene buffer) and write the folders of output and tiles.
+ * A missing folder of tiles is created first, because the bake may not create one afterwards.
  *
- * Fails: as umbb_bake_sandbox_paths.
+ * Fails: the errors of umbb_bake_sandbox_paths.
  */
 UMB_CHECKED enum umb_status umbb_shut_in_paths(const struct umbb_options *options,
                                                struct umbb_bake_sandbox *sandbox,
                                                struct umb_error *error);
 
-/* Loads the filter of system calls: for umbs_import_options.shut_in. In: user: the sandbox. */
+/* Loads the filter of system calls, as the hook umbs_import_options.shut_in. user: the sandbox. */
 UMB_CHECKED enum umb_status umbb_shut_in_calls(void *user, const struct umbs_importer *importer,
                                                struct umb_error *error);
 

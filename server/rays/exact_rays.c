@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Candidates by Embree, as user primitives; hits in doubles.
+ * Embree finds candidates, as user primitives; hits are computed in doubles.
  *
  * Boxes are padded by PAD of the scene's radius R, and rays are cut to the sphere around the scene
  * before they become floats. A ray in floats then deviates from the ray in doubles by at most
- * sqrt(3) 2^-24 (R + 2 R + 2 R) < 2^-20 R: by its start, its direction over a length of 2 R, and
- * the corners of the boxes. Embree's robust box test itself errs on the safe side.
+ * sqrt(3) 2^-24 (R + 2 R + 2 R) < 2^-20 R. The three terms come from the start, the direction over
+ * a length of 2 R, and the corners of the boxes. Embree's robust box test itself errs on the safe
+ * side.
  */
 #include "rays/exact_rays.h"
 
@@ -20,8 +21,8 @@
 
 #define PAD 0x1p-19
 
-/* Share of the distance below which a ray that misses an edge counts as passing through it: 2^-53
- * for each of some twenty roundings. Around a corner, signs alone could leave a gap. */
+/* Distance by which a ray may miss an edge and still pass through it, as a share of the edge's
+ * distance: 2^-53 for each of some twenty roundings. Signs alone could leave a gap at a corner. */
 #define ROUNDING 0x1p-48
 
 struct umbr_exact {
@@ -94,9 +95,10 @@ static double largest(const double a[3])
 }
 
 /*
- * Side of the edge a, b on which a ray from the origin passes: the sign of the volume that ray and
- * edge span, or 0 if rounding decides. The Pluecker form of difference and sum has an error in the
- * length of the edge, not in its distance. Exchanging a and b changes the sign and no other bit.
+ * Returns the side of the edge a, b on which a ray from the origin passes: the sign of the volume
+ * that ray and edge span, or 0 if rounding decides. The Pluecker form of difference and sum has an
+ * error in proportion to the length of the edge, not to its distance. Exchanging a and b changes
+ * the sign and no other bit.
  */
 static double side_of_edge(const double a[3], const double b[3], const double direction[3])
 {
@@ -110,8 +112,8 @@ static double side_of_edge(const double a[3], const double b[3], const double di
     return fabs(side) <= ROUNDING * largest(difference) * largest(sum) ? 0 : side;
 }
 
-/* Hit of a ray with a triangle: returns 1 with the distance, the weights of the corners and whether
- * the ray meets the back; else 0. */
+/* Tests a ray against a triangle. Returns 1 with the distance, the weights of the corners and
+ * whether the ray meets the back; else 0. */
 static int hit_triangle(const struct search *search, uint32_t triangle, double *distance,
                         double weight[3], int *leaving)
 {
@@ -228,7 +230,7 @@ void umbr_exact_destroy(struct umbr_exact *exact)
     umb__free(NULL, exact);
 }
 
-/* The part of a ray inside the padded sphere around the scene; returns 0 if there is none. */
+/* Finds the part of a ray inside the padded sphere around the scene; returns 0 if there is none. */
 static int cut_to_scene(const struct search *search, double *begin, double *end)
 {
     const double radius = search->exact->radius * (1 + 4 * PAD);

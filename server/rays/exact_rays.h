@@ -35,14 +35,14 @@ struct umbr_exact_hit {
     int leaving;       /* 1 if the ray meets the back of the triangle, by its winding */
 };
 
-/* A sphere around all corners: the middle of their box, and the metres to a corner of the box. */
+/* Computes a sphere around all corners: the middle of their box, and the metres to its corner. */
 void umbr_sphere_of(const double (*corners)[3][3], size_t count, double centre[3], double *radius);
 
 /*
  * Builds the hierarchy.
  *
- * In:    corners: double[count][3][3], world; borrowed until destroyed. cuts: as for
- *        struct umbr_rays_options; NULL = every triangle is whole. threads: 0 = all.
+ * In:    corners: double[count][3][3], world; borrowed until destroyed. cuts: see struct
+ *        umbr_rays_options; NULL = every triangle is whole. threads: 0 = all.
  * Fails: E_NO_MEMORY, E_INTERNAL (Embree gives no device).
  */
 UMB_CHECKED enum umb_status umbr_exact_create(const double (*corners)[3][3], size_t count,
@@ -56,7 +56,7 @@ int umbr_exact_occluded(const struct umbr_exact *exact, const struct umbr_exact_
 void umbr_exact_nearest(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,
                         struct umbr_exact_hit *hit);
 
-/* Back-facing minus front-facing hits of triangles that are closed[triangle]: above 0 inside. */
+/* Returns back-facing minus front-facing hits of closed triangles: above 0 inside a solid. */
 int umbr_exact_winding(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,
                        const uint8_t *closed);
 

@@ -5,7 +5,7 @@
  * ones. */
 #include "scene/scene_alpha.h"
 
-/* 1 if a ray passes through a triangle at these weights of its second and third corner. */
+/* Returns 1 if a ray passes through a triangle at these weights of its second and third corner. */
 static inline int umbr_is_hole(const struct umbs_cuts *cuts, uint32_t triangle, double second,
                                double third)
 {

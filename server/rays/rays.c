@@ -34,7 +34,7 @@ enum {
     HITS_MAX = 128, /* hits kept at a time; rays through a city have fewer than twenty */
 };
 
-/* Barycentric coordinates below this are on the border: float rounding of robust mode, times 16. */
+/* Barycentric coordinate below which a hit is on the border: 16 times the float rounding. */
 static const double border_coordinate = 16 * FLT_EPSILON;
 
 /* Hits closer together than this share of their distance (and of a metre) may be one crossing. */
@@ -93,15 +93,15 @@ static void note_error(void *user, enum RTCError code, const char *text)
     }
 }
 
-/* Copies one of the four-byte numbers of hit i of n, which Embree names for C++ only. Their order
- * is that of struct RTCHit. */
+/* Copies a four-byte number of hit i of n. Embree names these numbers for C++ only; their order is
+ * that of struct RTCHit. */
 static void hit_number(const struct RTCHitN *hit, unsigned n, unsigned i, size_t offset, void *out)
 {
     memcpy(out, (const char *)hit + offset * n + 4 * (size_t)i, 4);
 }
 
-/* Embree's filter for scenes with holes: refuses hits where the texture cuts the triangle out; for
- * one ray or for a packet. */
+/* Embree's filter for scenes with holes, for one ray or for a packet. Refuses hits where the
+ * texture cuts the triangle out. */
 static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
 {
     const struct RTCHitN *hit = arguments->hit;
@@ -368,7 +368,7 @@ static int before(const struct crossing *a, const struct crossing *b)
     return a->distance < b->distance || (a->distance == b->distance && a->triangle < b->triangle);
 }
 
-/* Inserts a hit. A repeated one is dropped; if there are too many, the farthest is dropped. */
+/* Inserts a hit. A repeated hit is dropped; if the list is full, the farthest hit is dropped. */
 static void keep_hit(struct crossing_list *list, const struct crossing *hit)
 {
     if (list->has_last && !before(&list->last, hit)) {
@@ -394,7 +394,7 @@ static void keep_hit(struct crossing_list *list, const struct crossing *hit)
     list->hits[at] = *hit;
 }
 
-/* Embree's filter: records the hit and refuses it, so that the ray goes on. */
+/* Embree's filter: records the hit and refuses it, so that the ray continues to the next hit. */
 static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
 {
     /* The context is the list's first member, so the cast yields the list. */
@@ -435,7 +435,7 @@ static int share_a_vertex(const struct umbr_rays *rays, uint32_t a, uint32_t b)
     return 0;
 }
 
-/* 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it. */
+/* Returns 1 if hit i crosses the surface at an edge or corner where an earlier hit crossed it. */
 static int crossed_already(const struct umbr_rays *rays, const struct crossing_list *list, size_t i)
 {
     const struct crossing *hit = &list->hits[i];

@@ -23,13 +23,13 @@ struct umbr_hit {
     uint32_t triangle;
 };
 
-/* How the hierarchy is built. Zeroed: for many rays, with all processors. */
+/* Options of building the hierarchy. If zeroed, it is built for many rays, with all processors. */
 struct umbr_rays_options {
     int quick;        /* 1: built several times as fast, traced about a third slower */
     unsigned threads; /* threads of the build; 0 = all */
-    /* Triangles with holes, `of` in their order: rays ignore texels that are cut out, triangles
-     * that cast nothing, and translucent ones. Borrowed until destroyed; NULL = every triangle is
-     * whole. */
+    /* Cuts of triangles with holes; `of` is in the order of the triangles. Rays ignore cut-out
+     * texels, triangles that cast nothing, and translucent triangles. Borrowed until destroyed;
+     * NULL = every triangle is whole. */
     const struct umbs_cuts *cuts;
 };
 
@@ -37,7 +37,7 @@ struct umbr_rays_options {
  * Builds the hierarchy over world triangles.
  *
  * In:    corners: double[count][3][3]; after the call only umbr_rays_exact reads them, so they must
- *        last as long as it may be called. options: may be NULL.
+ *        last as long as calls of umbr_rays_exact are possible. options: may be NULL.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (above 1431655765 triangles), E_INTERNAL (Embree's message).
  * Cost:  about 1 us a triangle quick, 3 otherwise, on one processor.
  */
@@ -47,24 +47,24 @@ UMB_CHECKED enum umb_status umbr_rays_build(const double (*corners)[3][3], size_
 
 void umbr_rays_destroy(struct umbr_rays *rays);
 
-/* Greatest error in metres of the side on which a ray passes an edge or corner: 2^-20 of the
- * scene's radius. Start, direction, corners and the intersection itself are off by 2^-24 of up to
- * two diameters each. */
+/* Returns the greatest distance in metres from an edge or corner at which a ray may pass on the
+ * wrong side: 2^-20 of the scene's radius. Start, direction, corners and the intersection itself
+ * each have an error of 2^-24 of up to two diameters. */
 double umbr_rays_error_m(const struct umbr_rays *rays);
 
 /*
- * Hierarchy of the same triangles for rays in doubles. The first call, on any thread, builds it; it
- * belongs to the rays.
+ * Gets the hierarchy of the same triangles for rays in doubles, which `rays` owns. The first call,
+ * on any thread, builds the hierarchy.
  *
- * Fails: as umbr_exact_create; then *exact is NULL.
+ * Fails: the errors of umbr_exact_create; *exact is NULL then.
  */
 UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
                                             const struct umbr_exact **exact,
                                             struct umb_error *error);
 
 /*
- * 1 if any triangle lies on the ray from `from` along unit `direction`, between near and far
- * metres.
+ * Returns 1 if any triangle lies on the ray from `from` along unit `direction`, between near and
+ * far metres.
  *
  * In: from, direction: finite. near_m: below 0 counts as 0. far_m: may be infinite; a range with
  *     far_m < near_m is empty.
@@ -72,7 +72,7 @@ UMB_CHECKED enum umb_status umbr_rays_exact(const struct umbr_rays *rays,
 int umbr_occluded(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m);
 
-/* umbr_occluded for eight rays of one direction at once, a packet. Out: occluded: 0 or 1 each. */
+/* Does umbr_occluded for a packet of eight rays of one direction. occluded: 0 or 1 for each ray. */
 void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
                     const double direction[3], double near_m, double far_m, uint8_t occluded[8]);
 

@@ -96,9 +96,9 @@ static enum umb_status compare_block(void *user, size_t first, size_t count,
     return UMB_OK;
 }
 
-/* Makes the light local, and computes the distance from a lamp within which nothing casts. A bake
- * leaves out casters nearer than 2^-26 of the distance to the farthest corner of the casters' box,
- * and a surface that the lamp is on (bake/analysis/frusta.h). */
+/* Makes the light's position local, and computes the distance from a lamp within which nothing
+ * casts. A bake leaves out casters nearer than 2^-26 of the distance to the farthest corner of the
+ * casters' box, and a surface that the lamp is on (bake/analysis/frusta.h). */
 static void place_light(struct umbr_verify_job *job, const struct umb_asset_info *info)
 {
     double square = 0;

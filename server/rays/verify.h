@@ -6,11 +6,11 @@
  * of a shadow boundary.
  *
  * Half of the points are uniform in the frustum's box, half within 4 voxels of a shadow boundary.
- * Of those, half lie at a lit surface found by a ray, the others at a change in the asset found by
- * walking it. Each point is looked up without bias and traced towards the light. A disagreement is
- * inside the band if the traced truth differs among the samples of a 5x5x5 grid of offsets within
- * one voxel of the point (with the voxel's own centre and rings around it, for rods thinner than
- * the grid). Otherwise it is outside, which must not happen.
+ * Of those, half lie at a lit surface found by a ray, the others at a change that a walk along the
+ * asset's voxels finds. Each point is looked up without bias and traced towards the light. A
+ * disagreement is inside the band if the traced truth differs among the samples of a 5x5x5 grid of
+ * offsets within one voxel of the point (with the voxel's own centre and rings around it, for rods
+ * thinner than the grid). A disagreement outside the band must not happen.
  *
  * For lamps, places are also drawn anywhere in the casters' box, a quarter as many as points. A
  * place that no face covers must be lit, and counts only if it is not.
@@ -38,17 +38,17 @@
 enum umbr_verify_kind {
     /* Points, as above. */
     UMBR_VERIFY_POINTS = 0,
-    /* Segments of all lengths, half of them through a boundary. At four parameters of each, two of
-     * them next to the end of an interval, the intervals say lit or shadowed; that is judged like a
-     * point's answer. */
+    /* Segments of all lengths, half of them through a boundary. Each is tested at four parameters,
+     * two of them next to the end of an interval. Lit or shadowed there is judged like a point's
+     * answer. */
     UMBR_VERIFY_SEGMENTS,
-    /* Columns: the first occluder against the nearest hit of the light ray through the texel's
-     * centre. Inside the band: another voxel, but within one voxel of those that the rays of a 5x5
-     * grid within one texel find. */
+    /* Columns: the first occluder is compared with the nearest hit of the light ray through the
+     * texel's centre. An answer inside the band names another voxel, but one within a voxel of
+     * those that the rays of a 5x5 grid within one texel find. */
     UMBR_VERIFY_COLUMNS,
-    /* Boxes of up to five voxels a side: lit voxels against rays from all centres inside. Inside
-     * the band: a number that differs by no more than the voxels in the band or in a closed
-     * solid. */
+    /* Boxes of up to five voxels a side: the number of lit voxels is compared with rays from all
+     * centres inside. An answer inside the band differs by no more than the number of voxels in the
+     * band or in a closed solid. */
     UMBR_VERIFY_BOXES,
 };
 

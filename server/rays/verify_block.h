@@ -61,7 +61,7 @@ static inline double umbr_next_unit(struct umbr_verify_block *block)
     return (double)(umbr_next_random(block) >> 11) * 0x1p-53;
 }
 
-/* 1 if floats cannot resolve a frustum's voxels: then all its rays are in doubles. */
+/* Returns 1 if floats cannot resolve a frustum's voxels, so that all its rays are in doubles. */
 int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
                             const struct umbr_rays *rays);
 
@@ -82,8 +82,8 @@ void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umb
 int umbr_verify_trace(const struct umbr_verify_block *block, const double local[3], int *buried);
 
 /*
- * Switches a block to rays in doubles, to judge a point again that float rays judge wrong. Returns
- * 0 if it uses them already, or if out of memory (status). The caller restores `exact`.
+ * Switches a block to rays in doubles, to judge again a point that float rays judge wrong. Returns
+ * 0 if the block uses doubles already, or if out of memory (status). The caller restores `exact`.
  */
 int umbr_verify_look_again(struct umbr_verify_block *block);
 
@@ -91,38 +91,39 @@ int umbr_verify_look_again(struct umbr_verify_block *block);
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
                            size_t count);
 
-/* Judges samples by given answers: lit[i] 1 or 0; else as umbr_verify_judge. */
+/* Judges samples by the answers lit[i], 1 or 0. Returns how many samples were compared. */
 uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
                                    const struct umbr_sample *samples, const uint8_t *lit,
                                    size_t count);
 
-/* 1 if any answer is allowed for a sample of that truth: it lies in the band or in a solid. */
+/* Returns 1 if any answer is allowed for a sample, because it lies in the band or in a solid.
+ * truth: 1 lit or 0 shadowed. */
 int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                           int truth);
 
 /* Records a disagreement outside the band. */
 void umbr_verify_note(struct umbr_verify_block *block, const double local[3]);
 
-/* The light's path through column (x, y) of the block's frustum: from its first voxel, or from the
- * lamp if that lies within, to its last. Out: ray; z_first: its start in voxels. Returns 0 if the
- * frustum's middle lies behind the lamp. */
+/* Computes the light's path through column (x, y) of the block's frustum. ray: from the first voxel
+ * of the column, or from the lamp if it stands within the column, to the last voxel. z_first: the
+ * ray's start in voxels. Returns 0 if the frustum's middle lies behind the lamp. */
 int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
                        struct umbr_exact_ray *ray, double *z_first);
 
-/* Fills local and centre from voxel; 0 if the point is outside the frustum, or in another face. */
+/* Computes local and centre from voxel; returns 0 outside the frustum, or in another face. */
 int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample *sample);
 
 /* Finds a boundary of a random kind; lowers *walks by the rows walked. Returns 0 if none was
  * found. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3]);
 
-/* Judges a place that no frustum of the light covers: it must be lit. Counts only if it is
- * wrong. */
+/* Judges a place that no frustum of the light covers. The place must be lit, and is counted only if
+ * it is not. */
 void umbr_verify_judge_outside(struct umbr_verify_block *block, const double local[3]);
 
 /*
- * Draws places in the casters' box, and judges those that a lamp should cover and does not. For a
- * point light these are all, for a spot light with several faces those before it. This finds a face
+ * Draws places in the casters' box, and judges those that a lamp should cover and does not. A point
+ * light covers all places, a spot light with several faces those in front of it. This finds a face
  * that is missing or turned; all other points are drawn in the existing faces.
  */
 void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws);

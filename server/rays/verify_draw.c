@@ -3,8 +3,8 @@
  * Drawing points to compare, in voxel space.
  *
  * Shadow boundaries come in two kinds. A ray from the light finds surfaces, whatever the asset
- * says. All others, above all the walls of shadow volumes, are found in the asset: visibility is
- * looked up at jittered stations along a random row of its voxels, and one change is picked and
+ * says. Other boundaries, above all the walls of shadow volumes, are found in the asset: visibility
+ * is looked up at jittered stations along a random row of its voxels, and one change is picked and
  * halved down to two neighbouring voxels. (Along the light, most changes of an asset baked under
  * the closed rule lie deep inside solids, where nothing can be compared: hence the ray.)
  */
@@ -23,7 +23,7 @@ enum {
     POINTS_A_BOUNDARY = 8,
     NEAR_VOXELS = 4,
     TRIES_A_POINT = 24, /* draws near boundaries for each wanted point */
-    /* Most uniform draws for each wanted point: a point inside a closed solid is left out. */
+    /* Most uniform draws for each wanted point: points inside closed solids are left out. */
     DRAWS_A_POINT = 4,
     WALKS_A_BOUNDARY = 4, /* rows walked before another kind of boundary is tried */
 };
@@ -31,7 +31,7 @@ enum {
 _Static_assert(STATIONS <= UMBR_SAMPLES_MAX && POINTS_A_BOUNDARY <= UMBR_SAMPLES_MAX,
                "batches fit");
 
-/* 1 if a point is answered by the block's frustum and no other face of its light. */
+/* Returns 1 if the block's frustum answers at a point, and no other face of its light does. */
 static int is_own(const struct umbr_verify_block *block, const double local[3])
 {
     const double w = umbr_light_frame_w(block->light_frame, local);
@@ -59,8 +59,8 @@ int umbr_verify_place(const struct umbr_verify_block *block, struct umbr_sample 
            is_own(block, sample->local);
 }
 
-/* Draws and compares points until `wanted` were compared, or a limit of draws. In: draw: fills in a
- * sample and returns 1, or 0 if it found none this time. */
+/* Draws and compares points until `wanted` were compared, or `tries` were drawn. draw: fills in a
+ * sample and returns 1, or returns 0 if this draw found none. */
 static void compare_drawn(struct umbr_verify_block *block,
                           int (*draw)(struct umbr_verify_block *block, struct umbr_sample *sample),
                           uint64_t wanted, uint64_t tries)
@@ -157,7 +157,7 @@ int umbr_verify_column(const struct umbr_verify_block *block, double x, double y
     return umb__unit(ray->direction);
 }
 
-/* The first surface on the light's path in a random column; 0 if there is none. */
+/* Finds the first surface on the light's path in a random column; returns 0 if there is none. */
 static int find_surface(struct umbr_verify_block *block, double boundary[3])
 {
     const double size = block->light_frame->size;
@@ -198,7 +198,7 @@ static void ask_row(const struct umbr_verify_block *block, const struct row *row
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
 }
 
-/* 1 if both voxels at a change are inside closed solids, where answers are unspecified. */
+/* Returns 1 if both voxels at a change are in closed solids, where answers are unspecified. */
 static int is_buried(const struct umbr_verify_block *block, const struct row *row, double change)
 {
     int buried = 1;
@@ -253,7 +253,7 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     return !is_buried(block, &row, high);
 }
 
-/* Half are surfaces, the rest changes along the three axes, fewest along the light. */
+/* Half of all boundaries are surfaces, the rest changes along an axis, fewest along the light. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;
@@ -291,7 +291,7 @@ uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
     return wanted;
 }
 
-/* Moves a surface's point along its normal, turned to the light, as a query of one tap does.
+/* Moves a point of a surface along the normal that faces the light, as a query of one tap does.
  * Returns 0 if the light grazes the surface. */
 static int lift(const struct umbr_verify_block *block, const double normal[3], double local[3])
 {

@@ -13,8 +13,8 @@
 
 #include "base/vec.h"
 
-/* Float rays leave out casters nearer to a lamp than 2^-16 of a point's distance, which is up to
- * twice W. Casters beyond 2^-12 of the last W are never left out. */
+/* Share of the last W beyond which float rays never leave out a caster. They leave out casters
+ * nearer to a lamp than 2^-16 of a point's distance, which is at most twice W. */
 #define FLOATS_REACH 0x1p-12
 
 enum {
@@ -46,7 +46,8 @@ void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3]
     }
 }
 
-/* A ray from a place. In: direction: NULL: towards the light, up to where casters may be. */
+/* Makes a ray from a place. direction: the ray's direction; NULL: towards the light, up to where
+ * casters may be. */
 static struct umbr_exact_ray ray_from(const struct umbr_verify_block *block, const double local[3],
                                       const double direction[3])
 {
@@ -110,9 +111,9 @@ void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umb
 }
 
 /*
- * 1 if, along a direction, a ray leaves more closed solids than it enters. A ray that first meets
- * an inner side starts inside. Only if it first enters a solid, all crossings must be counted,
- * which costs more than twice as much.
+ * Returns 1 if, along a direction, a ray leaves more closed solids than it enters. A ray that first
+ * meets an inner side starts inside. If the ray first enters a solid, all crossings must be
+ * counted, which costs more than twice as much.
  */
 static int is_inside_along(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray)
 {
@@ -135,7 +136,7 @@ static int is_inside_along(const struct umbr_verify_block *block, const struct u
     return winding > 0;
 }
 
-/* 1 if a point lies inside a closed solid, by all crossings of a ray along the light. */
+/* Returns 1 if a point lies inside a closed solid, by all crossings of a ray along the light. */
 static int is_inside(const struct umbr_verify_block *block, const double local[3])
 {
     if (!has_undefined(block)) {
@@ -162,8 +163,9 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double local[
 }
 
 /*
- * is_inside by a vote of three directions unusual in models, and their opposites. A ray that grazes
- * an edge may err. A surface on one side only cannot give five votes to a point outside of a solid.
+ * The test of is_inside, by a vote of six rays: three directions unusual in models, and their
+ * opposites. A ray that grazes an edge may err. A surface on one side only cannot give five votes
+ * to a point outside of a solid.
  */
 static int is_inside_by_vote(const struct umbr_verify_block *block, const double local[3])
 {
@@ -184,8 +186,8 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     return votes >= VOTES_NEEDED;
 }
 
-/* 1 if the truth differs among eight places around a point, at a given distance across the light.
- * In: voxel: the point. */
+/* Returns 1 if the truth differs among eight places at the distance `voxels` around a point, across
+ * the light. voxel: the point in voxel space. */
 static int changes_around(const struct umbr_verify_block *block, const double voxel[3],
                           double voxels, int truth)
 {
@@ -202,8 +204,8 @@ static int changes_around(const struct umbr_verify_block *block, const double vo
     return 0;
 }
 
-/* 1 if the truth changes next to the centre of the point's voxel: a rod may be thinner than the
- * grid of the band, and its edge may run exactly through the centre. */
+/* Returns 1 if the truth changes next to the centre of the point's voxel: a rod may be thinner than
+ * the grid of the band, and its edge may run exactly through the centre. */
 static int has_edge_at_centre(const struct umbr_verify_block *block,
                               const struct umbr_sample *sample, int truth)
 {
@@ -219,8 +221,8 @@ static int has_edge_at_centre(const struct umbr_verify_block *block,
 }
 
 /*
- * 1 if the truth changes within one voxel of the point: somewhere on a 5x5x5 grid of half-voxel
- * offsets, or at or next to the centre of the point's own voxel.
+ * Returns 1 if the truth changes within one voxel of the point: somewhere on a 5x5x5 grid of
+ * half-voxel offsets, or at or next to the centre of the point's own voxel.
  */
 static int in_band(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                    int truth)

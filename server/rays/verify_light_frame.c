@@ -7,8 +7,8 @@
 
 #include "base/vec.h"
 
-/* Share of the way to a lamp that must be free. A surface closer to the lamp may be the one it
- * stands on, which float rays meet or miss by rounding. */
+/* Share of the way to a lamp that must be free. A surface beyond this share may be the one that the
+ * lamp stands on, which float rays meet or miss by rounding. */
 #define FREE_SHARE (1.0 - 0x1p-16)
 
 /*

@@ -28,11 +28,11 @@ UMB_CHECKED enum umb_status umbr_light_frame_init(struct umbr_light_frame *light
                                                   const struct umb_asset *asset, uint32_t frustum,
                                                   struct umb_error *error);
 
-/* Place of a point in voxel space; 0 if it lies at or behind a perspective's eye. */
+/* Computes a point's place from voxel space. Returns 0 if the point is at or behind the eye. */
 int umbr_light_frame_local(const struct umbr_light_frame *light_frame, const double voxel[3],
                            double local[3]);
 
-/* World position of a point in voxel space, for absolute coordinates; 0 as above. */
+/* Computes a point's absolute world position from voxel space; 0 at or behind the eye. */
 int umbr_light_frame_world(const struct umbr_light_frame *light_frame, const double voxel[3],
                            double world[3]);
 
@@ -40,12 +40,13 @@ int umbr_light_frame_world(const struct umbr_light_frame *light_frame, const dou
 int umbr_light_frame_voxel(const struct umbr_light_frame *light_frame, const double local[3],
                            double voxel[3]);
 
-/* W of a place: 1 for directional lights, the distance along the axis for others. */
+/* Returns W of a place: 1 for directional lights, the distance along the axis for others. */
 double umbr_light_frame_w(const struct umbr_light_frame *light_frame, const double local[3]);
 
-/* Unit direction from a point to the light, and the distance that must be free for rays in floats:
- * infinite for directional lights; for others the distance less a share of 2^-16, as a lamp may
- * stand exactly on a surface. In: point: relative to the origin of the light's position. */
+/* Computes the unit direction from a point to the light, and the distance that must be free for
+ * rays in floats. It is infinite for directional lights; for others it is shorter than the distance
+ * to the lamp by 2^-16, as a lamp may stand exactly on a surface. point: relative to the origin of
+ * the light's position. */
 void umbr_towards_light(const struct umb_light_info *light, const double point[3],
                         double direction[3], double *distance_m);
 

@@ -21,8 +21,8 @@ enum {
     RINGS = 4,
 };
 
-/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if none was found
- * within *walks. */
+/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if no boundary
+ * was found within *walks. */
 static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks, double voxel[3])
 {
     if (near) {
@@ -74,8 +74,8 @@ static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, dou
     return 0;
 }
 
-/* Draws a parameter of a segment. Every second one lies next to the end of an interval, if there is
- * an interval. In: which: number of the draw. voxels: length of the segment. */
+/* Draws a parameter of a segment. Every second parameter lies next to the end of an interval, if
+ * there is an interval. In: which: number of the draw. voxels: length of the segment. */
 static double draw_parameter(struct umbr_verify_block *block, const struct umb_interval *intervals,
                              size_t count, int which, double voxels)
 {
@@ -140,9 +140,9 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
     }
 }
 
-/* Depth in voxels of the first hit of the light ray through (x, y), beyond the frustum's last
- * voxel if there is none. Returns the metres of a voxel along the ray; 0 if the ray leaves the
- * frustum. */
+/* Computes the depth in voxels of the first hit of the light ray through (x, y). Without a hit the
+ * depth is beyond the frustum's last voxel. Returns the metres of a voxel along the ray; 0 if the
+ * ray leaves the frustum. */
 static double traced_depth(const struct umbr_verify_block *block, double x, double y, double *depth)
 {
     const double size = block->light_frame->size;
@@ -165,9 +165,9 @@ static double lit_before(const struct umbr_verify_block *block, double depth)
 }
 
 /*
- * 1 if a number of lit voxels lies within one voxel of those that rays find within one texel: on a
- * grid, and on rings around the centre, since a rod may be thinner than the grid and its edge may
- * run through the centre.
+ * Returns 1 if `lit`, a number of lit voxels, lies within one voxel of those that rays find within
+ * one texel. The rays lie on a grid and on rings around the centre, since a rod may be thinner than
+ * the grid and its edge may run through the centre.
  */
 static int is_near_column(const struct umbr_verify_block *block, const double texel[2], double lit)
 {
@@ -189,7 +189,7 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
     return lit >= least - 1 && lit <= most + 1;
 }
 
-/* 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
+/* Returns 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
 static int column_verdict(const struct umbr_verify_block *block, const double voxel[3],
                           const struct umb_column_answer *answer)
 {
@@ -349,7 +349,7 @@ void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
             const double *step = block->light_frame->step[axis];
             edge = fmin(edge, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
         }
-        /* No side is longer than the diagonal, and so no extent of the box in voxels. */
+        /* No extent of the box in voxels is longer than the diagonal. */
         for (int k = 0; k < 3; k++) {
             const double side = umbr_next_unit(block) * BOX_VOXELS * edge / sqrt(3);
             box.min[k] = world[k] - 0.5 * side;

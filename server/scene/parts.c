@@ -63,7 +63,7 @@ static void cross_product(const double a[3], const double b[3], double out[3])
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* 1 if two corners are equal, or if the area in doubles is 0 or not finite. */
+/* Returns 1 if two corners are equal, or if the area in doubles is 0 or not finite. */
 static int is_degenerate(const struct finder *f, uint32_t t)
 {
     const uint32_t *v = f->vertex_of + 3 * (size_t)t;
@@ -133,7 +133,7 @@ static void sort_entries(uint64_t *entries, size_t count)
     }
 }
 
-/* Counting sort of all half-edges by their lower vertex, then by the higher one. */
+/* Sorts all half-edges by counting: by their lower vertex, then by the higher one. */
 static int bucket_edges(struct finder *f, struct umbs_parts *parts)
 {
     f->bucket = umb__alloc_zeroed(NULL, (size_t)f->vertex_count + 1, sizeof *f->bucket);
@@ -172,7 +172,7 @@ static int bucket_edges(struct finder *f, struct umbs_parts *parts)
     return 1;
 }
 
-/* End of the run of equal edges that starts at entry `first` of a bucket that ends at `last`. */
+/* Returns the end of the run of equal edges from entry `first` of a bucket that ends at `last`. */
 static uint32_t run_end(const struct finder *f, uint32_t first, uint32_t last)
 {
     uint32_t end = first + 1;
@@ -183,8 +183,9 @@ static uint32_t run_end(const struct finder *f, uint32_t first, uint32_t last)
 }
 
 /*
- * Counts triangles of a run that repeat an earlier one. A triangle is looked at only in the run of
- * its two lowest vertices, so each is seen once; two of them are equal if the third vertex is.
+ * Counts triangles of a run that repeat an earlier one. A triangle is compared only in the run of
+ * its two lowest vertices, so each is seen once. Two triangles of a run are equal if their third
+ * vertices are.
  */
 static int count_duplicates(struct finder *f, uint32_t first, uint32_t end, size_t *duplicates)
 {
@@ -306,8 +307,8 @@ static void add_to_box(struct umbs_part *part, const double (*c)[3])
     }
 }
 
-/* Volume of the tetrahedron between the triangle and the centre of the part's box, so that large
- * coordinates do not cancel each other. */
+/* Returns the volume of the tetrahedron between a triangle and the centre of the part's box. The
+ * centre keeps large coordinates from cancelling each other. */
 static double signed_volume(const struct umbs_part *part, const double (*c)[3])
 {
     double p[3][3], n[3];

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Containment among boxes: an implicit balanced tree by the box centres, one union box a node. A
- * query descends only where the union contains it. Many small solids side by side (a city) answer
- * in O(log n); boxes that overlap without containing one another cost more, up to a limit: a file
- * could otherwise ask for all pairs of its parts.
+ * Containment among boxes: an implicit balanced tree by the box centres, with one union box for
+ * each node. A query descends only into nodes whose union contains the box asked for. Many small
+ * solids side by side (a city) answer in O(log n); boxes that overlap without containing one
+ * another cost more, up to a limit: a file could otherwise ask for all pairs of its parts.
  */
 #include "scene/parts_nest.h"
 

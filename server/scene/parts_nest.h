@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_SCENE_PARTS_NEST_H
 #define UMBRAGE_SERVER_SCENE_PARTS_NEST_H
-/* Asks whether a box lies inside one of many boxes, without comparing it with each. */
+/* Test whether a box lies inside one of many boxes, without a comparison with each of them. */
 #include <stddef.h>
 #include "umbrage/geom.h"
 
@@ -19,12 +19,13 @@ struct umbs_nest {
 int umbs_nest_init(struct umbs_nest *nest, const struct umb_box *boxes, size_t count);
 void umbs_nest_finish(struct umbs_nest *nest);
 
-/* Limit of nodes that a query looks at. Cities and forests need a few dozen. */
+/* Greatest number of nodes that a query visits. Cities and forests need a few dozen. */
 #define UMBS_NEST_STEPS_MAX 4096U
 
 /*
- * 1 if the box lies inside (touching allowed) at least one of the tree's boxes, or if that is not
- * known after UMBS_NEST_STEPS_MAX steps: the answer that turns no part around.
+ * Returns 1 if the box lies inside (touching allowed) at least one of the tree's boxes. Also
+ * returns 1 if this is not known after UMBS_NEST_STEPS_MAX steps, because then no part is turned
+ * around.
  */
 int umbs_nest_holds(const struct umbs_nest *nest, const struct umb_box *box);
 

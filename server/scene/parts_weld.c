@@ -32,7 +32,7 @@ struct key {
 
 static struct key key_of(const double position[3])
 {
-    /* Adding +0.0 turns -0.0 into +0.0 and changes nothing else that can be compared here. */
+    /* Adding +0.0 turns -0.0 into +0.0 and leaves all other values equal. */
     const double clean[3] = {position[0] + 0.0, position[1] + 0.0, position[2] + 0.0};
     struct key key;
     memcpy(key.bits, clean, sizeof key.bits);
@@ -44,8 +44,8 @@ static int keys_equal(const struct key *a, const struct key *b)
     return a->bits[0] == b->bits[0] && a->bits[1] == b->bits[1] && a->bits[2] == b->bits[2];
 }
 
-/* Three rounds of a multiply and xor-shift mixer: coordinates are often small multiples of one
- * step, so all bits of each word must reach all bits of the hash. */
+/* Mixes the key's bits by three rounds of multiply and xor-shift. Coordinates are often small
+ * multiples of one step, so all bits of each word must reach all bits of the hash. */
 static uint32_t hash_of(const struct key *key, uint64_t seed)
 {
     uint64_t h = seed;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Operations on a validated scene (scene.h): destroy it, multiply its instances out. Its hash is in
- * scene_hash.c. Everything here relies on umbs_scene_view and checks no index again.
+ * Operations on a validated scene (scene.h): destroying it and multiplying its instances out. The
+ * hash is in scene_hash.c. Everything here relies on umbs_scene_view and checks no index again.
  */
 #include "scene/scene.h"
 

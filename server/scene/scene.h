@@ -6,8 +6,9 @@
  * in one contiguous validated buffer.
  *
  * Life: umbs_scene_import starts the importer in its own process, which parses the file and writes
- * a scene buffer into a sealed memfd. This side maps it and checks every count, index and number
- * before any use (umbs_scene_view). Nothing that parses foreign bytes runs in the caller.
+ * a scene buffer into a sealed memfd. The calling process maps the memfd and checks every count,
+ * index and number before any use (umbs_scene_view). Nothing that parses foreign bytes runs in the
+ * caller.
  *
  *     struct umbs_scene *scene;
  *     umbs_scene_import(path, &options, &scene, &error);
@@ -153,15 +154,15 @@ UMB_CHECKED enum umb_status umbs_scene_import(const char *path,
                                               const struct umbs_import_options *options,
                                               struct umbs_scene **out, struct umb_error *error);
 
-/* Checks a scene buffer and fills view; trusts nothing in it. Fails: E_BAD_SCENE, naming the field.
- */
+/* Checks a scene buffer, of which nothing is trusted, and fills view. Fails: E_BAD_SCENE, naming
+ * the field. */
 UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
                                             struct umbs_scene_view *view, struct umb_error *error);
 
 void umbs_scene_destroy(struct umbs_scene *scene);
 
 /*
- * Hash of the scene's content, not of the file: up axis, world triangles in the order of
+ * Hashes the scene's content, not the file: up axis, world triangles in the order of
  * umbs_scene_flatten, the materials' effects on light, lights. Vertex numbering, the division into
  * meshes and names of materials do not count; the order of triangles and of their corners does.
  *
@@ -190,8 +191,8 @@ void umbs_scene_flatten_part(const struct umbs_scene_view *view,
                              const struct umbs_instance *instance, uint32_t first, uint32_t count,
                              double (*corners)[3][3]);
 
-/* 1 if an instance's transform mirrors. The front faces of such an instance are wound the other way
- * (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
+/* Returns 1 if an instance's transform mirrors. Front faces of such an instance are wound the other
+ * way (glTF 2.0, section 3.7.4), so two corners change places to keep outward solids outward. */
 int umbs_instance_mirrors(const struct umbs_instance *instance);
 
 #endif

@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* Texel number for the whole double i along an axis of n texels, by the wrap mode. Far outside the
- * image doubles are coarser than texels: the result is then any texel, never one outside. */
+/* Returns the texel number for the whole double i along an axis of n texels, by the wrap mode. Far
+ * outside the image, where doubles are coarser than texels, this is an arbitrary texel. */
 static size_t wrapped(double i, uint32_t n, uint32_t wrap)
 {
     const double count = (double)n;

@@ -8,10 +8,11 @@
  * A material of alphaMode MASK casts where alpha = texture(u, v) * base_alpha is not below
  * alpha_cutoff (glTF 2.0, section 3.9.4). Texel (i, j) of a texture of w x h has its centre at u =
  * (i + 0.5) / w, v = (j + 0.5) / h; between centres alpha is bilinear, in doubles, unless the
- * sampler asks for the nearest texel. No mip level is ever used: a shadow has no screen.
+ * sampler asks for the nearest texel. No mip level is ever used, because a shadow does not depend
+ * on the screen's pixels.
  *
  * A triangle whose texels never fall below the cut-off counts as opaque; one whose texels never
- * reach it casts nothing. Only the other triangles are tested texel by texel.
+ * reach the cut-off casts nothing. Only the other triangles are tested texel by texel.
  *
  * Translucent materials, of alphaMode BLEND or with a transmission (KHR_materials_transmission),
  * absorb a part of the incident light: opacity = a (1 - transmission). Here a is the alpha of BLEND
@@ -67,26 +68,26 @@ struct umbs_cuts {
     struct umbs_translucent_figures translucent;
 };
 
-/* Alpha of a texture, 0..255. In: u, v: finite. Cost: four bytes of the texture. */
+/* Returns a texture's alpha, 0..255. u, v: finite. Cost: four bytes of the texture. */
 double umbs_alpha_at(const struct umbs_scene_view *view, const struct umbs_texture *texture,
                      double u, double v);
 
 /* 1 if a material lets a part of the light through. */
 int umbs_is_translucent(const struct umbs_material *material);
 
-/* 1 if `number`, a triangle's entry in `of`, marks a translucent triangle. */
+/* Returns 1 if `number`, a triangle's entry in `of`, marks a translucent triangle. */
 int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number);
 
-/* Share of the light that a material absorbs where its texture's alpha is `alpha`, 0..255. */
+/* Returns the share of light that a material absorbs where its texture has `alpha`, 0..255. */
 double umbs_material_opacity(const struct umbs_material *material, double alpha);
 
-/* Share of the light that a cut triangle absorbs at texture coordinates u, v: 0..1. */
+/* Returns the share of light that a cut triangle absorbs at texture coordinates u, v: 0..1. */
 double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
-/* Treats cut-out triangles, translucent ones, or both as opaque; the figures stay. */
+/* Treats cut-out triangles, translucent ones, or both as opaque. The figures in `cuts` stay. */
 void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int translucents);
 
-/* 1 if the cut triangle, of a cut-out material, casts at texture coordinates u, v. */
+/* Returns 1 if the cut triangle, of a cut-out material, casts at texture coordinates u, v. */
 int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double v);
 
 /*
@@ -94,8 +95,8 @@ int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double 
  *
  * Out:   cuts: `of` in the order of umbs_scene_flatten.
  * Fails: E_NO_MEMORY; cuts is zeroed then.
- * Cost:  4 bytes a triangle, and 28 for each cut one, if there are any. Reads the texels along the
- *        edge of each MASK triangle's area in its texture, and at most 64 samples of a cut
+ * Cost:  if any triangle is cut, 4 bytes a triangle and 28 for each cut one. Reads the texels along
+ *        the edge of each MASK triangle's area in its texture, and at most 64 samples of a cut
  *        triangle.
  */
 UMB_CHECKED enum umb_status umbs_cuts_find(const struct umbs_scene_view *view,

@@ -18,7 +18,7 @@ int umbs_broker_pair(int ends[2]);
 /*
  * The parent's side: answers one waiting request; never blocks.
  *
- * In:    left: number of requests that are still answered; counted down.
+ * In:    left: number of requests that may still be answered; decreases with each.
  * Out:   1; 0 if the other side has hung up; -1 if a request came when none was left.
  * Trust: the importer may be hostile: it gets regular files beneath the folder and nothing else.
  */

@@ -2,10 +2,10 @@
 /*
  * Layout and validator of scene buffers (scene_buffer.h).
  *
- * Invariant: umbs_scene_view returns UMB_OK only if every pointer of the view is in the buffer
- * with as many items as its count says, every index is in range, every number is finite and inside
- * its documented range. Code after it checks nothing again. It never writes to the buffer, and each
- * loop is bounded by a section that was proven to lie inside the buffer.
+ * Invariant: umbs_scene_view returns UMB_OK only if every pointer of the view is in the buffer with
+ * as many items as its count says, every index is in range, every number is finite and inside its
+ * documented range. Later code checks nothing again. The validator never writes to the buffer, and
+ * each of its loops is bounded by a section that was proven to lie inside the buffer.
  */
 #include "scene/scene_buffer.h"
 
@@ -61,7 +61,7 @@ const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
             return section_kinds[i].name;
         }
         offsets[i] = at;
-        /* At most 2^32 * 176 or 2^40 bytes a section: ten of them are far from 2^64. */
+        /* A section has at most 2^32 * 176 or 2^40 bytes: ten sections are far from 2^64. */
         at += (counts[i] * section_kinds[i].item_bytes + 7) & ~7ULL;
     }
     *total = at;
@@ -91,7 +91,7 @@ static int is_coordinate(double value)
     return in_range(value, -UMBS_COORDINATE_MAX, UMBS_COORDINATE_MAX);
 }
 
-/* True for a clean name whose field is NUL to its end, so that equal names are equal bytes. */
+/* Returns whether a name is clean and NUL to its end, so that equal names are equal bytes. */
 static int is_name(const char name[UMB_NAME_SIZE])
 {
     const char *end = memchr(name, '\0', UMB_NAME_SIZE);

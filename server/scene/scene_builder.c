@@ -223,8 +223,8 @@ void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...
     }
 }
 
-/* Positions that no triangle uses may hold any value of the file; the buffer promises finite
- * ones. */
+/* Clears positions that are not finite or too large. No triangle uses them, but the buffer promises
+ * finite positions. */
 static void clear_unusable_positions(struct umbs_array *positions)
 {
     double *position = positions->data;

@@ -52,7 +52,8 @@ void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_forma
 void umbs_scene_builder_finish(struct umbs_scene_builder *builder);
 
 /*
- * Appends one vertex. uv: NULL or float[2]; vertices without one get 0 0 once any has one.
+ * Appends one vertex. uv: texture coordinates, float[2], or NULL. If any vertex has them, vertices
+ * without them get 0 0.
  *
  * Fails: E_NO_MEMORY, E_LIMIT (2^32 - 1 vertices).
  */
@@ -69,7 +70,7 @@ UMB_CHECKED enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *b
 /*
  * Makes a mesh of the `triangle_count` triangles behind the last mesh.
  *
- * In: first_vertex, vertex_count: the range its corner numbers count in.
+ * In: first_vertex, vertex_count: range of vertices in which the mesh's corner numbers count.
  */
 UMB_CHECKED enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder,
                                                 uint32_t first_vertex, uint32_t vertex_count,
@@ -96,7 +97,7 @@ UMB_CHECKED enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *bu
                                                    const struct umbs_texture *texture,
                                                    const uint8_t *pixels, struct umb_error *error);
 
-/* Appends one line to the warnings, made clean. Beyond 64 KiB of them, lines are left out. */
+/* Appends one line to the warnings, made clean. Lines beyond 64 KiB in total are left out. */
 void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...) UMB_PRINTF(2, 3);
 
 /*

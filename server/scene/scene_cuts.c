@@ -15,8 +15,8 @@
 #include "base/try.h"
 #include "common/sha256.h"
 
-/* Samples for the cut share: the most of one triangle, and the most of all triangles together. With
- * many triangles each gets fewer. */
+/* Greatest numbers of samples for the cut share: of one triangle, and of all triangles together.
+ * Among many triangles each gets fewer. */
 #define EACH_MAX    64U
 #define SAMPLES_MAX 4000000U
 
@@ -34,11 +34,12 @@ struct finder {
     uint8_t *seen;
     uint32_t samples; /* samples of one triangle */
     size_t capacity;  /* capacity of cuts->cuts */
-    /* Texels of the cut and gone triangles, and how many of them are below the cut-off. */
+    /* Number of texels of triangles that are cut or cast nothing, and of those below the
+     * cut-off. */
     double texels, below;
 };
 
-/* The texels that samples between `low` * n and `high` * n along an axis may touch. */
+/* Finds the texels that samples between `low` * n and `high` * n along an axis may touch. */
 static struct runs axis_runs(double low, double high, uint32_t n, uint32_t wrap)
 {
     const double count = (double)n, most = count - 1.0;
@@ -109,9 +110,9 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
 }
 
 /*
- * The share of the last cut triangle that is below the cut-off, by samples. One sequence runs on
- * from triangle to triangle: a fixed grid would meet a repeating texture at the same phase each
- * time.
+ * Returns the share of the last cut triangle that is below the cut-off, from samples. One sequence
+ * runs on from triangle to triangle: a fixed grid would meet a repeating texture at the same phase
+ * each time.
  * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
  * the powers of 1 / g, g * g * g = g + 1.
  */
@@ -187,7 +188,8 @@ static void count(struct finder *f, uint32_t material, size_t *triangles, size_t
     }
 }
 
-/* Range of the texture's alpha over a triangle, by its material, and its texels there. */
+/* Returns the range of alpha over a triangle in the material's texture. texels: receives the number
+ * of texels that the triangle covers. */
 static struct umbs_alpha_range alpha_range(const struct finder *f,
                                            const struct umbs_material *material,
                                            const float uv[3][2], double *texels)

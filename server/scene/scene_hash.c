@@ -15,7 +15,7 @@
 
 #define PART 64U /* triangles flattened at a time */
 
-/* First part of every scene hash; a change of what is hashed changes it. */
+/* First input of every scene hash. This text changes whenever other data are hashed. */
 static const char hash_domain[16] = "umbrage scene 2";
 
 /* Properties of a material that change a shadow: without its name and without unused values. */

@@ -118,7 +118,7 @@ static void attend(struct watched *watched, int64_t left_ms)
     end->asked_too_often |= served < 0;
 }
 
-/* Waits for the end of the child; kills it at a limit. Returns 1 if its status was taken. */
+/* Waits for the end of the child; kills it at a limit. Returns 1 if the child's status was read. */
 static int watch(pid_t child, struct lines *lines, const struct umbs_process *process,
                  struct umbs_process_end *end)
 {

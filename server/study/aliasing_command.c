@@ -200,8 +200,8 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Colours a number of pixels a texel: blue below 1, white at 1, red above; full colour at a factor
- * of 16. NaN is grey. */
+/* Returns the colour for a number of pixels per texel: blue below 1, white at 1, red above; full
+ * colour at a factor of 16. NaN is grey. */
 static void heat_color(float most, uint8_t out[3])
 {
     if (isnan(most)) {
@@ -268,8 +268,8 @@ static void report_text(FILE *to, const struct aliasing *a)
     }
 }
 
-/* resolution_for_p99 is null where no resolution suffices: the light grazes more than 1 % of the
- * points. */
+/* Writes the summary. resolution_for_p99 is null where no resolution suffices, because the light
+ * grazes more than 1 % of the points. */
 static void put_summary(struct umbu_json *json, const struct summary *s, uint64_t resolution)
 {
     umbu_json_integer(json, "points", s->count);

@@ -53,8 +53,9 @@ static int is_lit(const struct check *check, const double from[3])
 }
 
 /*
- * 1 if a place within the bound has the other truth. Two kinds of places do not count: dark places
- * behind the point's own surface, and places inside closed parts, where the asset is undefined.
+ * Returns 1 if the truth at a place within the bound differs from that at the point. Two kinds of
+ * places do not count: dark places behind the point's own surface, and places inside closed parts,
+ * where the asset is undefined.
  */
 static int tells(const struct check *check, const struct suspect *s, const double place[3])
 {
@@ -107,8 +108,8 @@ static int centre(const struct umbr_light_frame *frame, const struct umb_explana
     return umbr_light_frame_world(frame, voxel, place);
 }
 
-/* 1 if a centre of the voxels of the answer has the other truth. Out: inside: 1 if a centre lies in
- * a closed part. */
+/* Returns 1 if the truth at a centre of the answer's voxels differs from that at the point. inside:
+ * set to 1 if a centre lies in a closed part. */
 static int search_centres(const struct check *check, const struct suspect *s,
                           const struct umb_explanation *e, int *inside)
 {

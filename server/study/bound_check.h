@@ -29,7 +29,7 @@ struct umbt_bound_job {
     unsigned threads;
 };
 
-/* Checks the bound. Out: result. Fails: as umb_query_prepare, E_NO_MEMORY. Cost: about a ray a
+/* Checks the bound. Fails: E_NO_MEMORY, and the errors of umb_query_prepare. Cost: about a ray a
  * point, and a few hundred where answers differ. */
 UMB_CHECKED enum umb_status umbt_bound_check(const struct umbt_bound_job *job,
                                              struct umbt_bound_result *result,

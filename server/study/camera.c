@@ -3,9 +3,9 @@
  * Pinhole cameras: parsing, fitting, rays.
  *
  * Fitting is exact, not iterative: with the view's axes fixed, a point at (x, z) in the camera's
- * plane is inside the side planes if |x - ex| <= (z - ez) t. The two planes are tight for
- * A = max(x - z t) and B = max(-x - z t), so the nearest eye that sees everything has
- * ex = (A - B) / 2 and ez = -(A + B) / (2 t); the same holds for y, and the farther of both wins.
+ * plane is inside the side planes if |x - ex| <= (z - ez) t. The two planes are tight for A = max(x
+ * - z t) and B = max(-x - z t), so the nearest eye that sees everything has ex = (A - B) / 2 and ez
+ * = -(A + B) / (2 t); the same holds for y, and the farther of the two eyes is taken.
  */
 #include "study/camera.h"
 
@@ -129,7 +129,7 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     }
     double back =
         fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
-    /* A single point, or points in a line with the view, would put the eye on the geometry. */
+    /* Keep a distance: a point, or points in a line with the view, would put the eye on them. */
     back = fmin(back, nearest - fmax(1e-3 * sqrt(size), 1e-6));
     umbt_along(centre, back, camera->forward, camera->eye);
     for (int k = 0; k < 2; k++) {

@@ -34,7 +34,7 @@ struct umbt_camera {
     double tan_x, tan_y;                /* tangents of half the fields of view */
 };
 
-/* The camera in the form of the libraries, which sees from near_m to far_m. */
+/* Converts a camera to the struct of the libraries, which has a range from near_m to far_m. */
 struct umb_camera umbt_camera_view(const struct umbt_camera *camera, double near_m, double far_m);
 
 /* Vertical field of view, degrees. */
@@ -69,13 +69,13 @@ UMB_CHECKED enum umb_status umbt_camera_make(const struct umbt_camera_request *r
                                              uint32_t width, uint32_t height,
                                              struct umbt_camera *camera, struct umb_error *error);
 
-/* Unit direction through a point of the picture: u, v in 0..1 from the left and from the top. */
+/* Computes the unit direction through a point of the picture: u, v in 0..1 from left and top. */
 void umbt_camera_ray(const struct umbt_camera *camera, double u, double v, double direction[3]);
 
 /* Unit vector of a compass direction, from the scene outwards. */
 void umbt_compass_vector(double azimuth_deg, double elevation_deg, int z_up, double out[3]);
 
-/* Azimuth of a direction in degrees, 0..360; `otherwise` if it is within 1 degree of vertical. */
+/* Returns a direction's azimuth in degrees, 0..360; `otherwise` within 1 degree of vertical. */
 double umbt_compass_azimuth(const double direction[3], int z_up, double otherwise);
 
 #endif

@@ -49,7 +49,7 @@ static const struct moment_row {
 struct result {
     struct umb_map_info info;
     double build_s, ns; /* CPU time of the whole build; of a point */
-    /* Difference from the products: mean of |answer - truth|, its two parts, the largest. */
+    /* Differences from the products: mean of |answer - truth|, its two parts, the largest. */
     double mean, lighter, darker, most;
 };
 
@@ -61,8 +61,8 @@ struct deep {
     struct umbt_technique_view view; /* setup, size, frustum and buffer only */
     struct umbt_light_hits hits;
     float *values, *other; /* [receivers] */
-    /* [receivers] products over a box of texels; products over the boxes around the four nearest
-     * texels, weighted as in bilinear filtering. */
+    /* [receivers] Products over a box of texels, and products over the boxes around the four
+     * nearest texels, weighted as in bilinear filtering. */
     double *box, *between;
     struct umbt_sheet sheet;
     struct result exact, searched, linked, streamed, moments[MOMENT_COUNT];
@@ -145,7 +145,8 @@ static double bias_of(const struct deep *d)
     return d->view.frustum.depth_m / 65536.0;
 }
 
-/* Queries a map and compares its answers; best time of a few runs. values: out, [receivers]. */
+/* Queries a map, keeps the best time of a few runs, and compares the answers. values: [receivers],
+ * receives the answers. */
 static enum umb_status map_ask(const struct deep *d, const struct umb_map *map, double width,
                                const double *truth, float *values, struct result *result,
                                struct umb_error *error)
@@ -197,7 +198,7 @@ static enum umb_status map_run(const struct deep *d, const struct umb_map_deep_s
     return status;
 }
 
-/* Transmittance of a texel at a depth: the product over its fragments before that depth. */
+/* Returns the transmittance of a texel at a depth: the product over the fragments before it. */
 static long double texel_left(const struct deep *d, int64_t x, int64_t y, double depth)
 {
     const int64_t side = (int64_t)d->resolution;
@@ -214,8 +215,8 @@ static long double texel_left(const struct deep *d, int64_t x, int64_t y, double
     return left;
 }
 
-/* Mean transmittance over a box of texels around (x, y). If the middle lies between texels, the
- * outer texels count by their share. */
+/* Returns the mean transmittance over a box of texels around (x, y). If the middle lies between
+ * texels, the outer texels count by their share. */
 static double brute_force(const struct deep *d, double x, double y, double depth)
 {
     const int64_t taps = (int64_t)d->taps;

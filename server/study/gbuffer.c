@@ -55,15 +55,15 @@ void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
     *v = (j + (n - 0.5 - i) / n) / n;
 }
 
-/* Unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
+/* Computes the unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
 static int triangle_normal(const double corners[3][3], double normal[3])
 {
     umbt_triangle_cross(corners, normal);
     return umbt_normalize(normal) > 0.0;
 }
 
-/* Distance at which a ray meets the triangle's plane. If that differs much from Embree's distance,
- * as for a plane seen edge on, Embree's distance stays. */
+/* Returns the distance at which a ray meets the triangle's plane. Embree's distance is returned
+ * instead if the two differ much, as for a plane seen edge on. */
 static double distance_refine(const double corners[3][3], const double normal[3],
                               const double eye[3], const double direction[3], double distance,
                               double tolerance)
@@ -74,7 +74,7 @@ static double distance_refine(const double corners[3][3], const double normal[3]
     return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
 }
 
-/* Traces a sub-sample; the hit stands at the sub-sample's own place until hits_gather. */
+/* Traces a sub-sample. Until hits_gather the hit is stored at the sub-sample's own index. */
 static void sample_trace(void *user, size_t index)
 {
     const struct fill *fill = user;
@@ -104,7 +104,7 @@ static void sample_trace(void *user, size_t index)
     buffer->triangles[index] = hit.triangle;
 }
 
-/* Moves the hits to the front, in order, and gives them normals that face the camera. */
+/* Moves the hits to the start, in order, and turns their normals to the camera. */
 static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
                         const double eye[3], size_t sample_count)
 {

@@ -6,9 +6,9 @@
  * geometric normal turned towards the camera, and its triangle.
  *
  * Points are intersected again with the triangle's plane in doubles, so they lie on the surface to
- * rounding. Embree's float distance is off by more than a voxel far away. Points of all hits stand
- * first and dense in the arrays (`receivers`), ready for a query; `slots` gives the index of a
- * sub-sample's point.
+ * rounding. Embree's float distance is off by more than a voxel far away. The points of all hits
+ * lie without gaps at the start of the arrays (`receivers`), ready for a query; `slots` gives the
+ * index of a sub-sample's point.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"
@@ -31,8 +31,8 @@ UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint3
                                               uint32_t aa, uint32_t rows, struct umb_error *error);
 void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
 
-/* Offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no two
- * sub-samples share a row or a column. */
+/* Computes the offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no
+ * two sub-samples share a row or a column. */
 void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
 
 /*
@@ -46,8 +46,7 @@ UMB_CHECKED enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer,
                                               uint32_t first_row, uint32_t row_count,
                                               unsigned threads, struct umb_error *error);
 
-/* Makes and fills a buffer for a whole picture of size[0] x size[1] pixels, with one sample a
- * pixel.
+/* Makes and fills a buffer for a picture of size[0] x size[1] pixels, with one sample a pixel.
  * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing). */
 UMB_CHECKED enum umb_status umbt_gbuffer_view(struct umbt_gbuffer *buffer,
                                               const struct umbt_scene *scene,

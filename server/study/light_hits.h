@@ -6,10 +6,10 @@
 #include "umbrage/maps.h"
 
 /*
- * The ray of the light through a texel's centre, from depth 0 to depth 1.
+ * Computes the ray of the light through a texel's centre, from depth 0 to depth 1.
  *
  * In:  texel: number in rows. Out: start, direction (unit).
- * Returns its length in metres; 0 for a texel outside of the frustum.
+ * Returns the ray's length in metres; 0 for a texel outside of the frustum.
  */
 double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
                       double direction[3]);

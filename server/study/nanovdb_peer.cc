@@ -207,7 +207,7 @@ template <typename Reader> int window_by_taps(const Reader &reader, const Coord 
     return shadowed;
 }
 
-// Shadowed texels of the part of the window in one leaf: words of a mask are columns of y and z.
+// Counts the shadowed texels of a window's part in one leaf. Words of a mask hold columns of y, z.
 template <typename Leaf> int leaf_count(const Leaf &leaf, int x0, int x1, int y0, int y1, int z)
 {
     const auto *words = reinterpret_cast<const uint64_t *>(&leaf.valueMask());

@@ -22,11 +22,11 @@ extern "C" {
 
 struct umbt_nanovdb;
 
-/* 1 if this build has the library; else (nanovdb_absent.c) no grid can be made. */
+/* Returns 1 if this build has the library; else no grid can be made (nanovdb_absent.c). */
 int umbt_nanovdb_is_built(void);
 
-/* State of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed. If mixed,
- * slices[k] is its slice at depth k, bit x + 8 * y lit. */
+/* Returns the state of the block of 8^3 voxels at (8 x, 8 y, 8 z): 0 shadowed, 1 lit, 2 mixed.
+ * slices, set if mixed: slices[k] is the slice at depth k, with bit x + 8 * y set if lit. */
 typedef int (*umbt_nanovdb_block_fn)(const void *user, uint32_t x, uint32_t y, uint32_t z,
                                      uint64_t slices[8]);
 

@@ -72,7 +72,7 @@ int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], 
     return winding > 0;
 }
 
-/* The first triangle whose sum of areas is above `at`; triangles of zero area are never found. */
+/* Finds the triangle where the running sum of areas exceeds `at`; its area is never zero. */
 static size_t triangle_at(const struct sampling *sampling, double at)
 {
     size_t low = 0, high = sampling->request->scene->count - 1;

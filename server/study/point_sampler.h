@@ -74,8 +74,8 @@ UMB_CHECKED enum umb_status umbt_points_of_pixels(const struct umbt_pixel_reques
 void umbt_point_set_finish(struct umbt_point_set *set); /* a zeroed struct is allowed */
 
 /*
- * 1 if a point lies inside a closed part, by the crossings of one ray. away: for a point on a
- * surface its normal, from which the ray then points away; else NULL.
+ * Returns 1 if a point lies inside a closed part, by the crossings of one ray. away: for a point on
+ * a surface the normal, to whose side the ray points; else NULL.
  */
 int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], const double *away);
 

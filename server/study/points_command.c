@@ -134,9 +134,8 @@ static enum umb_status random_sample(struct points *p, struct umb_error *error)
     return umbt_points_sample(&request, &p->set, error);
 }
 
-/* Warns if floats are coarse at the coordinates; fails if the coordinates exceed the range of
- * floats.
- */
+/* Warns if floats are coarse at the coordinates. Fails if the coordinates exceed a float's
+ * range. */
 static enum umb_status floats_judge(const struct points *p, struct umb_error *error)
 {
     double reach = 0.0;

@@ -214,7 +214,7 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Refuses the disc of a lamp: the light's disc is traced for parallel light only. */
+/* Fails for a lamp with the truth of a light's disc, which is traced for parallel light only. */
 static enum umb_status truth_check(const struct render *render, struct umb_error *error)
 {
     const struct options *options = &render->options;
@@ -320,7 +320,7 @@ static enum umb_status pictures_write(const struct render *render, struct umb_er
     return UMB_OK;
 }
 
-/* A daemon does not give enough data to find the windows that reach into closed solids. */
+/* Returns 1 if windows into closed solids can be found: a daemon gives too little data. */
 static int undefined_is_known(const struct render *render)
 {
     return render->source.asset != NULL;

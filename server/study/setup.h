@@ -56,7 +56,7 @@ enum umb_status umbt_read_camera(const struct umbu_option *option, const char *t
     "seed", "N", "seed of the random points; the same seed gives the same points",                 \
         UMBU_COUNT(0, UINT64_MAX), UMBU_AT(type, seed), .standard = "1"
 
-/* Section of the rows for struct umbt_setup_options, for settings that have it as `field`. */
+/* Section of option rows, for commands whose settings have a struct umbt_setup_options `field`. */
 #define UMBT_SETUP_COUNT 6
 extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
 #define UMBT_SETUP(type, field)                                                                    \
@@ -65,8 +65,8 @@ extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
     }
 
 /*
- * Direction to a scene's first directional light, as the file has it. Without such a light: azimuth
- * 135, elevation 45, as the bake chooses. Returns 1 if the light is the file's.
+ * Finds the direction to a scene's first directional light, as the file has it. Without such a
+ * light: azimuth 135, elevation 45, as the bake chooses. Returns 1 if the light is the file's.
  */
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3]);
 
@@ -74,8 +74,8 @@ int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 
-/* Makes the camera of a setup; its other fields are set. size: pixels. Fails: as umbt_camera_make.
- * */
+/* Makes the camera of a setup whose other fields are set. size: width and height in pixels. Fails:
+ * the errors of umbt_camera_make. */
 UMB_CHECKED enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                               const struct umbt_camera_request *request,
                                               const uint32_t size[2], struct umb_error *error);
@@ -84,7 +84,7 @@ UMB_CHECKED enum umb_status umbt_setup_camera(struct umbt_setup *setup,
  * Loads the scene, chooses the sun (given, else umbt_scene_sun) and makes the camera.
  *
  * Out:   scene: finish with umbt_scene_finish, also after a failure. setup borrows it.
- * Fails: as umbt_scene_init, umbt_camera_make.
+ * Fails: the errors of umbt_scene_init and umbt_camera_make.
  */
 UMB_CHECKED enum umb_status umbt_setup_open(const struct umbt_setup_options *options,
                                             struct umbt_scene *scene, struct umbt_setup *setup,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The look of pictures; see shading.h. The constants are taste, chosen by looking at the scenes. */
+/* The look of pictures; see shading.h. The constants were chosen by eye on the scenes. */
 #include "study/shading.h"
 
 #include <math.h>

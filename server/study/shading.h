@@ -13,12 +13,12 @@ struct umbt_rgb {
     double c[3];
 };
 
-/* The surface colour of a group of triangles (a material or a part); equal keys give equal
+/* Returns the surface colour of a group of triangles (a material or a part). Equal keys give equal
  * colours. */
 struct umbt_rgb umbt_surface_color(uint32_t key);
 
 /*
- * Light that leaves a surface, before the shoulder.
+ * Returns the light that leaves a surface, before the shoulder.
  *
  * In: visibility: visible share of the sun, 0..1. cosine: cosine of the angle to the sun; below 0
  *     counts as 0. upward: vertical component of the normal, -1..1.
@@ -29,7 +29,7 @@ struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double co
 /* A colour seen through fog; through, lit: results of umbt_fog_look. */
 struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit);
 
-/* The sky behind the scene; upward: vertical component of the unit view direction. */
+/* Returns the sky behind the scene. upward: vertical component of the unit view direction. */
 struct umbt_rgb umbt_sky(double upward);
 
 /* Compresses highlights: 0 stays 0, the slope there is 1, and 1 is never reached. */

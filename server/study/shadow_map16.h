@@ -40,7 +40,7 @@ struct umbt_map16 {
     double m[3][4]; /* rows of the transform from world, less the asset's origin, to voxels */
 };
 
-/* 1 if this program and this processor have AVX2; else only finish may be called. */
+/* Returns 1 if program and processor have AVX2; else only umbt_map16_finish may be called. */
 int umbt_map16_supported(void);
 
 /* Makes a map of lit texels; 1 GiB for 16384 a side. In: log2_size: 3..14. Fails: E_NO_MEMORY. */
@@ -75,7 +75,7 @@ struct umbt_map16_query {
 void umbt_map16_run(const struct umbt_map16_query *query);
 
 /* Times a part of the points with each prefetch distance, and sets the way and the fastest
- * distance. Returns the seconds of a point. */
+ * distance. Returns the time of a point in seconds. */
 double umbt_map16_tune(struct umbt_map16_query *query, enum umbt_map16_way way);
 
 #endif

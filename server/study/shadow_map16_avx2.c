@@ -18,7 +18,7 @@ struct ring {
     int32_t x[RING], y[RING], z[RING]; /* x, y: of the window's centre, padding included */
 };
 
-/* Row k of the transform for four points; the sum is in umbrage's own order. */
+/* Applies row k of the transform to four points. The order of the sum is umbrage's own. */
 static __m256d transform(const double m[4], __m256d x, __m256d y, __m256d z)
 {
     __m256d sum = _mm256_mul_pd(_mm256_set1_pd(m[0]), x);
@@ -102,7 +102,7 @@ static inline int rows_count(const uint16_t *texel, size_t side, int taps, int32
     return row_lanes_sum(sum, taps) + more;
 }
 
-/* Counts as rows_count does, in plain C; the compiler turns the inner loop into vectors. */
+/* Does the work of rows_count in plain C; the compiler turns the inner loop into vectors. */
 static inline int plain_count(const uint16_t *texel, size_t side, int taps, int32_t z)
 {
     const int16_t depth = (int16_t)z;
@@ -117,7 +117,7 @@ static inline int plain_count(const uint16_t *texel, size_t side, int taps, int3
     return count;
 }
 
-/* Mask of the columns of tile `t` within x0 .. x1, as eight lanes of 16 bits. */
+/* Returns a mask of the columns of tile `t` within x0 .. x1, as eight lanes of 16 bits. */
 static __m128i column_mask(int32_t x0, int32_t x1, int32_t t)
 {
     const __m128i column =
@@ -126,7 +126,7 @@ static __m128i column_mask(int32_t x0, int32_t x1, int32_t t)
                          _mm_cmpgt_epi16(_mm_set1_epi16((int16_t)(x1 + 1)), column));
 }
 
-/* Lit texels of a window over tiles, from its corner (x, y). A row of a tile is eight lanes. */
+/* Counts lit texels of a window from its corner (x, y), over tiles whose rows are eight lanes. */
 static inline int tiles_count(const struct umbt_map16 *map, int32_t x, int32_t y, int taps,
                               int32_t z)
 {
@@ -200,7 +200,7 @@ static inline int window_count(const struct umbt_map16 *map, const struct ring *
                                    : rows_count(texel, (size_t)map->side, taps, ring->z[at]);
 }
 
-/* Inlined once for each window and way, so that both are constants inside. */
+/* Runs a query. Inlined once for each window and way, so that both are constants inside. */
 static inline __attribute__((always_inline)) void run(const struct umbt_map16_query *query,
                                                       int taps, enum umbt_map16_way way)
 {

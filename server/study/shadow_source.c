@@ -52,7 +52,7 @@ static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_e
     return UMB_OK;
 }
 
-/* Points of a call that the server accepts; a server that names no limit has none. */
+/* Returns the greatest number of points in a call; a server without a limit takes any number. */
 static size_t call_max(const struct umb_client_limits *limits)
 {
     const uint64_t bytes = limits->max_message_bytes;

@@ -36,8 +36,8 @@ int umbt_shadow_source_is_file(const char *argument);
  * Opens the source and checks the settings against it.
  *
  * In:    settings: format must be UMB_ANSWER_F32.
- * Fails: as umb_asset_open_file, umb_query_prepare, umb_client_describe, E_NO_MEMORY; E_NO_INPUT,
- *        E_PERMISSION, E_IO or E_ARGUMENT (token file).
+ * Fails: E_NO_MEMORY, and the errors of umb_asset_open_file, umb_query_prepare and
+ *        umb_client_describe; E_NO_INPUT, E_PERMISSION, E_IO or E_ARGUMENT (token file).
  */
 UMB_CHECKED enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source,
                                                     const char *argument,
@@ -46,8 +46,8 @@ UMB_CHECKED enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *s
                                                     struct umb_error *error);
 void umbt_shadow_source_close(struct umbt_shadow_source *source); /* a zeroed struct is allowed */
 
-/* Sets the footprint filter for pixels of an angle, in radians, seen from an eye. Fails: as
- * umb_query_prepare. */
+/* Sets the footprint filter for pixels that subtend pixel_rad radians at an eye. Fails: the errors
+ * of umb_query_prepare. */
 UMB_CHECKED enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *source,
                                                     const double eye[3], double pixel_rad,
                                                     struct umb_error *error);
@@ -58,7 +58,7 @@ UMB_CHECKED enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *s
  * In:    positions: double[3 * (first + count)], world space, finite; normals: float[3 * (first +
  *        count)].
  * Out:   values: float, written at the same indices. stats: added to.
- * Fails: file: E_ARGUMENT (not finite); daemon: as umb_client_query.
+ * Fails: file: E_ARGUMENT (not finite); daemon: the errors of umb_client_query.
  */
 UMB_CHECKED enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
                                                       const double *positions, const float *normals,

@@ -111,8 +111,8 @@ struct umbt_study_result {
      * UMBT_STUDY_SPREAD_MAX is not reported. */
     double spread, spread_free, spread_all;
     double nodes, bricks; /* nodes and bricks of an asset that a point of the view reads */
-    /* From the asset's own curve: greatest distance in space of an answer from the truth; cache
-     * lines that a point of the curve's sample reads. NaN: no value. */
+    /* Greatest distance in metres of an answer from the truth, and cache lines that a point reads,
+     * both from the asset's own curve. NaN: no value. */
     double bound_m, lines;
 };
 
@@ -163,7 +163,7 @@ UMB_CHECKED enum umb_status umbt_study_folder(const struct umbt_study *study, co
 
 /* Bakes each resolution into FOLDER/assets, or reuses an earlier run's asset. A resolution that
  * does not fit in memory is the last, and its reason says so. Fails: E_UNAVAILABLE,
- * E_CANNOT_CREATE, or as the bake of the lowest resolution. */
+ * E_CANNOT_CREATE, or the failure of the bake of the lowest resolution. */
 UMB_CHECKED enum umb_status umbt_study_bake_all(struct umbt_study *study, struct umb_error *error);
 void umbt_study_bakes_finish(struct umbt_study *study);
 
@@ -175,7 +175,7 @@ void umbt_study_points_finish(struct umbt_study_points *points);
 /* Measures every setting. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *error);
 
-/* The view that `umbrage render` chooses for a picture of that size. Fails: as umbt_camera_make. */
+/* Makes the view of `umbrage render` for a picture of that size. Fails: see umbt_camera_make. */
 UMB_CHECKED enum umb_status umbt_study_camera(const struct umbt_study *study,
                                               const uint32_t size[2], struct umbt_setup *setup,
                                               struct umb_error *error);
@@ -186,7 +186,7 @@ UMB_CHECKED enum umb_status umbt_study_pictures(struct umbt_study *study, struct
 /* 1 if a result gets pictures: 1 and 9 taps. */
 int umbt_study_has_picture(const struct umbt_study_result *result);
 
-/* File name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */
+/* Writes a file name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */
 void umbt_study_picture_name(const struct umbt_study *study, const struct umbt_study_result *result,
                              int difference, char *name, size_t size);
 

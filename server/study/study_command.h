@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_STUDY_COMMAND_H
 #define UMBRAGE_SERVER_STUDY_STUDY_COMMAND_H
 /*
- * The sub-commands of umbrage-study. argv[0] is its name. Each writes data to stdout and messages
- * to stderr, and returns the process's exit code.
+ * The sub-commands of umbrage-study. argv[0] is the sub-command's name. Each writes data to stdout
+ * and messages to stderr, and returns the process's exit code.
  */
 
 int umbt_render_command(int argc, char **argv);

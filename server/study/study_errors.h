@@ -13,7 +13,7 @@ struct umbt_judged {
     const float *answers;
     const float *area;  /* the area truth */
     const uint8_t *lit; /* the hard truth */
-    /* Distance from the sample to a change of truth; infinite: out of reach. */
+    /* Distance in metres from the sample to a change of truth; infinite: none within reach. */
     const float *boundary_m;
     const uint8_t *undefined; /* 1: left out, but counted */
 };
@@ -25,8 +25,7 @@ void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result
 /*
  * Errors against the hard truth. An answer above one half means lit, one below it shadowed. Exactly
  * one half means neither: a coarse cell contains a boundary. Such an answer is neither false light
- * nor false shadow. But it locates the boundary only to the sample's distance from it, and counts
- * as wrong by that distance.
+ * nor false shadow. The sample's distance from the boundary counts as the answer's error.
  *
  * In:  result->judged, by umbt_errors_area. wrong: scratch, float[count].
  * Out: false_light, false_shadow, undecided, off_*.

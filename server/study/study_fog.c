@@ -14,7 +14,7 @@ enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, dou
 {
     fog->density = density;
     UMB__TRY(umb_volume_prepare(asset, light, &fog->volume, error));
-    /* The falloff of a lamp's light is not known, and fog would mostly show that. */
+    /* A lamp's falloff is not known, but would dominate the fog: only parallel light is allowed. */
     return umb_volume_check_parallel(&fog->volume, error);
 }
 

@@ -13,7 +13,7 @@ struct umbt_fog {
     double density; /* extinction, 1/m */
 };
 
-/* Makes fog of an asset's light. Fails: as umb_volume_prepare and
+/* Makes fog of an asset's light. Fails: the errors of umb_volume_prepare and
  * umb_volume_check_parallel. */
 UMB_CHECKED enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light,
                                           double density, struct umbt_fog *fog,

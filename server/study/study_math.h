@@ -39,7 +39,7 @@ static inline void umbt_widen(const float from[3], double to[3])
     }
 }
 
-/* Cross product of a triangle's edges: its normal by winding, of twice its area in length. */
+/* Computes a triangle's normal by winding, whose length is twice the triangle's area. */
 static inline void umbt_triangle_cross(const double corners[3][3], double out[3])
 {
     double a[3], b[3];
@@ -59,8 +59,8 @@ static inline int umbt_compare_doubles(const void *a, const void *b)
  * Sorts times of equal runs and returns their median.
  *
  * In:  count: odd, at least 5.
- * Out: spread: (largest - least) / median without the outermost run on each side, which is
- *      attributed to the machine.
+ * Out: spread: (largest - least) / median. The outermost run on each side is left out, because it
+ *      is attributed to the machine.
  */
 static inline double umbt_median(double *seconds, size_t count, double *spread)
 {

@@ -25,8 +25,8 @@ static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
 
 /*
- * The truth of a footprint, traced once. All settings with the same frustum and filter share it,
- * also assets and peers.
+ * The truth of a footprint, traced once. All settings with the same frustum and filter share this
+ * truth, those of assets and of peers.
  */
 struct traced {
     struct umbt_truth rays; /* parameters of the rays; `closed` does not matter */
@@ -100,7 +100,7 @@ static int is_same(const struct umbt_truth *a, const struct umbt_truth *b)
            memcmp(a->origin, b->origin, sizeof a->origin) == 0;
 }
 
-/* The truth of a probe's footprint, traced on first use. Fails: E_NO_MEMORY. */
+/* Gets the truth of a probe's footprint, which is traced on first use. Fails: E_NO_MEMORY. */
 static enum umb_status truth_get(struct truths *truths, const struct umbt_probe *probe,
                                  const struct traced **truth, struct umb_error *error)
 {

@@ -302,7 +302,7 @@ static void say_missing(struct umbt_study *study)
     }
 }
 
-/* Resolution of the derived maps: a usual one for GPUs, below the highest of the study. */
+/* Returns the resolution of derived maps: usual for GPUs, below the highest of the study. */
 static uint32_t derived_resolution(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;

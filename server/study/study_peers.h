@@ -9,7 +9,7 @@
  *
  * The map and the grid get an advantage: samples that face away are not part of their time, and the
  * others are moved off their surface and converted to floats before. An asset's time includes all
- * of that.
+ * these steps.
  */
 #include "study/nanovdb_peer.h"
 #include "study/shadow_map16.h"
@@ -43,8 +43,8 @@ struct umbt_peers {
 };
 
 /*
- * Makes the peers of all resolutions that they can have. study->missing names the other peers and
- * the reason. Fails: E_NO_MEMORY, and as umb_derive.
+ * Makes the peers at all resolutions that each of them supports. study->missing names the other
+ * peers and the reason. Fails: E_NO_MEMORY, and the errors of umb_derive.
  */
 UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
                                             struct umb_error *error);

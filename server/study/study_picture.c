@@ -76,8 +76,8 @@ static double receiver_cosine(const struct frame *frame, size_t slot, const doub
     return umb__dot(normal, towards);
 }
 
-/* Largest error of a truth's share: an edge through s x s rays misses up to s rays. Kinds without a
- * window of rays are exact. */
+/* Returns the largest error of a truth's share. An edge through s x s rays can put up to s rays on
+ * the wrong side. Kinds without a window of rays are exact. */
 static double truth_error(const struct umbt_truth *truth)
 {
     return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
@@ -166,7 +166,7 @@ static void pixel_direction(const struct frame *frame, size_t pixel, double dire
                     (row + 0.5) / (double)frame->height, direction);
 }
 
-/* A colour seen through the fog: up to the receiver, or through the whole scene. */
+/* Returns a colour seen through the fog, up to the receiver or through the whole scene. */
 static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32_t slot,
                                  struct umbt_rgb color)
 {
@@ -252,7 +252,7 @@ static struct umbt_rgb pixel_sky(const struct frame *frame, size_t pixel)
     return umbt_sky(direction[frame->request->setup->z_up ? 2 : 1]);
 }
 
-/* Shades a run of pixels; the picture difference is summed in integers, so in any order. */
+/* Shades a run of pixels. The picture difference is summed in integers, so in any order. */
 static enum umb_status block_shade(void *user, size_t first, size_t count, struct umb_error *error)
 {
     struct frame *frame = user;

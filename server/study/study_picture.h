@@ -5,7 +5,8 @@
  * A picture of a scene with its shadows, from an asset, from rays, or from both for comparison.
  *
  * It works in bands of rows, so memory does not grow with the picture. Sub-samples are shaded,
- * rolled off, averaged over the pixel and encoded. Results do not depend on the number of threads.
+ * compressed in their highlights, averaged over the pixel and encoded. Results do not depend on the
+ * number of threads.
  *
  * Differences are taken over receivers that face the light: elsewhere both answers are 0 by the
  * normal, and counting them would flatter the mean.
@@ -47,7 +48,7 @@ struct umbt_picture_result {
     double mean_lighter, mean_darker; /* parts of the mean: asset lighter (leaks), darker (acne) */
     double over_half;                 /* share of receivers with |asset - traced| > 0.5 */
     /* Number of differing receivers whose window reaches into closed solids, where answers are
-     * unspecified; mean and share without these. */
+     * unspecified. The mean and the share leave these receivers out. */
     uint64_t undefined;
     double mean_defined, over_half_defined;
     /* Number of receivers with a cosine above UMBT_JUDGED_FACING and no window into closed solids.

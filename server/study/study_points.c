@@ -56,7 +56,7 @@ static void tangents(const double normal[3], double u[3], double v[3])
     umb__cross(normal, u, v);
 }
 
-/* Hard truth at a distance from a surface point, along a direction of its tangent plane. */
+/* Returns the hard truth at a distance from a surface point, along a tangent direction. */
 static int lit_at(const struct umbt_study *study, const double from[3], const double along[3],
                   double distance)
 {
@@ -65,7 +65,7 @@ static int lit_at(const struct umbt_study *study, const double from[3], const do
     return sees_light(study, at);
 }
 
-/* Least distance at which a direction has another truth; infinite if there is none. */
+/* Returns the least distance along a direction at which the truth is not `lit`, or infinity. */
 static double distance_along(const struct umbt_study *study, const double from[3],
                              const double along[3], int lit, double nearest)
 {

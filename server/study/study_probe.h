@@ -35,11 +35,11 @@ struct umb_points umbt_study_points_all(const struct umbt_study *study);
  */
 void umbt_probe_query(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* Queries as umbt_probe_query, with an answer for each sample; values[0] is that of sample `first`.
- * */
+/* Works like umbt_probe_query, but answers every sample. values[0] is the answer of sample
+ * `first`. */
 void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t count, float *values);
 
-/* Prepares a setting for queries. Fails: E_NO_MEMORY, as umb_query_prepare. */
+/* Prepares a setting for queries. Fails: E_NO_MEMORY, and the errors of umb_query_prepare. */
 UMB_CHECKED enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error);
 void umbt_probe_finish(struct umbt_probe *probe);
 

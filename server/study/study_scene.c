@@ -90,8 +90,8 @@ static enum umb_status scene_load(struct umbt_scene *scene, int whole, int throu
     return umbr_rays_build(corners, scene->count, &traced, &scene->rays, error);
 }
 
-/* Loads a scene. In: whole: treats triangles with holes as whole; through: rays pass translucent
- * ones. */
+/* Loads a scene. whole: 1 = triangles with holes are whole. through: 1 = rays pass translucent
+ * triangles. */
 static enum umb_status scene_init(struct umbt_scene *scene, const char *path, int whole,
                                   int through, struct umb_error *error)
 {

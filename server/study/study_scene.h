@@ -28,11 +28,11 @@ struct umbt_scene {
     uint32_t main_surface; /* the material or part of the largest area */
 };
 
-/* 1 if a plan says that an effect is on. Names of materials in its reasons do not count. */
+/* Returns 1 if a plan says that an effect is on. Material names in the reasons do not count. */
 int umbt_plan_has(const char *plan, const char *effect);
 
-/* Loads a scene. Fails: as umbs_scene_import, umbs_cuts_find, umbs_scene_flatten, umbs_parts_find,
- * umbr_rays_build. */
+/* Loads a scene. Fails: the errors of umbs_scene_import, umbs_cuts_find, umbs_scene_flatten,
+ * umbs_parts_find and umbr_rays_build. */
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
                                             struct umb_error *error);
 
@@ -40,8 +40,8 @@ UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char
 UMB_CHECKED enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
                                                    struct umb_error *error);
 
-/* umbt_scene_init for an asset with this plan. Holes count only if its effect cut-out is on; rays
- * pass through translucent triangles if its effect transmittance is on. */
+/* Does umbt_scene_init for an asset with this plan. Holes count only if the plan has the effect
+ * cut-out on. Rays pass through translucent triangles if it has the effect transmittance on. */
 UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
                                                     const char *plan, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */
@@ -55,8 +55,8 @@ UMB_CHECKED enum umb_status umbt_scene_match(const struct umbt_scene *scene, con
                                              const uint8_t asset_hash[UMB_ID_BYTES],
                                              struct umb_error *error);
 
-/* Key of a triangle's surface colour, by its material if several are used, else by its part. The
- * largest surface, usually the ground, has key 0. */
+/* Returns the key of a triangle's surface colour, by material if several are used, else by part.
+ * The largest surface, usually the ground, has key 0. */
 uint32_t umbt_scene_surface_key(const struct umbt_scene *scene, size_t triangle);
 
 #endif

@@ -2,8 +2,8 @@
 /*
  * The study in words: for errors of 1, 5, 20 cm and so on, the cheapest setting that stays below.
  *
- * A setting stays below an error if 95 % of its wrong answers have a true boundary nearer than
- * that, and hardly any has no boundary within reach.
+ * A setting stays below an error if 95 % of its wrong answers have a true boundary nearer than the
+ * error, and hardly any has no boundary within reach.
  */
 #include "study/study.h"
 
@@ -39,8 +39,8 @@ static int stays_below(const struct umbt_study_result *result, double error_m)
     return result->off_p95_m <= error_m && result->off_unknown <= UNKNOWN_MAX;
 }
 
-/* 1 if the time of a is known and shorter than that of b; if both times are unknown, 1 if a reads
- * fewer nodes. */
+/* Returns 1 if the time of a is known and shorter than that of b. If both times are unknown,
+ * returns 1 if a reads fewer nodes. */
 static int is_faster(const struct umbt_study_result *a, const struct umbt_study_result *b)
 {
     const int a_known = a->spread <= UMBT_STUDY_SPREAD_MAX;
@@ -143,7 +143,7 @@ static void say_rays(struct writer *writer, const struct umbt_study *study,
         rays->ns_area8);
 }
 
-/* The setting of a method and width on the open asset of a resolution, or NULL. */
+/* Returns the setting of a method and filter width on the open asset of a resolution, or NULL. */
 static const struct umbt_study_result *find(const struct umbt_study *study,
                                             enum umbt_study_method method, uint32_t resolution,
                                             uint32_t taps)

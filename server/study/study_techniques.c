@@ -89,7 +89,7 @@ static enum umb_status all_measure(struct umbt_study *study, const struct umbt_t
     return status;
 }
 
-/* Texels a side: a power of two, and no more than a quarter of the highest resolution. */
+/* Returns a map's side in texels: a power of two, at most a quarter of the highest resolution. */
 static uint32_t resolution_for(const struct umbt_study_options *options)
 {
     uint32_t resolution = options->quick ? RESOLUTION_QUICK : RESOLUTION_FULL;

@@ -45,8 +45,8 @@ static enum umb_status all_block(void *user, size_t first, size_t count, struct 
     return UMB_OK;
 }
 
-/* Number of passes over the view so that one thread is busy for ALL_S seconds, limited in
- * points. */
+/* Returns the number of passes over the view that keep one thread busy for ALL_S seconds, limited
+ * in points. */
 static size_t all_passes(size_t view, double ns)
 {
     const double wanted = fmin((double)ALL_POINTS, 1e9 * ALL_S / fmax(ns, 1.0)) / (double)view;
@@ -227,7 +227,7 @@ static int is_noisy(const struct umbt_study_result *result)
            UMBT_STUDY_SPREAD_MAX;
 }
 
-/* One attempt: interleaved runs of all settings whose times are not steady yet. */
+/* Makes one attempt: interleaved runs of all settings whose times are not steady yet. */
 static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe *probes,
                                      struct times *times, const struct umbt_truth *window,
                                      float *values, struct umb_error *error)

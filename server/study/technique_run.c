@@ -49,8 +49,8 @@ static double calls_s(const struct asking *asking, int calls)
     return umbu_thread_cpu_s() - start;
 }
 
-/* Answers all points on one thread and times it. Out: result: ns and spread of the steadiest
- * attempt; a spread of UMBT_TECHNIQUE_STEADY ends the attempts. */
+/* Answers all points on one thread and times the answers. result: receives ns and spread of the
+ * steadiest attempt. A spread of UMBT_TECHNIQUE_STEADY ends the attempts. */
 static void answer(const struct umbt_technique_view *view, struct asking asking,
                    struct umbt_technique_result *result)
 {

@@ -38,12 +38,12 @@ extern const enum umbt_technique_truth umbt_dag_truths[UMBT_DAG_ROWS];
 /*
  * Opens an asset for a view.
  *
- * Fails: as umb_asset_open_file; E_ARGUMENT (its first light is not the view's sun).
+ * Fails: the errors of umb_asset_open_file; E_ARGUMENT (its first light is not the view's sun).
  */
 UMB_CHECKED enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char *path,
                                           struct umb_asset **asset, struct umb_error *error);
 
-/* Queries and compares row `row` of an asset. Out: result: of info only `bytes` is set. */
+/* Queries and compares row `row` of an asset. In result->info only `bytes` is set. */
 UMB_CHECKED enum umb_status umbt_dag_run(const struct umbt_technique_view *view,
                                          const struct umb_asset *asset, uint32_t row, float *values,
                                          struct umbt_technique_result *result,

@@ -38,7 +38,7 @@ struct umbt_technique_view {
 /*
  * Traces layer, points and truths.
  *
- * In:    view: with the fields setup to threads; the rest is zero.
+ * In:    view: the fields from `setup` to `threads` are set; the rest is zero.
  * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing).
  */
 UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view *view,
@@ -50,8 +50,8 @@ UMB_CHECKED enum umb_status umbt_technique_layer(const struct umbt_technique_vie
                                                  const struct umb_map_frustum *frustum,
                                                  float *depth, struct umb_error *error);
 
-/* Makes the truth of the view's filter on an affine frustum: rays over its box. The map's texels
- * stand for voxels. */
+/* Makes the truth of the view's filter on an affine frustum: rays over the filter's box. The map's
+ * texels are its voxels. */
 void umbt_technique_truth(const struct umbt_technique_view *view,
                           const struct umb_map_frustum *frustum, struct umbt_truth *truth);
 
@@ -87,7 +87,7 @@ UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const cha
                                              const struct umbt_technique_view *view, size_t tiles,
                                              struct umb_error *error);
 
-/* Draws the view as number `tile`, with these visibilities of its points. */
+/* Draws the view as drawing number `tile`, with `values` as the visibilities of its points. */
 void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
                      const float *values);
 

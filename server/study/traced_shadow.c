@@ -57,7 +57,7 @@ static double row_of(const struct umb_frustum_info *frustum, int row, const doub
     return umb__dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
 }
 
-/* The frustum of a point, with the size of voxels at the point: a lamp's voxels grow with the
+/* Makes the frustum of a point, with the size of voxels there. A lamp's voxels grow with the
  * distance along the axis, and lie along the ray. */
 static void frustum_at(const struct umbt_truth *truth, const double point[3],
                        struct umb_frustum_info *at)
@@ -104,7 +104,7 @@ struct window {
     struct umb_frustum_info frustum; /* frustum at the moved point */
 };
 
-/* Window of the query: the centres of its texels, at the moved point's depth. */
+/* Makes the window of the query: the centres of its texels, at the moved point's depth. */
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {

@@ -49,23 +49,23 @@ struct umbt_truth {
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
 
-/* Unit direction from a point to the light: to_light without a lamp. Returns the light's distance
- * in metres; infinite without a lamp. */
+/* Computes the unit direction from a point to the lamp, or to_light without a lamp. Returns the
+ * light's distance in metres; infinite without a lamp. */
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3]);
 
 /*
- * Metres by which a point is moved along its unit normal, as umbrage/query.h documents for points
- * with normals. Pure.
+ * Returns the distance in metres by which a point is moved along its unit normal, as
+ * umbrage/query.h documents for points with normals. Pure.
  * In: frustum: with the voxel_step at the point.
  */
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3]);
 
 /*
- * 1 if a texel of the point's filter window lies, at the moved point's depth, inside a closed solid
- * of an asset baked under the closed rule. The asset's answer there is unspecified, so a difference
- * says nothing about it. Needs frustum and origin, whatever the kind.
+ * Returns 1 if a texel of the point's filter window lies, at the moved point's depth, inside a
+ * closed solid of an asset baked under the closed rule. The asset's answer there is unspecified, so
+ * a difference is not an error. `truth` needs frustum and origin, whatever its kind.
  */
 int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);

@@ -30,7 +30,7 @@ void umbb_analysis_finish(struct umbb_analysis *analysis)
     memset(analysis, 0, sizeof *analysis);
 }
 
-/* Moves the kept opaque triangles to the front, and the translucent ones after them. */
+/* Moves the kept opaque triangles to the start, and the translucent ones behind them. */
 static void compact(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -45,7 +45,7 @@ static void compact(struct umbb_analysis *analysis)
     }
 }
 
-/* Moves the cuts of the kept opaque triangles to the front. Done once: cuts do not change. */
+/* Moves the cuts of the kept opaque triangles to the array's start, once: cuts do not change. */
 static void compact_cuts(struct umbb_analysis *analysis)
 {
     size_t to = 0;
@@ -100,9 +100,9 @@ static double area_of(const double corners[3][3])
     return 0.5 * umb__length(normal);
 }
 
-/* Decides whether the closed rule is used. In mode auto the rule must be worth its price: the
- * inside of closed parts saves bytes where their surfaces are, and costs penumbras and columns
- * everywhere. Without the rule all casters are open. */
+/* Decides whether the closed rule is used; without the rule all casters are open. In mode auto the
+ * rule must be worth its price: it saves bytes at the surfaces of closed parts only, but makes
+ * penumbras and columns more expensive everywhere. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
     const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;
@@ -187,7 +187,7 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
                                              : "has an area");
 }
 
-/* Finds the cut-out and translucent triangles, unless they are to be taken as opaque. */
+/* Finds the cut-out and translucent triangles, unless the options take every triangle as opaque. */
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options, struct umb_error *error)
 {
@@ -226,7 +226,7 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
     if (analysis->flat_count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
-    /* Before any area is computed: an overflow there would drop a triangle without a message. */
+    /* This check precedes the areas: an overflow there would drop a triangle without a message. */
     UMB__TRY(
         umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error));
     return analysis->flat_count < UINT32_MAX
@@ -235,7 +235,7 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
                           analysis->flat_count, UINT32_MAX - 1U);
 }
 
-/* Checks the memory of flattening and of the search for parts, in addition to the scene. */
+/* Checks that flattening and the search for parts, in addition to the scene, fit allowed_bytes. */
 static enum umb_status check_memory(const struct umbs_scene_view *view, uint64_t allowed_bytes,
                                     struct umb_error *error)
 {

@@ -18,10 +18,10 @@
 #include "bake/analysis/perspective_frame.h"
 #include "scene/scene_alpha.h"
 
-/* Least share of the opaque casters' area in closed parts for which the closed rule is used. An
- * asset's bytes belong to surfaces, and the rule saves at most about that share of the bytes.
- * Measured on real scenes at 4096: 0.3 % of the area saves 0.4 %, 1.1 % nothing, 5.7 % 5.6 %, 22 %
- * 10 %, 85 % 54 % (docs/results/effects.md). */
+/* Least share of the opaque casters' area in closed parts for which the closed rule is used. The
+ * rule saves at most about the same share of an asset's bytes. Measured on real scenes at 4096
+ * texels (docs/results/effects.md), as share of area and share of bytes saved: 0.3 % and 0.4 %, 1.1
+ * % and 0 %, 5.7 % and 5.6 %, 22 % and 10 %, 85 % and 54 %. */
 #define UMBB_CLOSED_SHARE 0.025
 
 /* Bytes a triangle takes at the peak (search for parts; or ray tracing for verification). */
@@ -35,7 +35,7 @@ enum umbb_dropped {
 };
 
 struct umbb_analysis {
-    /* [count + translucent_count] World corners, the opaque casters' first; NULL: moved out. */
+    /* [count + translucent_count] World corners, the opaque casters' first; NULL after a move. */
     double (*corners)[3][3];
     uint8_t *kinds;          /* [count] enum umbb_caster */
     uint8_t *dropped;        /* [flat_count] enum umbb_dropped of each flattened triangle */
@@ -69,7 +69,7 @@ struct umbb_analysis {
  * Analyses a scene.
  *
  * Fails: E_BAD_SCENE (no triangle with an area, coordinates out of range), E_LIMIT (--memory),
- *        E_NO_MEMORY, as umbb_lights_choose. analysis is zeroed then.
+ *        E_NO_MEMORY, and the errors of umbb_lights_choose. analysis is zeroed on failure.
  */
 UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
                                               const struct umbb_options *options,
@@ -77,19 +77,20 @@ UMB_CHECKED enum umb_status umbb_analysis_run(const struct umbs_scene_view *view
                                               struct umb_error *error);
 void umbb_analysis_finish(struct umbb_analysis *analysis);
 
-/* Flattens the scene into world corners again, unless the analysis has its corners.
- * Fails: E_NO_MEMORY, E_INTERNAL. */
+/* Makes the world corners again from the scene. Does nothing if the analysis still has them. Fails:
+ * E_NO_MEMORY, E_INTERNAL. */
 UMB_CHECKED enum umb_status umbb_analysis_need_corners(struct umbb_analysis *analysis,
                                                        const struct umbs_scene_view *view,
                                                        struct umb_error *error);
 
-/* Fits the frusta of all lights to another resolution. In: analysis: with corners.
- * Fails: as umbb_frusta_fit; there are no frusta then. */
+/* Fits the frusta of all lights to another resolution. The analysis must have its corners. Fails:
+ * the errors of umbb_frusta_fit; the analysis then has no frusta. */
 UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
                                                 struct umb_error *error);
 
-/* Moves the corners out, with inward-winding closed parts turned around: rays tell the inside by
- * the winding. In: analysis: with corners. Returns corners [count], to be freed with free. */
+/* Moves the corners out of the analysis, which must have them. Closed parts that wind inwards
+ * are turned around, because rays tell the inside by the winding. Returns corners [count], for
+ * free(). */
 double (*umbb_analysis_take_turned(struct umbb_analysis *analysis))[3][3];
 
 #endif

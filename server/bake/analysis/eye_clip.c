@@ -25,7 +25,7 @@ static double inside(const struct umbb_pyramid *pyramid, int plane, const double
     }
 }
 
-/* Intersection of the plane with the edge from a, inside by `in`, to b, outside by -out. */
+/* Computes where the edge from a to b crosses the plane; a is `in` inside, b is -out outside. */
 static void cut(const double a[3], const double b[3], double in, double out, double to[3])
 {
     const double share = in / (in - out);

@@ -12,7 +12,7 @@
 
 #define UMBB_CLIP_CORNERS_MAX 8 /* a triangle and five planes */
 
-/* The pyramid: X in low[0] W .. high[0] W, Y in low[1] W .. high[1] W, W at least near. */
+/* A pyramid: X within low[0] W .. high[0] W, Y within low[1] W .. high[1] W, W at least near. */
 struct umbb_pyramid {
     double low[2], high[2];
     double near;

@@ -88,8 +88,8 @@ static enum umb_status check_contact(const struct list *list, const struct umbb_
                     number, light->name, p[0], p[1], p[2], least, 2.0 * least);
 }
 
-/* Adds the face along eye->axes[2] if it sees a caster, or if `always`. Returns 1 if it sees
- * one. */
+/* Adds the face along eye->axes[2] if the face sees a caster, or if `always` is 1. Returns 1 if the
+ * face sees a caster. */
 static int add_face(struct list *list, uint32_t light, const struct umbb_eye *eye, int always)
 {
     struct umb_frustum_info frustum;
@@ -101,7 +101,7 @@ static int add_face(struct list *list, uint32_t light, const struct umbb_eye *ey
     return seen;
 }
 
-/* Turns the eye to a side of a cube. In: cube: its axes; sign: -1: the opposite side. */
+/* Turns the eye along an axis of a cube, against this axis if sign is -1. cube: all three axes. */
 static void look_along(struct umbb_eye *eye, const double cube[3][3], int axis, int sign)
 {
     for (int k = 0; k < 3; k++) {
@@ -111,9 +111,9 @@ static void look_along(struct umbb_eye *eye, const double cube[3][3], int axis, 
     }
 }
 
-/* Adds the faces of a cube around `front`; the opposite one only if `all`. A light has at least
- * one. The faces have the cube's own axes, so they meet edge to edge. If these are the world's
- * axes, the faces differ from world faces by quarter turns only. */
+/* Adds the faces of a cube whose first face looks along `front`; the opposite face only if `all`. A
+ * light gets at least one face. The faces share the cube's axes, so they meet edge to edge. If
+ * these are the world's axes, each face differs from a face in world axes by quarter turns only. */
 static void add_cube(struct list *list, uint32_t light, struct umbb_eye *eye, const double front[3],
                      int all)
 {

@@ -24,14 +24,14 @@ struct umbb_frusta_input {
  *
  * Out:   choice: each light's first_frustum and frustum_count. frusta: malloced, in the order of
  *        lights; NULL on failure.
- * Fails: E_BAD_SCENE (no extent at all), E_NO_MEMORY.
+ * Fails: E_BAD_SCENE (the casters have no extent), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_frusta_fit(const struct umbb_frusta_input *input,
                                             struct umbb_light_choice *choice,
                                             struct umb_frustum_info **frusta, uint32_t *count,
                                             struct umb_error *error);
 
-/* Distance from a light to the farthest corner of the casters' box, metres. */
+/* Returns the distance in metres from a light to the farthest corner of the casters' box. */
 double umbb_light_reach(const struct umb_box *bounds, const double position[3]);
 
 /*
@@ -42,8 +42,8 @@ double umbb_light_reach(const struct umb_box *bounds, const double position[3]);
  * case is allowed: a spot light on a surface that its cone does not cross, such as a ceiling.
  */
 
-/* A lamp is on a surface if it is nearer than this share of the greatest coordinate, which is the
- * rounding error of the distance. */
+/* Distance below which a lamp counts as on a surface, as a share of the greatest coordinate. This
+ * share is the rounding error of the distance. */
 #define UMBB_ON_SHARE 0x1p-47
 
 /* A surface in a lamp's light that is nearer than a face can draw. */

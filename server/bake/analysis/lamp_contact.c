@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The boxes of triangles exclude nearly all of them. The other triangles are cut to the face, and
- * their distance is computed. */
+/* Search for surfaces too near to a lamp. A test of bounding boxes excludes nearly all triangles.
+ * Each remaining triangle is cut to the face, and its distance is computed. */
 #include "bake/analysis/frusta.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "base/vec.h"
 #include "bake/analysis/eye_clip.h"
 
-/* 1 if a triangle's box comes within `reach` of the position on all axes. */
+/* Returns 1 if a triangle's box comes within `reach` of the position on all axes. */
 static int is_near(const double corners[3][3], const double position[3], double reach)
 {
     for (int k = 0; k < 3; k++) {
@@ -34,9 +34,8 @@ static void nearest_on_edge(const double a[3], const double b[3], double out[3])
     }
 }
 
-/* Point of a triangle nearest to the origin: the foot point if it is inside, else a point of an
- * edge.
- * In: normal: unit. */
+/* Computes the point of a triangle nearest to the origin: the foot point if it is inside, else a
+ * point of an edge. normal: of unit length. */
 static void nearest_place(const double at[3][3], const double normal[3], double out[3])
 {
     const double height = umb__dot(normal, at[0]);
@@ -62,7 +61,7 @@ static void nearest_place(const double at[3][3], const double normal[3], double 
     }
 }
 
-/* 1 if part of a triangle lies in the face, nearer than `near` along its axis. */
+/* Returns 1 if part of a triangle lies in the face, nearer than `near` along the face's axis. */
 static int is_cut_away(const double at[3][3], const struct umbb_eye *eye, double tangent,
                        double near)
 {
@@ -94,8 +93,8 @@ static double greatest(const double position[3], const double corners[3][3], con
     return most;
 }
 
-/* Tests a triangle whose box is near; returns 1 if light would pass through the triangle. In: near,
- * tangent: the face's near distance, and its t with the guard band. */
+/* Returns 1 if light would pass through a triangle whose box is near the light. near: near distance
+ * of the face. tangent: greatest |u| / W of the face, guard band included. */
 static int judge(const double corners[3][3], const double origin[3], const struct umbb_eye *eye,
                  double near, double tangent, struct umbb_contact *contact)
 {

@@ -104,7 +104,7 @@ static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double 
     return UMB_OK;
 }
 
-/* Adds the suns of a path that stand above the horizon, named by the place's mean solar time. */
+/* Adds the suns of a path that are above the horizon, named by the mean solar time of the place. */
 static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path *path,
                                    struct umb_error *error)
 {
@@ -243,7 +243,7 @@ enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
     enum umb_status status =
         options->lights.count > 0 ? choose_requested(&c, error) : choose_default(&c, error);
     const int short_of_memory = ferror(c.notices);
-    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
+    /* glibc's fclose succeeds even if its last realloc failed; choice->notices is NULL then. */
     if ((fclose(c.notices) != 0 || short_of_memory || choice->notices == NULL) &&
         status == UMB_OK) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "light: memory for notices refused");

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 #define UMBRAGE_SERVER_BAKE_ANALYSIS_LIGHT_CHOICE_H
 /*
- * Choice of the lights to bake: those of the options (light_options.h), in the order given. Without
- * such options all of the file's lights; without any, a sun at azimuth 135 degrees, elevation 45
- * degrees. Each assumption becomes a notice.
+ * Choice of the lights to bake. Lights of the options (light_options.h) are taken in the order
+ * given. Without such options all lights of the file are baked. If the file has no lights either, a
+ * sun at azimuth 135 degrees, elevation 45 degrees is baked. Each assumption becomes a notice.
  */
 #include "bake/options/bake_options.h"
 #include "scene/scene.h"
@@ -22,9 +22,9 @@ struct umbb_light_choice {
 /*
  * Chooses the lights.
  *
- * Out:   choice: finish it; zeroed on failure.
- * Fails: E_ARGUMENT (--light names none, --sun-path has no sun above the horizon, more than
- *        UMB_LIGHTS_MAX), E_BAD_SCENE (a direction has no length), E_NO_MEMORY.
+ * Out:   choice: to be finished by the caller; zeroed on failure.
+ * Fails: E_ARGUMENT (--light names no light of the file, --sun-path has no sun above the horizon,
+ *        more than UMB_LIGHTS_MAX), E_BAD_SCENE (a direction has no length), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_lights_choose(const struct umbs_scene_view *view,
                                                const struct umbb_options *options, int z_up,

@@ -9,7 +9,7 @@
 
 #include "base/vec.h"
 
-/* Sine and cosine of 0..45 degrees by their series; the omitted terms are below 1e-19. */
+/* Computes sine and cosine of 0..45 degrees by series; the omitted terms are below 1e-19. */
 static void small_sin_cos(double degrees, double *sine, double *cosine)
 {
     const double x = degrees * 0.017453292519943295, square = x * x;

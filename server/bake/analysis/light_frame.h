@@ -17,16 +17,16 @@
 #define UMBB_WORLD_MAX 1e12
 
 /*
- * Sine and cosine of degrees, exact at multiples of 90. libm is not used: its last bit differs
- * between machines, and the direction enters an asset's id.
+ * Computes sine and cosine of an angle, exact at multiples of 90. libm is not used: its last bit
+ * differs between machines, and the direction enters an asset's id.
  */
 void umbb_sin_cos_degrees(double degrees, double *sine, double *cosine);
 
 /* Direction of the light from the sun: unit length. */
 void umbb_sun_direction(double azimuth_deg, double elevation_deg, int z_up, double direction[3]);
 
-/* Direction of the light in the scene, from a vector towards the sun in east, north and up: unit
- * length. */
+/* Computes the unit direction of the light in the scene. east_north_up: vector towards the sun.
+ * z_up: 1 if z is the scene's up axis, 0 if y is. */
 void umbb_compass_direction(const double east_north_up[3], int z_up, double direction[3]);
 
 /* Normalises a direction. Returns 0 if it has no usable length. */
@@ -36,7 +36,7 @@ int umbb_direction_normalise(double direction[3]);
  * some depth. */
 #define UMBB_EXTENT_SHARE_MIN (1.0 / 1024.0)
 
-/* Least and greatest coordinate along an axis; the empty one is {INFINITY, -INFINITY}. */
+/* Least and greatest coordinate along an axis; an empty extent is {INFINITY, -INFINITY}. */
 struct umbb_extent {
     double low, high;
 };
@@ -47,8 +47,9 @@ static inline void umbb_extent_add(struct umbb_extent *extent, double value)
     extent->high = value > extent->high ? value : extent->high;
 }
 
-/* Voxels a unit along an axis, with a margin of a voxel on either side. In: least: least length of
- * the axis. size: voxels of the axis. Out: offset: voxel coordinate of zero. */
+/* Returns the number of voxels per unit of length along an axis, with a margin of one voxel at both
+ * ends. least: least length of the axis. size: number of voxels along the axis. offset: receives
+ * the voxel coordinate of zero. */
 double umbb_extent_scale(const struct umbb_extent *extent, double least, double size,
                          double *offset);
 
@@ -71,9 +72,9 @@ struct umbb_fit {
 /*
  * Fits the frustum of a directional light.
  *
- * In:    direction: unit.
+ * In:    direction: of unit length.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.
- * Fails: E_BAD_SCENE (no extent at all).
+ * Fails: E_BAD_SCENE (the casters have no extent).
  */
 UMB_CHECKED enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit,
                                                  const double direction[3],

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fitting and projecting, both on triangles that are cut to the pyramid before any division. */
+/* Fitting and projecting triangles. Both cut triangles to the pyramid before any division. */
 #include "bake/analysis/perspective_frame.h"
 
 #include <math.h>
@@ -138,7 +138,7 @@ static enum umb_status reserve(struct umbb_projected *projected, const struct so
     return UMB_OK;
 }
 
-/* Adds the rest of a world triangle after cutting, a polygon, as a fan of triangles. */
+/* Adds a polygon, the rest of a world triangle after cutting, as a fan of triangles. */
 static enum umb_status add_polygon(struct umbb_projected *projected,
                                    const struct umbb_polygon *polygon, const struct source *source,
                                    size_t number, struct umb_error *error)

@@ -27,19 +27,19 @@
  * are left out, because the division by their distance loses precision. umbb_lamp_contact finds
  * lamps with such casters.
  *
- * Why 2^-26. Across the axis: the numerator X of X / W is off by some 2^-52 of `size` times the
- * reach. So a caster at the near distance is off by 2^-26 `size` texels, which is 2^-8 of a texel
- * at 2^18 texels a side. Along the axis: over a triangle from the near distance to the far end the
- * ratio near / W goes from 1 to 2^-26, off by 2^-52. So W is off by 2^-26 of itself, 2^-8 of a
- * voxel at 2^18 voxels a side. A power of two leaves the bits of farther casters unchanged.
+ * Why 2^-26: in a frustum of 2^18 voxels a side, rounding then moves a caster by at most 2^-8 of a
+ * voxel. Across the axis, the coordinate is X / W. X has an error of about 2^-52 of `size` times
+ * the reach, and W is at least 2^-26 of the reach. So the error is 2^-26 of `size` texels. Along
+ * the axis, the ratio near / W runs from 1 down to 2^-26 with an error of 2^-52. So the error of W
+ * is 2^-26 of W. A power of two leaves the bits of farther casters unchanged.
  */
 #define UMBB_NEAR_SHARE 0x1p-26
 
 /*
- * Least depth of a voxel, as a share of half the longest side of the casters' box. Floats relative
- * to the middle of the scene are off by 2^-25 of that half side in each coordinate. So a point of a
- * surface, given as floats, lies within a voxel of the surface, as the automatic bias expects.
- * Doubles are off by 2^-28 of such a voxel.
+ * Least depth of a voxel, as a share of half the longest side of the casters' box. A coordinate in
+ * floats, relative to the middle of the scene, has an error of 2^-25 of that half side. So a point
+ * of a surface, given in floats, lies within one voxel of the surface, as the automatic bias
+ * expects. In doubles the error is 2^-28 of such a voxel.
  */
 #define UMBB_VOXEL_SHARE 0x1p-22
 
@@ -70,8 +70,8 @@ static inline double umbb_guarded_tangent(double tangent, uint32_t log2_size)
 int umbb_perspective_fit(const struct umbb_fit *fit, const struct umbb_eye *eye,
                          struct umb_frustum_info *frustum);
 
-/* Coordinates X, Y and W of a world triangle's corners, by the rows of a frustum's matrix; W is 1
- * for parallel light. */
+/* Computes X, Y and W of the corners of a world triangle with the rows of a frustum's matrix. W is
+ * 1 for parallel light. */
 void umbb_eye_corners(const struct umb_frustum_info *frustum, const double origin[3],
                       const double triangle[3][3], double corners[3][3]);
 
@@ -93,10 +93,10 @@ struct umbb_eye_view {
 };
 
 /*
- * Cuts triangles to a frustum and a voxel around it, and projects them.
+ * Cuts triangles to a frustum with a margin of one voxel around it, and projects them.
  *
- * In:    world: corners, kinds, and of cuts the table of casters.
- * Out:   projected: finish it after any result.
+ * In:    world: only corners, kinds and the cuts' table of casters are read.
+ * Out:   projected: to be finished after any result.
  * Fails: E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status umbb_perspective_project(const struct umbb_casters *world,

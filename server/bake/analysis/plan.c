@@ -92,7 +92,8 @@ static void write_static(FILE *to, const struct umbb_analysis *a,
             2 * most);
 }
 
-/* Whether floats in world space would be off by more than a hundredth of a voxel. */
+/* Writes the line of effect "origin". The effect is on if floats in world space would be off by
+ * more than a hundredth of the smallest voxel edge. */
 static void write_origin(FILE *to, const struct umbb_analysis *a)
 {
     double most = 0.0, voxel = INFINITY;
@@ -121,9 +122,9 @@ static int has_extent(const struct umbb_analysis *a)
     return any;
 }
 
-/* Width of a light's half shadows, in metres and in voxels. Under a directional light the receiver
- * is taken to lie behind the whole depth of the frustum. Under other lights the caster is taken to
- * lie halfway between light and receiver. */
+/* Returns the width of a light's penumbras, in metres and in voxels. Under a directional light the
+ * receiver is taken to lie behind the whole depth of the frustum. Under other lights the caster is
+ * taken to lie halfway between light and receiver. */
 static double penumbra_width(const struct umbb_analysis *a, const struct umb_light_info *light,
                              double *voxels)
 {
@@ -154,7 +155,7 @@ static const char *penumbra_refusal(const struct umbb_analysis *a,
                : NULL;
 }
 
-/* Lights that are not points: half shadows of the light with the widest ones. */
+/* Writes the line of effect "penumbra", for the light with the widest penumbras. */
 static void write_penumbra(FILE *to, const struct umbb_analysis *a,
                            const struct umbb_options *options)
 {
@@ -285,7 +286,7 @@ static void write_transmittance(FILE *to, const struct umbb_analysis *a,
 static enum umb_status close_text(FILE *stream, char **text, struct umb_error *error)
 {
     const int failed = ferror(stream);
-    /* glibc's fclose succeeds even if its last realloc failed; there is no text then. */
+    /* glibc's fclose succeeds even if its last realloc failed; *text is NULL then. */
     if (fclose(stream) != 0 || failed || *text == NULL) {
         free(*text);
         *text = NULL;

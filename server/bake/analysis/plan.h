@@ -14,8 +14,8 @@
 #define UMBB_BAKE_VERSION 1
 
 /*
- * The plan: one line an effect that the scene calls for or that an option overruled: effect=NAME
- * state=on|off reason="..." cost="...".
+ * Makes the plan: one line for each effect that the scene calls for or that an option overruled:
+ * effect=NAME state=on|off reason="..." cost="...".
  * Out: text: malloced. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
@@ -24,19 +24,20 @@ UMB_CHECKED enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
                                            struct umb_error *error);
 
 /*
- * The settings that the voxels depend on, one key=value a line, numbers that read back exactly.
+ * Makes the text of the settings that the voxels depend on, one key=value on each line. Numbers
+ * read back exactly.
  * Out: text: malloced. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
                                                const struct umbb_options *options, char **text,
                                                struct umb_error *error);
 
-/* Prints the facts of the scene, one key=value a line, then the plan. In: tiles: of all frusta. */
+/* Prints the scene's facts, one key=value a line, then the plan. tiles: number in all frusta. */
 void umbb_plan_print(FILE *to, const struct umbb_analysis *analysis,
                      const struct umbs_scene_view *view, const char *plan, uint64_t tiles);
 
-/* Prints "lights":[...], an object a light: name, kind, direction, and for spot and point lights
- * position; extent in radians or metres. */
+/* Prints "lights":[...] with one object for each light. An object has name, kind and direction, the
+ * position of a spot or point light, and the extent in radians or metres. */
 void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights, uint32_t count);
 
 /* Prints the content of umbb_plan_print as one JSON object. */

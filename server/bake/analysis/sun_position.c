@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Meeus's low-accuracy sun, as vectors: the way to a direction needs no inverse function. */
+/* Meeus's low-accuracy sun in vectors, so that no inverse trigonometric function is needed. */
 #include "bake/analysis/sun_position.h"
 
 #include <math.h>
@@ -7,7 +7,7 @@
 #include "bake/analysis/light_frame.h"
 
 #define DAYS_A_CENTURY 36525.0
-/* The sun's distance in radii of the Earth: a parallax of 8.794 seconds of arc. */
+/* Distance of the sun in radii of the Earth, from a parallax of 8.794 seconds of arc. */
 #define SUN_DISTANCE 23455.0
 
 static double sine(double degrees)
@@ -41,8 +41,8 @@ static double node_longitude(double t)
     return 125.04 - 1934.136 * t;
 }
 
-/* Effect of Venus, Jupiter, the moon and a long period on the longitude. In: t: centuries from
- * 2000. */
+/* Returns the change of the longitude, in degrees, by Venus, Jupiter, the moon and a long period.
+ * t: centuries from 2000. */
 static double perturbations(double t)
 {
     const double u = t + 1.0; /* centuries from 1900, as in the formulae */
@@ -76,7 +76,7 @@ static double obliquity(double t)
 static double sidereal(double days, double tilt)
 {
     const double t = days / DAYS_A_CENTURY;
-    /* Whole days turn the sky by whole circles and a little: split to keep the digits. */
+    /* Whole days leave out the full circles of 360 degrees, to keep the digits of the rest. */
     const double whole = floor(days), part = days - whole;
     return 280.46061837 + 0.98564736629 * whole + 360.98564736629 * part +
            t * t * (0.000387933 - t / 38710000.0) -

@@ -13,21 +13,23 @@
  * Calculators, 1982, chapter 18 (perturbations of its longitude, up to 0.006 degrees together).
  */
 
-/* Days from 2000-01-01 12:00 to 0:00 of a Gregorian date. In: year: 1600.. */
+/* Days from 2000-01-01 12:00 to 0:00 of a Gregorian date. year: 1600 or later. */
 double umbb_days_from_2000(int year, int month, int day);
 
-/* Days by which terrestrial time is ahead of universal time, as exact as 0.01 degrees require: 69
- * seconds, the value of the 2020s (29 in 1950; the sun moves 0.001 degrees in 88). */
+/* Days by which terrestrial time is ahead of universal time: 69 seconds, the value of the 2020s. It
+ * was 29 seconds in 1950. The sun moves only 0.001 degrees in 88 seconds, far less than the 0.01
+ * degrees of accuracy. */
 #define UMBB_TERRESTRIAL_AHEAD (69.0 / 86400.0)
 
-/* Apparent longitude of the sun on the ecliptic, degrees, 0..360. In: days: terrestrial time from
- * 2000-01-01 12:00. */
+/* Returns the apparent longitude of the sun on the ecliptic, in degrees, 0..360. days: days of
+ * terrestrial time from 2000-01-01 12:00. */
 double umbb_sun_longitude(double days);
 
 /*
- * Unit vector towards the sun.
+ * Computes the unit vector towards the sun.
  *
- * In:  days: universal time from 2000-01-01 12:00. latitude_deg, longitude_deg: north and east.
+ * In:  days: days of universal time from 2000-01-01 12:00. latitude_deg, longitude_deg: north and
+ *      east.
  * Out: east_north_up.
  */
 void umbb_sun_towards(double days, double latitude_deg, double longitude_deg,

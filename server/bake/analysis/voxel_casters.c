@@ -42,8 +42,8 @@ static enum umb_status make_planes(const struct umbb_analysis *analysis,
     return UMB_OK;
 }
 
-/* Takes the casters from world space to the frustum's: in place if the object owns the corners, as
- * for parallel light, else by projection. */
+/* Takes the casters from world space to the frustum's voxel space. Corners of parallel light, which
+ * `voxels` owns, are transformed in place; other casters are projected into new memory. */
 static enum umb_status transform(const struct umbb_analysis *analysis,
                                  const struct umb_frustum_info *frustum, size_t max_bytes,
                                  struct umbb_voxel_casters *voxels, struct umb_error *error)

@@ -32,8 +32,8 @@ uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis);
  * Makes the opaque casters of frustum `number`.
  *
  * In:    view: the analysed scene. max_bytes: limit of projected triangles.
- * Out:   voxels: finish it after any result.
- * Fails: as umbb_analysis_need_corners; E_NO_MEMORY, E_LIMIT (max_bytes).
+ * Out:   voxels: to be finished after any result.
+ * Fails: the errors of umbb_analysis_need_corners; E_NO_MEMORY, E_LIMIT (max_bytes).
  */
 UMB_CHECKED enum umb_status umbb_voxel_casters_make(struct umbb_analysis *analysis,
                                                     const struct umbs_scene_view *view,
@@ -41,8 +41,8 @@ UMB_CHECKED enum umb_status umbb_voxel_casters_make(struct umbb_analysis *analys
                                                     struct umbb_voxel_casters *voxels,
                                                     struct umb_error *error);
 
-/* Makes the translucent casters of a frustum, whose matrix may be scaled. The analysis may be
- * without corners. Else as umbb_voxel_casters_make. */
+/* Makes the translucent casters of a frustum, whose matrix may be scaled. The analysis need not
+ * have its corners. Otherwise works like umbb_voxel_casters_make. */
 UMB_CHECKED enum umb_status umbb_voxel_casters_translucent(const struct umbb_analysis *analysis,
                                                            const struct umb_frustum_info *frustum,
                                                            size_t max_bytes,

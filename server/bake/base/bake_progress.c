@@ -17,7 +17,7 @@ void umbb_progress_tell_to(int fd)
     told = fd;
 }
 
-/* Writes a line to the supervisor by one call, so that a pipe does not cut the line. */
+/* Writes a line to the supervisor by a single write, so that a pipe does not cut the line. */
 static void tell(const char *text, size_t length)
 {
     if (told >= 0 && write(told, text, length) < 0) {

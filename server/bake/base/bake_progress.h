@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
 #define UMBRAGE_SERVER_BAKE_BASE_BAKE_PROGRESS_H
 /*
- * How far a bake is: on a terminal (tool/progress.h), and for a supervisor.
+ * Progress of a bake, shown on a terminal (tool/progress.h) and written for a supervisor.
  */
 #include <stdint.h>
 #include "tool/progress.h"
@@ -13,7 +13,7 @@ struct umbb_progress {
     uint64_t total; /* number of items of the phase: texels or points */
 };
 
-/* Starts a phase. In: quiet: 1 = never draw. unit: name of a million items, as "Mtexel";
+/* Starts a phase. quiet: 1 = never draw. unit: name of a million items, such as "Mtexel";
  * borrowed. */
 void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total);
@@ -31,7 +31,7 @@ void umbb_progress_end(struct umbb_progress *progress);
  *     phase import | analysis | bake | write | verify
  *     plan ...                                     each line of the plan
  *     progress DONE TOTAL UNIT                     of the phase, at most five a second
- *     tiles DONE TOTAL FOUND                       FOUND: of DONE, in the folder of tiles already
+ *     tiles DONE TOTAL FOUND                       FOUND of the DONE tiles came from the cache
  *
  * After a failed write no more lines are written.
  * Threads: one at a time; a process has one bake.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One handler. Signals come in bursts (a terminal and a supervisor both send one, timeout(1) sends
- * two), so another one counts as a second request only after a while.
+ * One handler for all signals. They come in bursts (a terminal and a supervisor both send one,
+ * timeout(1) sends two), so a further signal counts as a second request only after a while.
  */
 #include "bake/base/interrupt.h"
 

@@ -8,8 +8,8 @@
 #define UMBB_ESCAPED_NAME_SIZE (4 * UMB_NAME_SIZE)
 
 /*
- * Copies text with control bytes, quotes, backslashes and bytes that are not UTF-8 as \xNN. It is
- * cut at the end of `out`, between characters.
+ * Copies text with control bytes, quotes, backslashes and bytes that are not UTF-8 as \xNN. The
+ * copy is cut at the end of `out`, between characters.
  *
  * In: size: at least 1. Out: out: NUL-terminated, valid UTF-8, no control bytes.
  */

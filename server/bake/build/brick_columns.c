@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The lowest columns of a square: bricks from texels, and the nodes over 2 x 2 x 2 of them.
+ * The lowest columns of a square: bricks made from texels, and the nodes over 2 x 2 x 2 bricks.
  *
  * Most quads (16 x 16 texels) of a surface are a few nodes high. Their nodes come from a table of
  * bricks, without a walk along four columns; the nodes of other quads come from joining columns.
@@ -33,7 +33,7 @@ static enum umb_status build_brick(const struct walk *walk, const int32_t *const
     return umb__pool_brick(walk->pool, visible, ref, error);
 }
 
-/* The first brick at or after z that contains some value; `end` if there is none before `end`. */
+/* Returns the first brick at or after z, before `end`, that holds one of the values; else `end`. */
 static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *values, uint32_t z,
                            uint32_t end)
 {
@@ -41,9 +41,9 @@ static uint32_t next_event(const struct umbb_slicer *slicer, const int32_t *valu
     return least >> UMB_LEVEL_BRICK < end ? least >> UMB_LEVEL_BRICK : end;
 }
 
-/* The first brick after z that may differ from brick z; `end` if there is none before `end`. Brick
- * z has an event if some value v of lit or end has v / 8 == z. Between two events all bricks are
- * equal, because every comparison of a value with a slice has the same result. */
+/* Returns the first brick after z that may differ from brick z; `end` if no brick before `end` may.
+ * Brick z has an event if some value v of lit or end has v / 8 == z. Between two events all bricks
+ * are equal, because every comparison of a value with a slice has the same result. */
 static uint32_t next_brick(const struct walk *walk, const int32_t *const values[2], uint32_t z,
                            uint32_t end)
 {
@@ -96,7 +96,7 @@ static void next_quad_ahead(const struct umbb_tile *tile, size_t x, size_t y)
     }
 }
 
-/* The columns of bricks over the quarters of a quad, without their runs. */
+/* Computes the bounds of the four columns of bricks over a quad, without their runs. */
 static void quad_bounds(const struct umbb_tile *tile, size_t x, size_t y,
                         struct umbb_column four[4])
 {

@@ -2,7 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_BUILD_BRICK_SLICES_H
 #define UMBRAGE_SERVER_BAKE_BUILD_BRICK_SLICES_H
 /*
- * Bricks from texels: eight masks of 8x8 bits, one a depth slice, bit x + 8 * y.
+ * Bricks from texels: eight masks of 8x8 bits, one for each slice in depth, with the texel (x, y)
+ * in bit x + 8 * y.
  *
  *     const struct umbb_slicer *slicer = umbb_slicer(umbb_vectors_best());
  *     slicer->above(lit, 8 * z, slices);                      a brick of a column
@@ -16,12 +17,12 @@
 struct umbb_slicer {
     /* slices[z]: bit i is 1 where values[i] > z0 + z. */
     void (*above)(const int32_t values[64], int32_t z0, uint64_t slices[8]);
-    /* The least of the values that are at least z0; INT32_MAX if there is none. */
+    /* Returns the least of the values that are at least z0; INT32_MAX if there is none. */
     int32_t (*least_from)(const int32_t values[64], int32_t z0);
 };
 
-/* The slicer of a set of vector instructions; NULL if this build or this processor lacks the
- * set. */
+/* Returns the slicer of a set of vector instructions; NULL if this build or this processor lacks
+ * the set. */
 const struct umbb_slicer *umbb_slicer(enum umbb_vectors vectors);
 
 /* Plain C: the definition. */

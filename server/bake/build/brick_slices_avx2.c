@@ -10,14 +10,15 @@ static inline __m256i load(const int32_t *from)
     return _mm256_loadu_si256((const __m256i *)(const void *)from);
 }
 
-/* 32 values relative to z0, saturated to bytes: values above 127 stay above 7. */
+/* Returns 32 values minus z0, saturated to bytes. A saturated difference still exceeds 7. */
 static inline __m256i relative_bytes(const int32_t *values, __m256i base)
 {
     __m256i rows[4];
     for (int i = 0; i < 4; i++) {
         rows[i] = _mm256_sub_epi32(load(values + 8 * i), base);
     }
-    /* Packing works by halves: the four rows' first four bytes, then their last four. */
+    /* AVX2 packs each half of a register alone: the low half gets the first four bytes of all four
+     * rows, the high half the last four. */
     const __m256i halves = _mm256_packs_epi16(_mm256_packs_epi32(rows[0], rows[1]),
                                               _mm256_packs_epi32(rows[2], rows[3]));
     return _mm256_permutevar8x32_epi32(halves, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));

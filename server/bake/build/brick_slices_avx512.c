@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Slices with AVX-512: all 64 texels in one register of bytes. Integers only, so equal by
- * construction. */
+/* Slices with AVX-512: all 64 texels in one register of bytes. All operations are on integers, so
+ * the bits equal those of the plain form. */
 #include "bake/build/brick_slices.h"
 
 #ifdef __AVX512F__
 #include <immintrin.h>
 
-/* Sixteen values relative to z0, saturated to bytes: values above 127 stay above 7. */
+/* Returns sixteen values minus z0, saturated to bytes. A saturated difference still exceeds 7. */
 static inline __m128i relative_bytes(const int32_t *values, __m512i base)
 {
     return _mm512_cvtsepi32_epi8(_mm512_sub_epi32(_mm512_loadu_si512(values), base));

@@ -34,9 +34,10 @@ struct umbb_cached_tiles {
     /*
      * Finds a tile's result and adds its nodes to the pool.
      *
-     * Out:   found: 0 if the tile must be baked; result and runs are unchanged then. Else result:
-     *        its column's runs are the last of the runs.
-     * Fails: as umb__pool_brick; any failure that ends the bake. Discard the pool then.
+     * Out:   found: 1 if the cache has the tile; 0 if it must be baked. result: set if found; the
+     *        runs of its column are appended to nodes->runs.
+     * Fails: the errors of umb__pool_brick, and any failure that ends the bake. The pool must then
+     *        be discarded.
      */
     enum umb_status (*find)(void *user, const struct umbb_tile_place *place,
                             const struct umbb_tile_nodes *nodes, struct umbb_tile_result *result,

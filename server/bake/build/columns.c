@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Top-down over the squares; columns are joined on the way back.
+ * Walk over the squares from the top down; columns are joined on the way back.
  *
  * Squares without a mixed node are not entered: their texels are not read (and may be unset).
  * Recursion is as deep as there are levels above the leaves, at most 15.
@@ -69,8 +69,8 @@ struct cursor {
     size_t run; /* run that contains z, if z is in the mixed range */
 };
 
-/* Node at z. In: z: never decreases from call to call. Out: end: first node after z that may
- * differ. */
+/* Returns the node at z, and sets *end to the first node after z that may differ. z must not
+ * decrease from call to call. */
 static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs, uint32_t z,
                             uint32_t *end)
 {
@@ -91,7 +91,8 @@ static uint32_t cursor_read(struct cursor *cursor, const struct umbb_runs *runs,
 }
 
 /*
- * Reads the eight children of node z; returns the first z after it whose children may differ.
+ * Reads the eight children of the node at z. Returns the first node after z whose children may
+ * differ.
  */
 static uint32_t read_children(struct cursor cursors[4], const struct umbb_runs *runs, uint32_t z,
                               uint32_t children[8])

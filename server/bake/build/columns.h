@@ -11,16 +11,16 @@
  * section 6.1). A mixed node holds a lit and a shadowed voxel by construction, so none ever turns
  * out uniform.
  *
- * Runs make long shadow walls cheap: where there is no lit and no end, a node equals its neighbour
- * along z, and is built once. The work is proportional to the number of different nodes of a
- * column, not to its length.
+ * Runs make long shadow walls cheap: a node that contains no value of lit or end equals its
+ * neighbour along z, and is built once. The work is proportional to the number of different nodes
+ * of a column, not to its length.
  *
  * The nodes depend on lit and end only: not on tiles, their order, or threads.
  */
 #include "format/node_pool.h"
 #include "bake/depth/tile.h"
 
-/* A run of equal nodes: all nodes up to z_end - 1, from the end of the run before, are `ref`. */
+/* A run of equal nodes `ref`, from the end of the previous run up to node z_end - 1. */
 struct umbb_column_run {
     uint32_t z_end;
     uint32_t ref;
@@ -56,7 +56,7 @@ static inline struct umbb_column umbb_column_bounds(uint32_t level, int32_t max_
     const uint32_t step = (uint32_t)1 << level;
     const uint32_t first = (uint32_t)min_end >> level;
     const uint32_t end = ((uint32_t)max_lit + step - 1) >> level;
-    /* first > end: everything between is undefined, and shadowed from `end` on. */
+    /* If first > end, no node is mixed: shadowed from `end` on, undefined up to `first`. */
     return (struct umbb_column){.mixed_first = first < end ? first : end, .mixed_end = end};
 }
 
@@ -69,8 +69,8 @@ struct umbb_column_tree {
     int32_t *const *max_lit; /* [level][y * width + x]: levels leaf_level .. log2_size */
     int32_t *const *min_end;
     /*
-     * Gives the column over square (x, y) of leaf_level. In: column: bounds set, not empty.
-     * Out: column: its runs are the last of the tree's.
+     * Makes the column over square (x, y) of leaf_level. On entry the column's bounds are set and
+     * not empty. The column's runs are appended to the tree's.
      */
     enum umb_status (*leaf)(void *user, size_t x, size_t y, struct umbb_column *column,
                             struct umb_error *error);
@@ -80,8 +80,8 @@ struct umbb_column_tree {
 /*
  * Builds the column over square (x, y) of a level by joining the columns of its leaves.
  *
- * Out:   column: its runs are the last of the tree's.
- * Fails: as umb__pool_brick, and as the leaves.
+ * Out:   column: its runs are appended to the tree's.
+ * Fails: the errors of umb__pool_brick and of `leaf`.
  */
 UMB_CHECKED enum umb_status umbb_column_of_tree(const struct umbb_column_tree *tree, uint32_t level,
                                                 const size_t place[2], struct umbb_column *column,
@@ -96,9 +96,9 @@ struct umbb_square {
 /*
  * Builds the column over a square of a tile.
  *
- * In:    tile: texels and pyramid filled. square: of level 3 .. tile->log2_size.
- * Out:   column: its runs are the last of `runs`.
- * Fails: as umb__pool_brick.
+ * In:    tile: texels and pyramid filled. square: a square of level 3 .. tile->log2_size.
+ * Out:   column: its runs are appended to `runs`.
+ * Fails: the errors of umb__pool_brick.
  */
 UMB_CHECKED enum umb_status
 umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
@@ -108,7 +108,7 @@ umbb_column_of_square(struct umb__pool *pool, const struct umbb_tile *tile,
 /*
  * Joins four columns (x + 2 * y) of level - 1 into one.
  *
- * In:    column: bounds set. four: their runs are the last of `runs`.
+ * In:    column: with its bounds. four: their runs are the last ones in `runs`.
  * Out:   column: its runs replace the four's.
  */
 UMB_CHECKED enum umb_status umbb_column_join(struct umb__pool *pool, uint32_t level,

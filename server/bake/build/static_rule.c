@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Windows as boxes. The bias moves point p of a triangle by at most `reach`, and the window adds
- * half the taps. So the window of p can read texel t only if p lies within a box of that size
- * around t. Inside the box the triangle lies between two depths. The window of a point on the
- * triangle's plane lies before the plane everywhere, by half a voxel and more, thanks to the bias.
+ * The texels that filter windows read are bounded by boxes. The bias moves point p of a triangle by
+ * at most `reach`, and the window adds half the taps. So the window of p can read texel t only if p
+ * lies within a box of that size around t. Inside the box the triangle lies between two depths. The
+ * bias keeps the whole window of a point on the triangle's plane before the plane, by half a voxel
+ * or more.
  */
 #include "bake/build/static_rule.h"
 
@@ -25,12 +26,12 @@
 #define VERTICAL     1e-6 /* share of a normal's length along z below which a triangle is edge on */
 
 /*
- * Greatest distance in voxels by which the automatic bias moves a point. In: edge: lengths e of a
- * voxel's edges.
+ * Sets reach to the greatest distance in voxels, on each axis, by which the automatic bias moves a
+ * point. edge: lengths e of a voxel's edges.
  *
- * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2, and the moves
- * s nx / ex, s ny / ey and s nz / ez. Products of two components of n are at most 1/2. The result
- * also covers points without a normal (query.c), and has one voxel more for rounding.
+ * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2. The moves are s nx /
+ * ex, s ny / ey, s nz / ez. Products of two components of n are at most 1/2. The result also covers
+ * points without a normal (query.c), and has one voxel more for rounding.
  */
 static void set_reach(const double edge[3], double reach[3])
 {
@@ -50,7 +51,7 @@ struct polygon {
     int count;
 };
 
-/* Keeps the part with sign * coordinate <= sign * limit (Sutherland and Hodgman 1974). */
+/* Cuts p to the part with sign * coordinate <= sign * limit (Sutherland and Hodgman 1974). */
 static void cut(struct polygon *p, int axis, double sign, double limit)
 {
     struct polygon out;
@@ -281,8 +282,8 @@ static void asked_init(struct asked *asked, const double corners[3][3])
 }
 
 /*
- * Range of depths of windows that belong to the triangle's points and read texel centre (x, y).
- * Returns 0 if there are none.
+ * Computes the range of depths of the windows that belong to the triangle's points and read texel
+ * centre (x, y). Returns 0 if there are no such windows.
  */
 static int window_depths(const struct asked *asked, const double reach[3], const double centre[2],
                          double *least, double *most)
@@ -305,8 +306,8 @@ static int window_depths(const struct asked *asked, const double reach[3], const
         *most = asked->high[2];
         return 1;
     }
-    /* The box's corners may lie far off the triangle, where a steep plane leaves any range of
-     * depth. */
+    /* The corners of the box may lie far off the triangle, where the depth of a steep plane has no
+     * limit. */
     low = low < asked->high[2] ? low : asked->high[2];
     *least = (low > asked->low[2] ? low : asked->low[2]) - reach[2];
     *most = high < asked->high[2] ? high : asked->high[2];
@@ -321,8 +322,8 @@ struct band {
     int32_t y0;
 };
 
-/* First and last of the `count` whole numbers from `start` on within low..high; first > last:
- * none. */
+/* Finds the first and last of the numbers start .. start + count - 1 within low..high. first >
+ * last: there are none. */
 static void whole_range(double low, double high, int32_t start, int32_t count, int32_t *first,
                         int32_t *last)
 {

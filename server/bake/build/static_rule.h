@@ -7,10 +7,10 @@
  *
  * A triangle is *asked* if some shadow touches it: it covers a texel centre where another caster
  * lies more than a voxel before it, or it covers no centre. A triangle that the light reaches all
- * over is not asked: points on it are lit, whatever their windows meet behind another caster's
- * front. Behind the first caster a column is undefined up to the first voxel that a window of an
- * asked triangle may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the automatic
- * bias, and the triangle's own normal, or none on slopes of at most 3 in 4
+ * over is not asked: points on such a triangle are lit, whatever voxels behind other casters their
+ * windows read. Behind the first caster a column is undefined up to the first voxel that a window
+ * of an asked triangle may read. Windows have any odd number of taps up to UMB_TAPS_MAX, the
+ * automatic bias, and the triangle's own normal, or none on slopes of at most 3 in 4
  * (docs/explained/effects.md).
  *
  *     umbb_static_init(&rule, &casters, frustum, cells, &error);
@@ -39,7 +39,7 @@ struct umbb_static {
 /*
  * Starts the rule, and marks the cells with receivers.
  *
- * In:    casters: of parallel light. frustum: theirs, voxel_step set.
+ * In:    casters: of parallel light. frustum: the casters' frustum, with voxel_step set.
  * Out:   cells: uint64[UMB__RECEIVER_MASK_WORDS] (format/receiver_mask.h).
  * Fails: E_NO_MEMORY.
  */
@@ -50,8 +50,8 @@ UMB_CHECKED enum umb_status umbb_static_init(struct umbb_static *rule,
 void umbb_static_finish(struct umbb_static *rule);
 
 /* Finds the asked triangles from a tile's texels. Texels of squares that the pyramid marks as
- * background need not be set. In: jobs: idle threads, which all help. cancelled: called from any
- * thread, or NULL; after it returned 1 the remaining triangles are skipped. */
+ * background need not be set. In: jobs: idle threads, which all help. cancelled: may be called from
+ * any thread; NULL: none. After `cancelled` returns 1 the remaining triangles are skipped. */
 void umbb_static_survey(struct umbb_static *rule, const struct umbb_tile *tile,
                         struct umbu_threads *jobs, int (*cancelled)(void));
 
@@ -60,9 +60,9 @@ void umbb_static_begin(struct umbb_static *rule, const struct umbb_tile *tile);
 
 /*
  * Moves `end` of a band's texels to the end of the undefined region, and updates level 3 of the
- * pyramid. Before: the end under the closed rule, or lit.
+ * pyramid. On entry `end` is that of the closed rule, or lit.
  *
- * In: tile: with an array `end` of its own. number: of the band, which begins at row
+ * In: tile: with an array `end` of its own. number: number of the band, whose first row is
  *     UMBB_STATIC_BAND * number.
  * Returns 0 if out of memory. Threads: different bands at once.
  */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The loop over tiles and the levels above them.
+ * Loop over the tiles of a frustum, and building of the levels above the tiles.
  *
  * The grid of tiles keeps the greatest lit, the least end and the column's runs of each tile. The
  * levels above the tiles need no more, so their nodes do not depend on the division into tiles.
@@ -18,7 +18,7 @@
 #include "bake/build/tile_squares.h"
 #include "tool/clock.h"
 
-/* Share of the unallocated budget that a tile's squares may use: one part in this. */
+/* Divisor of the unallocated budget: a tile's squares may use one part in SQUARES_SHARE. */
 #define SQUARES_SHARE 8U
 
 struct loop {
@@ -144,7 +144,8 @@ static size_t at_most(size_t value, size_t limit)
     return value < limit ? value : limit;
 }
 
-/* Divides the shared budget: each user may have all that the others have not taken. */
+/* Divides the shared budget: the octree, the columns and the depth path's lists may each use all
+ * that the other two have not taken. */
 static enum umb_status share_memory(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
@@ -262,7 +263,7 @@ static enum umb_status tile_find(struct loop *loop, uint32_t number, int *found,
     return UMB_OK;
 }
 
-/* Moves *number to the first tile from there on that the tile cache lacks, or to `end`. */
+/* Advances *number to the first tile at or after *number that the tile cache lacks, or to `end`. */
 static enum umb_status next_unknown(struct loop *loop, uint32_t *number, uint32_t end,
                                     struct umb_error *error)
 {
@@ -299,7 +300,8 @@ static int static_bands(struct loop *loop, int slot)
 /*
  * Builds a drawn tile while the next is drawn.
  *
- * In: number: of the tile in `slot`. next: number of the next tile to be drawn; `end`: none.
+ * In: number: number of the tile in `slot`. next: number of the tile to be drawn next, or `end` if
+ *     there is none.
  */
 static enum umb_status tile_step(struct loop *loop, uint32_t number, uint32_t next, uint32_t end,
                                  int slot, struct umb_error *error)
@@ -406,7 +408,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     };
     const size_t whole[2] = {0, 0};
     UMB__TRY(umbb_column_of_tree(&tree, level, whole, &column, error));
-    /* A single node along z: mixed, lit if nothing is shadowed, or shadowed. */
+    /* The column has a single node: shadowed if mixed_end is 0, else lit, unless it is mixed. */
     *root = column.mixed_end == 0 ? UMB__REF_SHADOWED : UMB__REF_LIT;
     if (column.mixed_first < column.mixed_end) {
         *root = loop->runs.items[column.run_first].ref;
@@ -415,7 +417,7 @@ static enum umb_status build_root(struct loop *loop, uint32_t *root, struct umb_
     return UMB_OK;
 }
 
-/* Bakes with everything set up; the caller ends the threads after a failure. */
+/* Bakes after everything is set up. The caller ends the threads after a failure. */
 static enum umb_status loop_run(struct loop *loop, uint32_t *root, struct umb_error *error)
 {
     UMB__TRY(loop_init(loop, error));

@@ -33,16 +33,16 @@ struct umbb_bake_options {
     /* Limit in bytes of three things together: the octree, the columns kept for the levels above
      * the tiles, and the depth path's lists of triangles; 0 = no limit. */
     size_t shared_max_bytes;
-    /* If end is above first: only tiles first .. end - 1 are baked, for the tile cache; the pool is
-     * empty afterwards, and there is no root. */
+    /* First tile to bake, and the tile after the last one. If only_end is above only_first, the
+     * other tiles are left out; the pool is empty after the bake, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_cached_tiles *cached_tiles; /* may be NULL; borrowed */
-    /* Receives the first occluders; NULL: not kept. With it no square is proven from bounds, and
-     * the tile cache, if any, keeps them too. */
+    /* Receives the first occluders; NULL: they are not kept. With an occluder depth map no square
+     * is proven from bounds, and a tile cache keeps first occluders too. */
     struct umb__occluder_depth *occluder_depth;
-    /* The static rule, begun; NULL: receivers may be anywhere. With it there is no tile cache, no
-     * occluder depth map, no square proven from bounds, and no choice of tiles; the depth path
-     * draws each tile twice. */
+    /* The static rule after umbb_static_init; NULL: receivers may be anywhere. Under the static
+     * rule there is no tile cache, no occluder depth map, no square proven from bounds, and no
+     * choice of tiles; the depth path draws each tile twice. */
     struct umbb_static *rule;
     int (*cancelled)(void); /* may be NULL; from any thread */
     /* Progress callback, called by the owner; may be NULL. tiles: number of finished tiles.
@@ -52,13 +52,13 @@ struct umbb_bake_options {
 };
 
 /*
- * Bakes one frustum into a pool that others may share: equal nodes exist once.
+ * Bakes one frustum into a pool that several frusta may share. Equal nodes exist once.
  *
  * In:    depth: created for the same casters, tile size and threads. pool: holds the nodes of
  *        frusta baked before; its limit is replaced by the options'.
  * Out:   root: the frustum's root, of level log2_size. figures: may be NULL.
- * Fails: E_NO_MEMORY, E_LIMIT (either limit), E_CANCELLED, as the tile cache. The pool then holds
- *        more nodes than its roots reach: discard it.
+ * Fails: E_NO_MEMORY, E_LIMIT (either limit), E_CANCELLED, and the errors of the tile cache. The
+ *        pool then holds more nodes than its roots reach: discard it.
  */
 UMB_CHECKED enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                                            const struct umbb_bake_options *options,

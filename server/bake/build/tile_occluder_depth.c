@@ -14,7 +14,8 @@ struct square {
     int undefined; /* 1: end > lit at some texel */
 };
 
-/* Takes block (x, y) of the tile. Texels of a background block may never have been written. */
+/* Copies lit and end of block (x, y) of the tile, or the background where texels are unwritten.
+ * *undefined becomes 1 if some lit and end differ. */
 static void take_block(const struct umbb_tile *tile, size_t x, size_t y, int32_t lit[64],
                        int32_t end[64], int *undefined)
 {

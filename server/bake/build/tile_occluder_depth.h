@@ -9,7 +9,7 @@
  * Adds a tile's texels to its frustum's occluder depth map.
  *
  * In:    tile: texels and level 3 of the pyramid filled, no square proven from bounds.
- * Fails: as umb__occluder_depth_add.
+ * Fails: the errors of umb__occluder_depth_add.
  */
 UMB_CHECKED enum umb_status umbb_tile_occluder_depth(const struct umbb_tile *tile,
                                                      struct umb__occluder_depth *occluder_depth,

@@ -19,7 +19,7 @@ struct work {
     struct umbb_runs runs;
 };
 
-/* One square. Its slice writes all of it and then sets its flag; until then the owner waits. */
+/* One square of a tile. Its slice writes all fields and then is_done, for which the owner waits. */
 struct square {
     struct work *work; /* NULL once the owner has taken its content */
     struct umbb_column column;
@@ -99,7 +99,8 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     free(squares);
 }
 
-/* Bytes of a work. The numbers of a merge are left out: they are a fraction of the pool. */
+/* Returns the bytes of a square's pool and runs. The numbers of a merge are left out, because they
+ * take only a fraction of the pool's bytes. */
 static size_t work_bytes(const struct work *work)
 {
     return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;
@@ -144,8 +145,8 @@ static uint32_t job_of(size_t x, size_t y)
 }
 
 /*
- * True if the tile's tree descends to a square: nothing above it is uniform. Below a uniform square
- * texels and pyramid may be unwritten (tile.h).
+ * Returns whether the tile's tree descends to a square: no square above it is uniform. Below a
+ * uniform square texels and pyramid may be unwritten (tile.h).
  */
 static int is_wanted(const struct umbb_tile *tile, const struct umbb_square *square)
 {

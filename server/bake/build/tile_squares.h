@@ -24,7 +24,7 @@
 
 struct umbb_squares; /* opaque */
 
-/* In: tile_log2: at least UMBB_SQUARES_ACROSS_LOG2 + UMB_LEVEL_BRICK. Fails: E_NO_MEMORY. */
+/* Creates squares. tile_log2: >= UMBB_SQUARES_ACROSS_LOG2 + UMB_LEVEL_BRICK. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_squares_create(uint32_t tile_log2, struct umbb_squares **out,
                                                 struct umb_error *error);
 /* Frees the object. NULL is allowed. No slice may be running. */
@@ -46,9 +46,9 @@ void umbb_squares_job(struct umbb_squares *squares, uint32_t job);
 /*
  * Waits for the squares, helping with slices, and joins them into the tile's column.
  *
- * In:    jobs: pool in which the squares' slices were started, before any others.
- * Out:   column: its runs are the last of `runs`.
- * Fails: as umb__pool_brick.
+ * In:    jobs: thread pool in which the squares' slices were started, before any other slices.
+ * Out:   column: its runs are appended to `runs`.
+ * Fails: the errors of umb__pool_brick.
  */
 UMB_CHECKED enum umb_status umbb_squares_column(struct umbb_squares *squares,
                                                 struct umbu_threads *jobs, struct umb__pool *pool,

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Drawing of noted cells with AVX-512. A cell's texels are four registers of two rows each. All
- * parts of the cell lower them, one part after the other. The operations are those of the predicate
- * in the same order, never fused, so the bits are the same.
+ * parts of the cell lower these registers, one part after the other. The operations are those of
+ * the predicate in the same order, never fused, so the bits are the same.
  *
- * A register holds ceil(2 z) for each depth z. Then lit is the half of that, rounded down, because
+ * A register holds ceil(2 z) for each depth z. Then lit is half of ceil(2 z), rounded down, because
  * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and
  * clamp may come before the halving, which is done once a cell.
  */
@@ -61,7 +61,7 @@ static inline void part_draw(const struct umbb_plane *k, uint64_t bits, const st
     const __m512i lit_max = _mm512_set1_epi32(2 * k->lit_max + 1);
     double z[8];
     _mm512_storeu_pd(z, row_z);
-    /* Two rows a register: join their sums' lower halves, clamp, and lower the covered texels. */
+    /* Two rows a register: join the sums' lower halves, clamp, and lower the covered texels. */
     for (size_t i = 0; i < 4; i++, bits >>= 16) {
         __m512i lit = _mm512_permutex2var_epi32(row_sum(slopes, z[2 * i]), lower_halves,
                                                 row_sum(slopes, z[2 * i + 1]));

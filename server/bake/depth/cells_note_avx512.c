@@ -29,12 +29,12 @@ struct plane {
     double left, right;        /* range of x of all corners */
     double corner_off;         /* x of corner 1, less x of the long edge at the same height */
     uint16_t number;           /* index among the notes' planes */
-    /* X from a cell's first texel to the centre of its nearest, and of its farthest column. */
+    /* Distance in x from a cell's first texel to the centres of its nearest and farthest column. */
     double near_x, far_x;
     size_t near_y, far_y; /* nearest and farthest row of a band */
 };
 
-/* A band: eight rows of cells, from a multiple of eight on. x counts from the canvas's first
+/* A band: eight rows of texels that start at a multiple of eight. x counts from the canvas's first
  * texel. */
 struct band {
     const struct plane *plane;
@@ -45,7 +45,7 @@ struct band {
     uint64_t front;      /* a byte a row: all ones if the row goes to the canvas's front */
 };
 
-/* x where rows at `py` cross a short edge: edge 0-1 above corner 1, edge 1-2 from there on. */
+/* Returns x where the rows at `py` cross a short edge: edge 0-1 before corner 1, then edge 1-2. */
 static inline __m512d cross_short(const struct plane *k, __m512d py)
 {
     const struct umbb_coverage *c = k->coverage;
@@ -72,7 +72,7 @@ static inline unsigned rows_met(const struct umbb_coverage *c, int32_t row)
     return 0xffU << (above > 0 ? above : 0) & 0xffU >> (below > 0 ? below : 0);
 }
 
-/* Makes the band of rows from `row` on; at least one of them meets the triangle. */
+/* Fills the band whose first row is `row`. At least one row of the band meets the triangle. */
 static inline void band_find(const struct plane *k, const struct umbb_cells *cells, int32_t row,
                              struct band *band)
 {
@@ -111,14 +111,15 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
     band->last = _mm256_mask_mov_epi32(_mm256_set1_epi32(-1), covered, last);
     band->least = umbb_least_of_8(band->first);
     band->most = umbb_most_of_8(band->last);
-    /* Facing by the order of the crossings, as in umbb_coverage_row: a byte of ones a row. */
+    /* The order of the crossings tells if a row faces the light, as in umbb_coverage_row. Each row
+     * that does gets a byte of ones. */
     const unsigned before = _mm512_cmp_pd_mask(one, two, _CMP_LT_OQ);
     const unsigned facing = c->odd ? ~before : before;
     band->front = (uint64_t)_mm_cvtsi128_si64(_mm_movm_epi8((__mmask16)(facing & 0xffU)));
 }
 
-/* Coverage masks of the eight cells that start at texel x of the canvas: a byte a row, the first
- * texel its lowest bit. */
+/* Returns coverage masks of the eight cells that start at texel x of the canvas. A mask has a byte
+ * for each row, with the first texel in the lowest bit. */
 static inline __m512i cell_bits(const struct band *band, int32_t x)
 {
     const __m256i zero = _mm256_setzero_si256();
@@ -140,8 +141,8 @@ static inline __m512i cell_bits(const struct band *band, int32_t x)
     return _mm512_permutexvar_epi16(turn, _mm512_shuffle_epi8(rows, pairs));
 }
 
-/* A bound of lit in each of eight cells, by the predicate at the cell's nearest (or farthest)
- * texel: in the row at depth `z` at the anchor, `off` texels from the cells' first. */
+/* Returns a bound of lit in each of eight cells: the predicate's value at the nearest (or farthest)
+ * texel. z: depth of that texel's row at the anchor. off: distance from a cell's first texel. */
 static inline __m256i bounds(const struct umbb_coverage *c, double z, __m512d first_x, double off)
 {
     const __m512d centre = _mm512_add_pd(first_x, _mm512_set1_pd(off));
@@ -191,13 +192,13 @@ static inline void parts_add(struct umbb_cells *cells, struct umbb_cell_layer *l
                                              _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
     save(layer->first + cell, _mm256_mask_expand_epi32(first, keep, numbers));
     cells->part_count = number + (uint32_t)__builtin_popcount(keep);
-    /* Lowers the cells' bounds: to that of one covering part, or of all parts that cover it
-     * together. */
+    /* Lower the bounds of the cells: to that of one covering part, or of all parts that cover a
+     * cell together. */
     const __m512i before = _mm512_loadu_si512(layer->covered + cell);
     const __m512i covered = _mm512_mask_or_epi64(before, keep, before, found->bits);
     const __m256i most_before = load(layer->most + cell);
     const __m256i most = _mm256_mask_max_epi32(most_before, keep, most_before, found->farthest);
-    /* Cells that this part covers alone, and cells that all parts cover together. */
+    /* Cells that this part covers alone, and cells that all their parts cover together. */
     const __mmask8 alone = keep & _mm512_cmpeq_epi64_mask(found->bits, all);
     const __mmask8 together = keep & _mm512_cmpeq_epi64_mask(covered, all);
     __m256i bound = _mm256_mask_min_epi32(far, together, far, most);
@@ -268,7 +269,7 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
 /* Depths from which a layer hides everything behind. */
 struct hiding {
     const int32_t *far; /* `far` of the layer's cells */
-    /* Greatest `far` in each band of cells; 0 beyond the last, for loads of eight at a time. */
+    /* Greatest `far` in each band of cells; 0 after the last band, for loads of eight at a time. */
     int32_t band_far[UMBB_CANVAS_MAX / 8 + UMBB_CELLS_SLACK];
     int32_t all_far; /* greatest of these */
 };
@@ -297,7 +298,7 @@ static void hiding_find(const struct umbb_cells *cells, enum umbb_layer layer,
 /* Cells of a band that are tested before the band counts as visible. */
 #define CELLS_SEEN 8
 
-/* Bit mask of the lanes in which some `far` of cells `first` to `last` exceeds lit. */
+/* Returns a bit mask of the lanes in which some `far` of cells `first` to `last` exceeds lit. */
 static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __m256i first,
                                     __m256i last, __m256i lit)
 {
@@ -307,7 +308,7 @@ static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __
     if (some == 0) {
         return 0;
     }
-    /* Tests two cells without a branch, for the many bands that have no more. */
+    /* Tests two cells without a branch, because many bands have at most two. */
     const __m256i next = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
     const __m256i two = _mm256_max_epi32(_mm256_i32gather_epi32(far, first, 4),
                                          _mm256_i32gather_epi32(far, next, 4));
@@ -323,15 +324,15 @@ static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __
     return before | left;
 }
 
-/* Eight bands of a triangle, one a lane: first rows, and a range of x that holds all covered
- * centres. */
+/* Eight bands of a triangle, one in each lane: their first rows, and a range of x that holds all
+ * covered centres. */
 struct eight {
     __m256i rows;
     __m512d left, right;
 };
 
 /*
- * The bands from `row` on.
+ * Returns the eight bands from `row` on.
  *
  * Why all centres lie in the range: the triangle lies on one side of its long edge 0-2. Its
  * horizontal distance from the long edge is greatest in the row of corner 1 (corner_off) and falls
@@ -359,7 +360,7 @@ static inline struct eight eight_bands(const struct plane *k, int32_t row)
 }
 
 /*
- * A bound of lit in each band: no texel of the triangle lies before it.
+ * Returns a bound of lit in each band: no texel of the triangle lies before this bound.
  *
  * Why: all operations of the predicate, rounded or not, are monotone in x and in y. So the least
  * depth is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y
@@ -391,10 +392,10 @@ static inline __m256i eight_columns(const struct umbb_cells *cells, __m512d x)
 }
 
 /*
- * Bit mask of the bands that the triangle may change: eight bands from `row` on, or those down to
- * row `last`. A band is left out if the bound of its lit (eight_bounds) does not lie before the
- * `far` of any cell in its range of x. That is quicker than making the band, and never leaves out a
- * band that would change a texel.
+ * Returns a bit mask of the bands that the triangle may change: eight bands from `row` on, or those
+ * down to row `last`. A band is left out if the bound of its lit (eight_bounds) does not lie before
+ * the `far` of any cell in its range of x. This test is quicker than making the band, and never
+ * leaves out a band that would change a texel.
  */
 static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
                                   const struct hiding hiding[2], int32_t row, int32_t last)
@@ -417,8 +418,8 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
     return count < 8 ? seen & ((1U << count) - 1U) : seen;
 }
 
-/* First row of the triangle's first band in a canvas; *last: its last row. Bands start at multiples
- * of eight rows of the canvas. */
+/* Returns the first row of the triangle's first band in a canvas, and sets *last to the last row.
+ * Bands start at multiples of eight rows of the canvas. */
 static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_cells *cells,
                               int32_t *last)
 {
@@ -428,8 +429,8 @@ static inline int32_t rows_of(const struct umbb_coverage *c, const struct umbb_c
     return row - ((row - cells->y0) & 7);
 }
 
-/* Bit mask of the bands that a triangle may change: at most UMBB_CANVAS_MAX / 8. hiding: of the
- * layers of both sides, or NULL while too little is drawn to hide anything. */
+/* Returns a bit mask of the bands that a triangle may change, at most UMBB_CANVAS_MAX / 8 of them.
+ * hiding: bounds of the two layers, or NULL while too little is drawn to hide anything. */
 static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_cells *cells,
                                      const struct hiding *hiding)
 {
@@ -460,7 +461,8 @@ struct work {
     struct band bands[BANDS_MAX];
 };
 
-/* Takes over triangles while there is room for planes; finds the bands that each may change. */
+/* Makes planes for triangles while there is room, and finds the bands that each triangle may
+ * change. Returns the number of triangles handled. */
 static size_t planes_take(struct work *work, struct umbb_cells *cells,
                           const struct umbb_coverage *coverages, size_t count,
                           const struct hiding *hiding)

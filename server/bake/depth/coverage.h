@@ -27,8 +27,8 @@
  * incremental: no tile, clip rectangle or thread changes a bit. `lit` of a fragment is the number
  * of voxels of the column whose centre z + 0.5 lies before it: ceil(z - 0.5), in 0..size.
  *
- * A triangle of zero projected area covers nothing, unless rounding keeps its crossings apart:
- * there its neighbours' spans end at them.
+ * A triangle of zero projected area covers nothing, unless rounding keeps its crossings apart. The
+ * spans of its neighbours then end at the same crossings.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -45,8 +45,8 @@ struct umbb_coverage {
     double z_min, z_max;         /* range of depth, clamped to 0..size */
     int32_t row_first, row_last; /* rows of centres that it meets: none if row_first > row_last */
     int32_t odd;                 /* 1 if canonical order reversed the original winding */
-    /* 1 if it seems to face the light, by the sign of its area, which rounding can reverse.
-     * umbb_coverage_row decides row by row. */
+    /* 1 if the triangle seems to face the light by the sign of its area, which rounding can
+     * reverse. umbb_coverage_row decides this for each row. */
     int32_t facing;
 };
 
@@ -64,13 +64,13 @@ _Static_assert(sizeof(struct umbb_coverage) == 16 * sizeof(double) &&
  * Prepares a triangle.
  *
  * In:    corners: double[3][3], voxel space, original winding. size: voxels of the column.
- * Out:   coverage, unless 0 is returned: the triangle covers no texel centre.
+ * Out:   coverage: set if 1 is returned. 0: the triangle covers no texel centre.
  * Cost:  four divisions, no allocation.
  */
 int umbb_coverage_prepare(const double corners[3][3], int32_t size, struct umbb_coverage *coverage);
 
-/* x where a row of centres enters and leaves a triangle, counted from the centre of texel 0; low
- * may equal high. Returns as umbb_coverage_row. */
+/* Computes x where a row of centres enters (low) and leaves (high) a triangle, counted from the
+ * centre of texel 0. low may equal high. Returns the same as umbb_coverage_row. */
 static inline int umbb_coverage_crossings(const struct umbb_coverage *coverage, int32_t row,
                                           double *low, double *high)
 {
@@ -117,7 +117,7 @@ static inline int umbb_coverage_row(const struct umbb_coverage *coverage, int32_
     return front;
 }
 
-/* The rows among y0 .. y0 + n - 1 that a triangle meets: none if *first > *last. */
+/* Finds the rows among y0 .. y0 + n - 1 that a triangle meets: none if *first > *last. */
 static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverage, int32_t y0,
                                              int32_t n, int32_t *first, int32_t *last)
 {
@@ -126,7 +126,7 @@ static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverag
     *last = coverage->row_last < bottom ? coverage->row_last : bottom;
 }
 
-/* umbb_coverage_row clipped to texels x0 .. x0 + n - 1: covers span[0] .. span[1] of them. */
+/* umbb_coverage_row clipped to texels x0 .. x0 + n - 1. span: first and last covered texel. */
 static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage, int32_t row,
                                            int32_t x0, int32_t n, int32_t span[2])
 {
@@ -137,8 +137,8 @@ static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage,
     return front;
 }
 
-/* umbb_coverage_row without centres on the second crossing: a centre on the edge of two adjacent
- * triangles belongs to one of them. For uses that count fragments. */
+/* umbb_coverage_row without centres on the second crossing, for callers that count fragments. A
+ * centre on the edge of two adjacent triangles then belongs to only one of them. */
 static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, int32_t row,
                                           int32_t *x_first, int32_t *x_last)
 {
@@ -152,7 +152,7 @@ static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, 
     *x_last = low < high ? last : first - 1;
 }
 
-/* Number of voxels whose centre lies before depth z, which is within int32_t. */
+/* Returns the number of voxels whose centre lies before depth z, which is within int32_t. */
 static inline int32_t umbb_coverage_round(double z)
 {
     const double t = z - 0.5;
@@ -160,13 +160,13 @@ static inline int32_t umbb_coverage_round(double z)
     return lit + ((double)lit < t);
 }
 
-/* Depth of the row at the anchor's x: the part of the depth that a whole row shares. */
+/* Returns the depth of the row at the anchor's x, which is the same for all texels of the row. */
 static inline double umbb_coverage_row_z(const struct umbb_coverage *coverage, int32_t row)
 {
     return coverage->anchor_z + coverage->gradient_y * (((double)row + 0.5) - coverage->y[0]);
 }
 
-/* Number of voxels of column x whose centre lies before the triangle, 0..size. */
+/* Returns the number of voxels of column x whose centre lies before the triangle, 0..size. */
 static inline int32_t umbb_coverage_lit(const struct umbb_coverage *coverage, double row_z,
                                         int32_t x)
 {

@@ -52,7 +52,7 @@ static inline lanes clamp(lanes v, lanes high)
     return LEAST(MOST(v, ALL_OF(0.0)), high);
 }
 
-/* Computes the coverages. Out: numbers: those of struct umbb_coverage in its order. */
+/* Computes the coverages. numbers: receives the fields of struct umbb_coverage in their order. */
 static inline void prepare_lanes(struct corner v[3], lanes size, lanes numbers[16])
 {
     mask odd = order(&v[0], &v[1]);
@@ -84,7 +84,7 @@ static inline void prepare_lanes(struct corner v[3], lanes size, lanes numbers[1
     numbers[15] = pairs(ones(odd), ones(DIFFER(LESS(area, ALL_OF(0.0)), odd)));
 }
 
-/* Loads the corners of the triangles: eight numbers of each as rows, the ninth apart. */
+/* Loads the corners of the triangles: eight numbers of each triangle as a row, the ninth apart. */
 static inline void corners_load(const double (*corners)[3][3], const uint32_t *triangles,
                                 size_t count, struct corner v[3])
 {

@@ -4,9 +4,9 @@
 /*
  * Cut-out casters: which of the covered texels (coverage.h) a caster's texture keeps.
  *
- * A texel's centre lies on a triangle's plane at barycentric weights that are the triangle's edge
- * functions there. They are homogeneous (Olano, Greer 1997): the corners stay X, Y, W, so a
- * triangle cut by the eye's plane needs no other formula. Each weight is clamped to 0..1, so
+ * A triangle's edge functions at a texel's centre are the centre's barycentric weights on the
+ * triangle's plane. Edge functions are homogeneous (Olano, Greer 1997): the corners stay X, Y, W,
+ * so a triangle cut by the eye's plane needs no other formula. Each weight is clamped to 0..1, so
  * texture coordinates stay within the triangle's own: at an edge the predicate may cover a centre
  * that lies outside by rounding. All paths use this one function of triangle, texel and texture.
  */
@@ -33,7 +33,7 @@ void umbb_cut_plane_find(const double corners[3][3], struct umbb_cut_plane *plan
 /* 1 if cut number `cut` casts at the centre of texel (x, y). */
 int umbb_cut_casts(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
-/* Share of the light that translucent cut number `cut` absorbs at the centre of texel (x, y). */
+/* Returns the share of light that translucent cut number `cut` absorbs at texel (x, y)'s centre. */
 double umbb_cut_takes(const struct umbb_cuts *cuts, uint32_t cut, int32_t x, int32_t y);
 
 /* Index of a caster's cut, UMBS_CUT_NONE if it casts all over. */

@@ -28,11 +28,11 @@ struct umbb_depth_options {
 /* A depth path. One object serves one bake. */
 struct umbb_depth {
     void *state;
-    /* Lists of triangles a tile, part of `state`. NULL: the path has none (Embree). Then tiles
-     * cannot be cached, and the path's memory is part of the plan (memory_plan.h). */
+    /* Lists of the triangles of each tile, part of `state`. NULL: the path has no lists (Embree).
+     * Then tiles cannot be cached, and the path's memory is part of the plan (memory_plan.h). */
     struct umbb_tile_lists *lists;
-    /* Prepares for a tile of this place and size, and proves the squares it can. slot: 0 or 1, as
-     * two tiles may be in progress. */
+    /* Prepares the path for a tile whose place and size are set, and proves squares of it where
+     * possible. slot: 0 or 1, because two tiles may be in progress. */
     enum umb_status (*begin)(void *state, int slot, struct umbb_tile *tile,
                              struct umb_error *error);
     /* Fills texels and level 3 of the pyramid of block (bx, by), counted in blocks of UMBB_BLOCK

@@ -29,8 +29,8 @@ struct umbb_plane {
     int32_t lit_min, lit_max;
 };
 
-/* Kernels handle eight cells, parts and planes at a time and may touch that many beyond the
- * last. */
+/* Number of entries beyond the last that kernels may touch, because they handle eight cells, parts
+ * or planes at a time. */
 #define UMBB_CELLS_SLACK 8
 
 /* Parts: what one triangle covers of one cell, one array a field. Part 0 means none. */
@@ -48,7 +48,7 @@ struct umbb_cell_layer {
     uint32_t first[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* index of the first part */
 };
 
-/* Notes of a block; about half a megabyte, of which few triangles touch little. */
+/* Notes of a block: about half a megabyte. A few triangles use only a small part. */
 struct umbb_cells {
     _Alignas(64) struct umbb_plane planes[UMBB_PLANES_MAX];
     struct umbb_parts parts;
@@ -62,28 +62,30 @@ struct umbb_cells {
 /* Makes empty notes for n x n texels from (x0, y0) of the map on. */
 void umbb_cells_begin(struct umbb_cells *cells, int32_t n, int32_t x0, int32_t y0);
 
-/* Layers of a triangle's rows that face the light, and of its other rows. often_hidden: 1 if so
- * much is drawn that whole bands of rows are likely to be hidden; it affects time only. */
+/* Layers for a triangle's rows that face the light, and for its other rows. often_hidden: 1 if
+ * enough is drawn to hide whole bands of rows often; it affects time only. */
 struct umbb_sides {
     enum umbb_layer front, back;
     int often_hidden;
 };
 
-/* 1 if every depth computed for the cells of a triangle, doubled, fits an int32_t without a clamp:
- * slopes of grazing triangles have no limit. Other triangles must be drawn by umbb_draw_plain. */
+/* Returns 1 if every depth computed for the cells of a triangle, doubled, fits an int32_t without a
+ * clamp. A grazing triangle may not fit, because its slope has no limit; such a triangle must be
+ * drawn by umbb_draw_plain. */
 int umbb_cells_can_note(const struct umbb_coverage *coverage);
 
 /* The steps, with the same bits as umbb_draw_plain and umbb_store_plain. */
 struct umbb_cells_steps {
-    /* Notes triangles. In: coverages: [count], count at most UMBB_DRAW_MAX; each can be noted.
-     * Returns the number of noted ones, limited by room; with empty notes at least one. */
+    /* Notes triangles. coverages: [count], count at most UMBB_DRAW_MAX; umbb_cells_can_note is 1
+     * for each. Returns the number of triangles noted, which the room limits; at least one if the
+     * notes were empty. */
     size_t (*note)(struct umbb_cells *cells, const struct umbb_coverage *coverages, size_t count,
                    const struct umbb_sides *sides);
     /* Lowers the texels of layers, int32[layer_count][n * n] by 8x8 blocks, and clears the
      * notes. */
     void (*draw)(struct umbb_cells *cells, int32_t *layers);
-    /* Decides lit and end of the texels from (x, y) of the tile on, and reduces them. Uncovered
-     * cells are marked as background, and their texels are not written. */
+    /* Decides lit and end of the texels from (x, y) of the tile on, and level 3 of the pyramid over
+     * them. Uncovered cells are marked as background, and their texels are not written. */
     void (*store)(const struct umbb_cells *cells, struct umbb_tile *tile, int32_t x, int32_t y);
 };
 

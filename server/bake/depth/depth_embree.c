@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One ray a texel along z. It collects all candidates and commits none: the ray's end never moves,
- * because the nearest front face, back face and other face are wanted at once.
+ * One ray along z for each texel. A ray collects all candidates and commits none, because the
+ * nearest front face, back face and other face are all needed.
  */
 #include <embree3/rtcore.h>
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table of kernels, their plain forms, and what all forms of notes share. */
+/* The table of kernels, their plain forms, and the functions that all forms of notes share. */
 #include "bake/depth/depth_kernels.h"
 
 #include <math.h>

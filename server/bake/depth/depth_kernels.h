@@ -27,12 +27,13 @@ struct umbb_canvas {
     int32_t *front; /* int32[n * n], by 8x8 blocks: layer of the rows that face the light */
     int32_t *back;  /* layer of the other rows; may be the same as front */
     /* [n/8 * n/8] Bound of the greatest texel of each 8x8 block of front and of back; the same
-     * array if the layers are. A kernel may skip what lies behind a bound, and lower the bound. */
+     * array if `front` and `back` are one layer. A kernel may skip triangles behind a bound, and
+     * may lower the bound. */
     int32_t *front_far, *back_far;
 };
 
-/* Index of the start of row y in a layer n texels wide; its texel x is at 64 * (x >> 3) + (x &
- * 7). */
+/* Returns the index of the start of row y in a layer n texels wide; its texel x is at 64 * (x >> 3)
+ * + (x & 7). */
 static inline size_t umbb_canvas_row(size_t n, size_t y)
 {
     return (y >> 3) * 8 * n + (y & 7) * 8;
@@ -48,7 +49,8 @@ typedef void umbb_prepare_fn(const double (*corners)[3][3], const uint32_t *tria
                              int32_t size, struct umbb_coverage *coverages);
 
 /*
- * Lowers each number of the canvas whose texel a triangle covers to the fragment's lit.
+ * Draws triangles: each covered texel of the canvas becomes the minimum of its number and the
+ * fragment's lit.
  *
  * In: coverages: [count] prepared; none of their coordinates is larger than UMBB_COORDINATE_MAX.
  *     count: at most UMBB_DRAW_MAX.
@@ -60,7 +62,8 @@ typedef void umbb_draw_fn(const struct umbb_coverage *coverages, size_t count,
 typedef void umbb_far_fn(const int32_t *layer, int32_t n, int32_t *far);
 
 /*
- * Decides lit and end of n x n texels from (x0, y0) of the tile on, and reduces them.
+ * Decides lit and end of n x n texels from (x0, y0) of the tile on, and fills level 3 of the
+ * pyramid over them.
  *
  * In: layers: int32[UMBB_LAYER_COUNT][n * n] by 8x8 blocks; without the closed rule only the open
  *     one is read. n, x0, y0: multiples of 8.
@@ -77,11 +80,11 @@ struct umbb_depth_kernels {
     const struct umbb_cells_steps *cells; /* depth_cells.h; NULL: triangles are drawn at once */
 };
 
-/* The kernels of a set; NULL if this build or this processor lacks the set. */
+/* Returns the kernels of a set; NULL if this build or this processor lacks the set. */
 const struct umbb_depth_kernels *umbb_depth_kernels(enum umbb_vectors vectors);
 
-/* Draws a prepared caster into a canvas, without the texels that its texture cuts out. In: cuts,
- * cut: the caster's cut, or NULL and any number: the whole triangle. */
+/* Draws a prepared caster into a canvas, without the texels that the caster's texture cuts out.
+ * cut: number of the caster's cut in `cuts`. If `cuts` is NULL, the whole triangle is drawn. */
 void umbb_draw_cut(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb_coverage *coverage,
                    const struct umbb_canvas *canvas);
 

@@ -84,13 +84,13 @@ struct spans {
     int before;
 };
 
-/* Spans of four rows from `row` on; their depths at the anchor's x go to z. */
+/* Computes the spans of four rows from `row` on, and their depths at the anchor's x into z. */
 static inline struct spans four_rows(const struct edges *e, int32_t row, double z[4])
 {
     const __m256d half = _mm256_set1_pd(0.5);
     const __m128i number = _mm_add_epi32(_mm_set1_epi32(row), _mm_setr_epi32(0, 1, 2, 3));
     const __m256d py = _mm256_add_pd(_mm256_cvtepi32_pd(number), half);
-    /* The crossing with the short edge, the lower one from corner 1 on, clamped to its corners. */
+    /* The crossing with a short edge, clamped to its corners: the lower edge from corner 1 on. */
     const __m256d upper = _mm256_cmp_pd(py, e->y[1], _CMP_GE_OQ);
     const __m256d xa = _mm256_blendv_pd(e->x[0], e->x[1], upper);
     const __m256d ya = _mm256_blendv_pd(e->y[0], e->y[1], upper);
@@ -167,8 +167,8 @@ static inline struct slopes slopes_at(const struct plane *k, int32_t x)
     };
 }
 
-/* lit of a row of a cell. The clamp may come after the rounding, because rounding keeps the order
- * of numbers. */
+/* Returns lit of a row of a cell. The clamp may follow the rounding, because rounding keeps the
+ * order of numbers. */
 static inline __m256i row_lit(const struct plane *k, const struct slopes *s, double z)
 {
     const __m256d row_z = _mm256_set1_pd(z);
@@ -261,8 +261,8 @@ static void draw_mixed_band(const struct plane *k, const struct band *band,
     }
 }
 
-/* True if every depth computed for the cells of a triangle fits an integer without a clamp: slopes
- * of grazing triangles have no limit. */
+/* Returns whether every depth computed for the cells of a triangle fits an integer without a clamp.
+ * The depths of a grazing triangle may not fit, because its slope has no limit. */
 static inline int is_tame(const struct umbb_coverage *c)
 {
     const double left = c->x[0] < c->x[1] ? c->x[0] : c->x[1];

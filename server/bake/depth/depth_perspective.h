@@ -19,17 +19,17 @@
  * sliver depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels
  * a side.
  *
- * Plain C and one division a covered texel.
+ * The code is plain C with one division for each covered texel.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/tile.h"
 
-/* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers. */
+/* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers as above. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
                              struct umbb_coverage *coverage);
 
-/* Number of voxels of column x whose centre lies before the triangle, 0..size. In: row_z: as for
- * umbb_coverage_lit; casters->depth_scale above 0. */
+/* Returns the number of voxels of column x whose centre lies before the triangle, 0..size. row_z:
+ * depth of the row at the anchor's x. casters->depth_scale must be above 0. */
 static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
                                            const struct umbb_coverage *coverage, double row_z,
                                            int32_t x)
@@ -43,7 +43,7 @@ static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
     return umbb_coverage_round(z < size ? z : size);
 }
 
-/* umbb_perspective_lit or umbb_coverage_lit, as the casters' light demands. */
+/* Calls umbb_perspective_lit or umbb_coverage_lit, as the casters' kind of light demands. */
 static inline int32_t umbb_caster_lit(const struct umbb_casters *casters,
                                       const struct umbb_coverage *coverage, double row_z, int32_t x)
 {

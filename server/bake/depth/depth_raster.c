@@ -21,7 +21,7 @@
 #include "bake/depth/depth_cells.h"
 #include "bake/depth/proven_squares.h"
 
-/* Sizes of a layer, of its array of 8x8 blocks, and of a thread's layers. */
+/* Number of texels of a layer, of its 8x8 blocks, and of numbers in a thread's layers. */
 #define LAYER_TEXELS  ((size_t)UMBB_BLOCK * UMBB_BLOCK)
 #define LAYER_FAR     (LAYER_TEXELS / 64)
 #define LAYERS_STRIDE (UMBB_LAYER_COUNT * (LAYER_TEXELS + LAYER_FAR))
@@ -131,7 +131,7 @@ struct far_sides {
     size_t count;
 };
 
-/* True if a prepared triangle seems to be the near side of a solid; this affects time only. */
+/* Returns whether a prepared triangle seems a near side of a solid; this affects time only. */
 static int is_near_side(const struct umbb_coverage *coverage, uint8_t kind)
 {
     return coverage->facing != (kind == UMBB_CASTER_CLOSED_FLIPPED);
@@ -156,7 +156,7 @@ static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *c
     }
 }
 
-/* Draws a batch, except far sides that `later` has room for (NULL: none). */
+/* Draws a batch. While `later` has room (NULL: none), far sides go there instead. */
 static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_sides *later)
 {
     const struct umbb_casters *casters = &drawing->raster->casters;
@@ -194,7 +194,7 @@ static void draw_cut(struct drawing *drawing, uint32_t triangle, uint32_t cut)
     }
 }
 
-/* Draws the triangles of a list, except far sides that `later` has room for (NULL: none). */
+/* Draws a list of triangles. While `later` has room (NULL: none), far sides go there instead. */
 static void draw_list(struct drawing *drawing, const uint32_t *list, size_t count,
                       struct far_sides *later)
 {

@@ -18,11 +18,11 @@
 
 #include "tool/threads.h"
 
-/* A projected area below this share of its products may be rounding error alone. */
+/* Share of its products below which a projected area may be rounding error alone. */
 #define AREA_DOUBT 1e-9
 
-/* Number of casters for each square of 64 x 64 texels up to which marks are worth their cost
- * (measured: eight texels along a triangle's edge). */
+/* Greatest number of casters for each square of 64 x 64 texels at which marks are worth their cost.
+ * Measured: eight texels along a triangle's edge. */
 #define CASTERS_PER_SQUARE 8
 
 #define SLOT_FREE UINT32_MAX
@@ -63,7 +63,7 @@ static size_t slot_count(size_t fronts)
 static int are_wanted(const struct umbb_casters *casters, enum umbb_prove prove)
 {
     const uint64_t across = (uint64_t)casters->size >> UMBB_SQUARE_LOG2;
-    /* Bounds over a square are values of coverage.h's predicate, which is that of parallel
+    /* Bounds over a square come from the predicate of coverage.h, which is that of parallel
      * light. */
     return casters->closed_rule && !casters->open_on_word && !(casters->depth_scale > 0.0) &&
            casters->count > 0 && casters->count < UINT32_MAX / 4 && prove != UMBB_PROVE_NEVER &&
@@ -130,7 +130,7 @@ static int slot_change(_Atomic uint32_t *slot, uint32_t *from, uint32_t to)
                                                    memory_order_relaxed);
 }
 
-/* Pairs a half edge with its waiting counterpart, or makes it wait; `at`: first slot. */
+/* Pairs a half edge with its waiting counterpart, or makes it wait. at: first slot to search. */
 static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
 {
     for (;; at = (at + 1) & f->last) {
@@ -146,7 +146,7 @@ static void add_half_edge(struct finder *f, uint32_t half_edge, size_t at)
     }
 }
 
-/* First slots of the searches for a triangle's edges: the same from both sides of an edge. */
+/* Finds the first slots to search for a triangle's edges, equal from both sides of an edge. */
 static void edge_slots(const struct finder *f, size_t triangle, size_t at[3])
 {
     uint64_t hash[3];
@@ -245,8 +245,8 @@ static void mark_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
     }
 }
 
-/* Marks the borders of the front faces of a slice. Of equal edges chance decides which one waits.
- * So all of them become borders, and the marks do not depend on chance. */
+/* Marks the borders of the front faces of a slice. Chance decides which of several equal edges
+ * waits, so all of these become borders, and the marks do not depend on chance. */
 static void border_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;

@@ -53,8 +53,8 @@ static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t las
     *x_first = least(*x_first, a);
     *x_last = most(*x_last, b);
     if (c->y[1] >= (double)first && c->y[1] <= (double)last + 1.0) {
-        /* The middle corner lies between; crossings are clamped between corners, so no centre
-         * beyond it is covered. */
+        /* The middle corner lies in these rows. Crossings are clamped between corners, so no centre
+         * beyond the corner is covered. */
         const double x = c->x[1] - 0.5;
         *x_first = least(*x_first, (int32_t)ceil(x));
         *x_last = most(*x_last, (int32_t)floor(x));
@@ -90,8 +90,8 @@ static void middle_touch(struct squares *s, const struct umbb_coverage *c, size_
     }
 }
 
-/* Texels that rows first and last both cover, less one on either side for rounding. A triangle is
- * convex, so all rows between cover them too. */
+/* Finds the texels that rows first and last both cover, less one on either side for rounding. A
+ * triangle is convex, so all rows between cover these texels too. */
 static void rows_common(const struct umbb_coverage *c, int32_t first, int32_t last,
                         int32_t *x_first, int32_t *x_last)
 {
@@ -114,7 +114,7 @@ static void cover_squares(struct squares *s, const struct umbb_coverage *c, int3
     right = least(right, tile->x0 + tile->size - 1);
     for (int32_t x = (left + SQUARE - 1) & -SQUARE; x + SQUARE - 1 <= right; x += SQUARE) {
         const size_t square = (size_t)(row * s->across + ((x - tile->x0) >> UMBB_SQUARE_LOG2));
-        /* The face's farthest texel in the square bounds its lit there from above. */
+        /* The depth at the farthest texel bounds the face's lit in the square from above. */
         const int32_t at_x = c->gradient_x > 0.0 ? x + SQUARE - 1 : x;
         const int32_t at_y = ys[c->gradient_y > 0.0];
         const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
@@ -164,7 +164,8 @@ static void add_border(struct squares *s, const double *a, const double *b)
         if (lower[1] < top || upper[1] > bottom) {
             continue;
         }
-        /* The part of the edge within a texel of the row of squares, as shares of its length. */
+        /* The part of the edge within a texel of the row of squares: start and end as shares of its
+         * length. */
         const double from = upper[1] < top ? (top - upper[1]) / height : 0.0;
         const double to = lower[1] > bottom ? (bottom - upper[1]) / height : 1.0;
         const double x_from = upper[0] + from * (lower[0] - upper[0]);
@@ -184,7 +185,7 @@ static void add_border(struct squares *s, const double *a, const double *b)
     }
 }
 
-/* True if a triangle lies outside the strip, including the reach of its borders. */
+/* Returns whether a triangle lies outside the strip, including the reach of its borders. */
 static int is_beside(const struct squares *s, const double v[3][3])
 {
     double low = v[0][1] < v[1][1] ? v[0][1] : v[1][1];
@@ -222,11 +223,11 @@ static void decide(struct squares *s, size_t square)
         s->front_most[square] = background;
         proven = 1;
     } else {
-        /* Bound of every lit: by a front face over the whole square, or by all front faces. */
+        /* Bound of every lit: that of a front face over the whole square, or of all front faces. */
         const int whole = flags == (TOUCHED | MIDDLE);
         s->front_most[square] =
             whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];
-        /* Proven if a multiple of 64 lies between the bound and the nearest other face. */
+        /* Proven if a multiple of 64 lies between this bound and the nearest other face. */
         const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
         proven = s->far_least[square] < background && cut <= s->far_least[square];
     }

@@ -24,13 +24,14 @@
 #include "umbrage/workers.h"
 
 /*
- * Marks of closed triangles: whether a triangle surely faces the light, and at which of its edges
- * that front side ends: the silhouettes, and any edge whose neighbour does not fit.
+ * Marks of closed triangles: whether a triangle surely faces the light, and which of its edges are
+ * borders of the front side. Borders are the silhouettes, and any edge whose neighbour does not
+ * fit.
  *
- * An edge is inner if the triangle on its other side also faces the light and lies on the other
- * side of it in the projection: it has the same two corners, equal in every bit, in the other
- * direction. Any other edge is a border. Away from borders the number of front faces over a texel
- * cannot change. The file's adjacency is not used, because it cannot be trusted.
+ * An edge is inner if a neighbour has the same two corners, equal in every bit, in the other
+ * direction, also faces the light, and lies on the other side of the edge in the projection. Any
+ * other edge is a border. Away from borders the number of front faces over a texel cannot change.
+ * The file's adjacency is not used, because it cannot be trusted.
  */
 
 /* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
@@ -48,12 +49,13 @@ enum {
 /*
  * Makes the marks of all casters; open ones, and those that do not surely face the light, get 0.
  *
- * In:    prove: whether to make them. By itself: if squares of texels are many for the number of
- *        triangles. This depends on the casters alone, because it decides which undefined voxels
- *        are chosen. workers: threads to use; NULL: only the caller's. The marks depend neither on
- *        them nor on the order of casters: keys of tiles hold them (umbb_tile_key).
- * Out:   marks: uint8[count], freed by the caller; NULL if none are made, which is always so where
- *        parts count as closed on the caller's word only.
+ * In:    prove: whether to make the marks. UMBB_PROVE_AUTO: if there are many squares of texels for
+ *        the number of triangles. The choice depends on the casters alone, because it decides which
+ *        undefined voxels are chosen. workers: threads to use; NULL: only the caller's. The marks
+ *        depend neither on threads nor on the order of casters, because keys of tiles hold the
+ *        marks (umbb_tile_key).
+ * Out:   marks: uint8[count], freed by the caller; NULL if no marks are made, which is always so
+ *        where parts count as closed on the caller's word only.
  * Fails: E_NO_MEMORY.
  * Cost:  a temporary table of up to 32 bytes a front face; about three cache misses an edge of a
  *        front face.
@@ -64,8 +66,8 @@ UMB_CHECKED enum umb_status umbb_front_marks_make(const struct umbb_casters *cas
                                                   uint8_t **marks, struct umb_error *error);
 
 /*
- * Fills tile->proven, and level UMBB_SQUARE_LOG2 of its pyramid where a square is proven: a bound
- * from above for max_lit, from below for min_end. Does nothing for a tile without `proven`.
+ * Fills tile->proven, and level UMBB_SQUARE_LOG2 of its pyramid where a square is proven: an upper
+ * bound as max_lit, a lower bound as min_end. Does nothing for a tile without `proven`.
  *
  * In: list: casters that may touch the tile or have a border within a texel of it; NULL: all.
  *     workers: threads to use; NULL: only the caller's.

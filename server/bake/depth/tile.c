@@ -108,7 +108,7 @@ void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n)
     }
 }
 
-/* Reduces squares [x, x + n) x [y, y + n) of a level `width` wide from the level below. */
+/* Computes squares [x, x + n) x [y, y + n) of a level `width` wide from the level below. */
 static void reduce_squares(const int32_t *const from[2], size_t width, const size_t place[2],
                            size_t n, int32_t *const to[2])
 {
@@ -137,7 +137,7 @@ void umbb_pyramid_step(const int32_t *lit, const int32_t *end, size_t n, int32_t
     reduce_squares(from, n, place, n, to);
 }
 
-/* Fills the pyramid's levels 4 to UMBB_SQUARE_LOG2 in square (x, y) of UMBB_SQUARE_LOG2. */
+/* Fills the pyramid's levels 4 to UMBB_SQUARE_LOG2 in square (x, y) of level UMBB_SQUARE_LOG2. */
 static void square_pyramid(struct umbb_tile *tile, size_t x, size_t y)
 {
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMBB_SQUARE_LOG2; level++) {

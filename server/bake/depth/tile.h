@@ -42,12 +42,12 @@ struct umbb_casters {
     size_t count;                  /* at most UINT32_MAX - 1 */
     int32_t size;                  /* voxels a side of the frustum, a power of two */
     int closed_rule;               /* 0: every caster counts as open */
-    /* 1: some kinds are closed on the caller's word only, so there may be no back faces behind
-     * their front faces; no square is proven then. */
+    /* 1 if some parts are closed only because the caller says so. Their front faces may have no
+     * back faces behind them, so no square is proven. */
     int open_on_word;
-    /* Above 0: rays start in one point, a corner's third coordinate is the reciprocal q of its
-     * distance, and z = depth_scale / q + depth_offset (depth_perspective.h). 0: the third
-     * coordinate is z. */
+    /* Constants of z = depth_scale / q + depth_offset, for rays that start in one point. A corner's
+     * third coordinate is then q, the reciprocal of its distance (depth_perspective.h). Without
+     * such rays depth_scale is 0, and the third coordinate is z. */
     double depth_scale, depth_offset;
     const uint8_t *marks;         /* [count] of umbb_front_marks_make; NULL: no square is proven */
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
@@ -61,8 +61,8 @@ struct umbb_tile {
     int32_t *end; /* [size * size] by 8x8 blocks; the same array as `lit` without the closed rule */
     int32_t *max_lit[UMB_LEVEL_MAX + 1]; /* [level]: (size >> level)^2, row by row; levels 3.. */
     int32_t *min_end[UMB_LEVEL_MAX + 1];
-    /* [(size >> UMBB_SQUARE_LOG2)^2] row by row, 1: known from bounds; its texels and levels below
-     * UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
+    /* [(size >> UMBB_SQUARE_LOG2)^2] 1 for a square known from bounds, row by row. Its texels and
+     * levels below UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
     uint8_t *proven;
     int32_t *cover;     /* [(size >> UMBB_SQUARE_LOG2)^2] working memory of umbb_prove_squares */
     int32_t background; /* voxels a side of the frustum; set by begin */
@@ -77,17 +77,17 @@ UMB_CHECKED enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2
                                            int closed_rule, struct umb_error *error);
 void umbb_tile_finish(struct umbb_tile *tile);
 
-/* Index of texel (x, y) of the tile (relative to x0, y0) in lit and end. */
+/* Returns the index of texel (x, y), relative to x0, y0, in the tile's lit and end. */
 static inline size_t umbb_tile_index(const struct umbb_tile *tile, int32_t x, int32_t y)
 {
     const size_t block = (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
     return block * 64 + (size_t)((y & 7) * 8 + (x & 7));
 }
 
-/* Marks a square of 8x8 blocks, [bx, bx + n) x [by, by + n), as background in level 3. */
+/* Marks n x n blocks of 8x8 texels, from block (bx, by) on, as background in level 3. */
 void umbb_tile_clear(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n, int32_t background);
 
-/* Fills level 3 of the pyramid of the square of 8x8 blocks from its texels. */
+/* Fills level 3 of the pyramid for n x n blocks, from block (bx, by) on, from their texels. */
 void umbb_tile_reduce(struct umbb_tile *tile, int32_t bx, int32_t by, int32_t n);
 
 /* Fills the pyramid above level 3, except where a square is proven. */
@@ -103,7 +103,7 @@ static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
     return tile->size < UMBB_BLOCK ? tile->size : UMBB_BLOCK;
 }
 
-/* Layers of fragments: each texel of a layer holds the nearest of some kind of face. */
+/* Layers of fragments. Each texel of a layer holds the nearest face of one kind. */
 enum umbb_layer {
     UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
     UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
@@ -117,8 +117,8 @@ static inline uint8_t umbb_caster_kind(const struct umbb_casters *casters, size_
     return casters->closed_rule ? casters->kinds[caster] : UMBB_CASTER_OPEN;
 }
 
-/* Layer of a fragment of a caster. In: kind: of umbb_caster_kind. front: 1 if the caster, by its
- * winding, faces the light in the fragment's row. */
+/* Returns the layer of a caster's fragment. kind: result of umbb_caster_kind. front: 1 if the
+ * caster, by its winding, faces the light in the fragment's row. */
 static inline enum umbb_layer umbb_layer_of(uint8_t kind, int front)
 {
     if (kind == UMBB_CASTER_OPEN) {
@@ -130,8 +130,7 @@ static inline enum umbb_layer umbb_layer_of(uint8_t kind, int front)
 /*
  * Decides lit and end of a texel from its three nearest fragments.
  *
- * In: nearest: of open casters, of front and of back faces of closed parts (enum umbb_layer), each
- *     as `lit` of the fragment, or the background.
+ * In: nearest: `lit` of the nearest fragment in each layer (enum umbb_layer), or the background.
  * From the nearest front face of a closed part to the nearest back face the column is inside that
  * part: it was entered there, and no closed part was left before. If a face lies in front of the
  * nearest front face, no inside is known, and end = lit. The same holds if nothing lies behind it:

@@ -144,7 +144,7 @@ static void sort_by_texel(struct bench *bench)
     bench->first[0] = 0;
 }
 
-/* Makes the list of sorted fragments. Products are doubles: n of them are off by n 2^-53. */
+/* Makes the list of sorted fragments. A product of n doubles has an error of n 2^-53. */
 static uint32_t make_list(const struct fragment *fragments, size_t count,
                           struct umb__transmittance_drop *steps)
 {
@@ -192,7 +192,7 @@ static enum umb_status make_square(const struct maker *m, int32_t x0, int32_t y0
     return umb__transmittance_square(bytes, bench->lists, m->job->max_bytes, error);
 }
 
-/* Bytes of the masks of a map's squares: the whole size of an empty map. */
+/* Returns the bytes of the masks of a map's squares, the whole size of an empty map. */
 static size_t empty_bytes(const struct maker *m)
 {
     return (size_t)8 << (2 * (m->job->level - 6));
@@ -237,8 +237,8 @@ static enum umb_status make_rows(struct maker *m, uint32_t rows, struct umb_erro
     return UMB_OK;
 }
 
-/* Makes the rows with fewer threads if their shares of the memory are too small: the number of
- * threads must not decide whether there is a map. */
+/* Makes the rows, with fewer threads if the threads' shares of the memory are too small. The number
+ * of threads must not decide whether there is a map. */
 static enum umb_status make_rows_in_memory(struct maker *m, uint32_t rows, int *too_large,
                                            struct umb_error *error)
 {

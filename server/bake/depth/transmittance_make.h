@@ -2,13 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_TRANSMITTANCE_MAKE_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_TRANSMITTANCE_MAKE_H
 /*
- * Deep maps: the share of the light that passes the translucent casters, texel by texel.
+ * Transmittance maps: the share of the light that passes the translucent casters, texel by texel.
  *
  * All fragments of a texel's centre count, by the predicate of opaque casters (coverage.h) with one
  * change: a centre on an edge that two triangles share is met once. Each fragment has its opacity
- * there. Sorted by depth, then by opacity, their products are a list (format/transmittance.h),
- * whatever the order of triangles and the number of threads. The list ends where less than
- * UMBB_TRANSMITTANCE_LEAST is left.
+ * there. The products of the fragments, sorted by depth and then by opacity, are a list
+ * (format/transmittance.h), whatever the order of triangles and the number of threads. The list
+ * ends where less than UMBB_TRANSMITTANCE_LEAST is left.
  *
  * Source: T. Lokovic, E. Veach, Deep Shadow Maps, 2000; truncation as in C. Yuksel, J. Keyser, Deep
  * Opacity Maps, 2008.
@@ -32,8 +32,8 @@ struct umbb_transmittance_input {
 /*
  * Makes the squares of a frustum's map.
  *
- * Out:   bytes: appended to; nothing if no texel has a list. too_large: 1 if it failed because the
- *        result would be larger than max_bytes.
+ * Out:   bytes: the map is appended, or nothing if no texel has a list. too_large: 1 if the call
+ *        failed because the result would be larger than max_bytes.
  * Fails: E_LIMIT (max_bytes; working_bytes), E_NO_MEMORY, E_CANCELLED.
  */
 UMB_CHECKED enum umb_status umbb_transmittance_make(const struct umbb_transmittance_input *job,

@@ -24,8 +24,9 @@ struct cell_range {
 };
 
 /*
- * First and last cell along one axis for the centres in [low, high]; 0 if there are none. Ceiling
- * and floor by truncation: coordinates are at most UMBB_COORDINATE_MAX.
+ * Finds the first and last cell along one axis for the centres in [low, high]; returns 0 if there
+ * are no centres. Truncation replaces ceiling and floor: coordinates are at most
+ * UMBB_COORDINATE_MAX.
  */
 static inline int axis_range(const struct umbb_bins_input *input, int32_t origin, double low,
                              double high, int32_t *first, int32_t *last)
@@ -42,8 +43,8 @@ static inline int axis_range(const struct umbb_bins_input *input, int32_t origin
     return (a <= b) & (b >= 0) & (a <= end);
 }
 
-/* Texels by which the listed area of a triangle with a border exceeds the triangle: a border counts
- * for a square within a texel, whose first centre is half a texel further. */
+/* Texels by which the listed area of a triangle with a border exceeds the triangle. A border counts
+ * for squares within a texel, and a square's first centre is half a texel further. */
 #define BORDER_SLACK 2.0
 
 /* Texels by which the listed area of a triangle exceeds the triangle. */
@@ -54,7 +55,7 @@ static inline double slack(const struct umbb_bins_input *input, uint32_t triangl
                : 0.0;
 }
 
-/* Branches on the outermost corner would be unpredictable: min and max have none. */
+/* Finds a triangle's cells. min and max replace branches, which would be unpredictable. */
 static inline int triangle_cells(const struct umbb_bins_input *input, uint32_t triangle,
                                  struct cell_range *range)
 {
@@ -96,7 +97,7 @@ static void reach_add_edge(struct reach *reach, const double a[3], const double 
     reach_add(reach, a[0] + to * (b[0] - a[0]));
 }
 
-/* The columns of cell row y that a triangle may touch: range's x0 .. x1, or fewer. */
+/* Finds the columns of cell row y that a triangle may touch: range's x0 .. x1, or fewer. */
 static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle,
                           const struct cell_range *range, int32_t y, int32_t *x0, int32_t *x1)
 {
@@ -114,8 +115,7 @@ static void strip_columns(const struct umbb_bins_input *input, uint32_t triangle
         const double *a = v[i], *b = v[(i + 1) % 3];
         reach_add_edge(&reach, a[1] < b[1] ? a : b, a[1] < b[1] ? b : a, top, bottom);
     }
-    /* One texel of slack: far more than the difference between these crossings and the
-     * predicate's. */
+    /* The slack of one texel is far more than these crossings differ from the predicate's. */
     const double width = (double)((int64_t)1 << input->cell_log2);
     const double first = (reach.low - 1.0 - further - (double)input->x0) / width;
     const double last = (reach.high + 1.0 + further - (double)input->x0) / width;
@@ -154,12 +154,12 @@ static enum umb_status reserve(struct umbb_bins *bins, const struct umbb_bins_in
     return UMB_OK;
 }
 
-/* Least number of triangles for a chunk; also, a chunk's numbers must be worth their memory. */
+/* Least number of triangles in a chunk, and greatest number of counters of all chunks together. */
 #define CHUNK_TRIANGLES ((size_t)4096)
 #define CHUNK_NUMBERS   ((size_t)1 << 20)
 
-/* The input in chunks of consecutive triangles, each with its own places in every cell: first those
- * of the first chunk, then those of the second, in the order of a single thread. */
+/* The input in chunks of consecutive triangles. In each cell's list the places of the first chunk
+ * come first, then those of the second. So the order is that of a single thread. */
 struct fill {
     const struct umbb_bins_input *input;
     size_t count, chunks, cells;
@@ -182,7 +182,8 @@ static size_t chunk_first(const struct fill *fill, uint32_t chunk)
     return fill->count * chunk / fill->chunks;
 }
 
-/* Counts a triangle in each of its cells or, with entries, writes it at the next place of each. */
+/* Counts a triangle in each of its cells or, if entries is not NULL, writes the triangle at the
+ * next place of each cell. */
 static void add_to_cells(const struct umbb_bins_input *input, uint32_t triangle,
                          const struct cell_range *r, uint64_t *cells, uint32_t *entries)
 {

@@ -76,7 +76,13 @@ enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error)
     const uint32_t *corners = faces->corners.data;
     uint32_t count = (uint32_t)faces->corners.count;
     enum umb_status status = UMB_OK;
-    if (faces->bad || count < 3) {
+    const int is_dropped = faces->bad || count < 3;
+    /* A small glTF may use the same indices thousands of times. */
+    if (is_dropped && faces->scene->dropped_faces >= faces->scene->max_triangles) {
+        return umb_fail(error, UMB_E_LIMIT, "more than %llu faces cannot be used",
+                        (unsigned long long)faces->scene->max_triangles);
+    }
+    if (is_dropped) {
         faces->scene->dropped_faces += faces->scene->dropped_faces < UINT32_MAX;
     } else if (count == 3) {
         status = umbs_scene_add_triangle(faces->scene, corners, error);

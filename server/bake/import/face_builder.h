@@ -28,7 +28,8 @@ void umbb_faces_finish(struct umbb_faces *faces);
 UMB_CHECKED enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex,
                                              struct umb_error *error);
 
-/* Ends the face: appends its triangles or drops it. Fails: E_LIMIT, E_NO_MEMORY. */
+/* Ends the face: appends its triangles or drops it. Fails: E_LIMIT (triangles, or as many dropped
+ * faces), E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_face_end(struct umbb_faces *faces, struct umb_error *error);
 
 /*

@@ -33,6 +33,7 @@ struct umbb_gltf {
     json_t *json;
     struct umbb_cursor chunk;         /* binary chunk of a GLB, or empty */
     struct umbb_gltf_buffer *buffers; /* one for each of the file's buffers */
+    uint8_t *ascending; /* one for each of the file's accessors; 1: its sparse indices ascend */
 };
 
 /* Reference that is missing, and one that is not a whole number from 0 on: beyond every list. */
@@ -66,8 +67,8 @@ int umbb_gltf_numbers(const json_t *object, const char *key, size_t count, doubl
 /* The object of an extension by its name, or NULL. */
 const json_t *umbb_gltf_extension(const json_t *object, const char *name);
 
-/* Finds an object by its number in a list of the file ("nodes"). Fails: E_BAD_SCENE, naming both.
- */
+/* Finds an object by its number in a list of the file ("nodes"). Fails: E_BAD_SCENE, naming the
+ * list, and the number if it is one. */
 UMB_CHECKED enum umb_status umbb_gltf_item(const struct umbb_gltf *gltf, const char *list,
                                            int64_t number, const json_t **item,
                                            struct umb_error *error);

@@ -102,12 +102,14 @@ static enum umb_status open_sparse(struct umbb_gltf *gltf, struct source source,
     if (!fits || !values_fit) {
         return bad(source, "has sparse elements outside of their buffer", error);
     }
-    for (uint32_t i = 0; i < accessor->sparse_count; i++) {
+    /* Once for each accessor: thousands of nodes may use the same one. */
+    for (uint32_t i = 0; !gltf->ascending[source.number] && i < accessor->sparse_count; i++) {
         const uint32_t index = sparse_index(accessor, i);
         if (index >= accessor->count || (i > 0 && index <= sparse_index(accessor, i - 1))) {
             return bad(source, "has sparse indices that do not ascend below its count", error);
         }
     }
+    gltf->ascending[source.number] = 1;
     return UMB_OK;
 }
 
@@ -139,7 +141,8 @@ enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t number,
         UMB__TRY(
             open_run(gltf, json, accessor->count, use->width, &accessor->elements, &fits, error));
         if (!fits) {
-            return bad(source, "lies outside of its buffer", error);
+            return bad(source, "lies outside of its buffer, or its byteStride is not in 1 to 65536",
+                       error);
         }
     } else if (sparse == NULL || accessor->count > ZEROS_MAX) {
         return bad(source,

@@ -32,6 +32,7 @@ static void *take_memory(size_t size)
 static int parse(struct umbb_cursor text, json_t **json, json_error_t *fault)
 {
     if (setjmp(refusal) != 0) {
+        json_set_alloc_funcs(malloc, free); /* `refusal` ends with this function */
         return 0;
     }
     json_set_alloc_funcs(take_memory, free);
@@ -41,8 +42,8 @@ static int parse(struct umbb_cursor text, json_t **json, json_error_t *fault)
     return 1;
 }
 
-/* Finds the JSON: the file without a byte order mark, or the first chunk of a GLB, which some
- * exporters fill with NULs. Also finds the binary chunk. */
+/* Finds the JSON of a file that check_glb has passed: the file without a byte order mark, or the
+ * first chunk of a GLB, which some exporters fill with NULs. Also finds the binary chunk. */
 static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cursor *chunk)
 {
     const char *end = file->bytes + file->size;
@@ -52,15 +53,11 @@ static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cu
         json.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
         return json;
     }
-    json.at = end;
     const char *header = file->bytes + GLB_HEADER_BYTES;
-    if (file->size < GLB_HEADER_BYTES + GLB_CHUNK_BYTES || memcmp(header + 4, "JSON", 4) != 0) {
-        return json;
-    }
     json.at = header + GLB_CHUNK_BYTES;
     const size_t length = umbb_load_u32(header);
     const size_t padded = (length + 3) & ~(size_t)3; /* chunks begin at multiples of 4 */
-    json.end = length < (size_t)(end - json.at) ? json.at + length : end;
+    json.end = json.at + length;
     if (padded + GLB_CHUNK_BYTES <= (size_t)(end - json.at)) {
         header = json.at + padded;
         const size_t bytes = umbb_load_u32(header);
@@ -76,7 +73,7 @@ static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cu
     return json;
 }
 
-/* Checks the header of a GLB. */
+/* Checks the headers of a GLB and of its first chunk. */
 static enum umb_status check_glb(const struct umbb_file *file, struct umb_error *error)
 {
     if (!umbb_starts_with(file, "glTF")) {
@@ -85,9 +82,19 @@ static enum umb_status check_glb(const struct umbb_file *file, struct umb_error 
     if (file->size < GLB_HEADER_BYTES || umbb_load_u32(file->bytes + 4) != 2) {
         return umb_fail(error, UMB_E_BAD_SCENE, "the file is GLB of another version than 2");
     }
-    return umbb_load_u32(file->bytes + 8) <= file->size
+    if (umbb_load_u32(file->bytes + 8) > file->size) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the file ends before the length it states");
+    }
+    const char *header = file->bytes + GLB_HEADER_BYTES;
+    const size_t before = GLB_HEADER_BYTES + GLB_CHUNK_BYTES;
+    if (file->size < before || memcmp(header + 4, "JSON", 4) != 0) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "the first chunk of the GLB is not JSON");
+    }
+    return umbb_load_u32(header) <= file->size - before
                ? UMB_OK
-               : umb_fail(error, UMB_E_BAD_SCENE, "the file ends before the length it states");
+               : umb_fail(error, UMB_E_BAD_SCENE,
+                          "the JSON chunk has %u bytes, but the file has only %zu after its header",
+                          umbb_load_u32(header), file->size - before);
 }
 
 /* Checks the extensions that the file requires: those that change no shape, or that are read. */
@@ -140,8 +147,10 @@ enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_import *job,
     json_error_t fault = {0};
     const int is_parsed = parse(text, &gltf->json, &fault);
     const size_t buffers = json_array_size(json_object_get(gltf->json, "buffers"));
+    const size_t accessors = json_array_size(json_object_get(gltf->json, "accessors"));
     gltf->buffers = calloc(buffers + 1, sizeof *gltf->buffers);
-    if (!is_parsed || gltf->buffers == NULL) {
+    gltf->ascending = calloc(accessors + 1, 1);
+    if (!is_parsed || gltf->buffers == NULL || gltf->ascending == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the JSON");
     }
     if (gltf->json == NULL) {
@@ -161,6 +170,7 @@ void umbb_gltf_close(struct umbb_gltf *gltf)
         free(gltf->buffers[i].decoded);
     }
     free(gltf->buffers);
+    free(gltf->ascending);
     json_decref(gltf->json);
     memset(gltf, 0, sizeof *gltf);
 }
@@ -212,10 +222,16 @@ enum umb_status umbb_gltf_item(const struct umbb_gltf *gltf, const char *list, i
                                const json_t **item, struct umb_error *error)
 {
     *item = json_array_get(json_object_get(gltf->json, list), (size_t)number);
-    return number >= 0 && json_is_object(*item)
-               ? UMB_OK
-               : umb_fail(error, UMB_E_BAD_SCENE, "%s[%lld] does not exist", list,
-                          (long long)number);
+    if (number == UMBB_GLTF_NONE) {
+        return umb_fail(error, UMB_E_BAD_SCENE, "a reference into %s is missing", list);
+    }
+    if (number == UMBB_GLTF_BAD) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "a reference into %s is not a whole number from 0 to 2^40", list);
+    }
+    return json_is_object(*item) ? UMB_OK
+                                 : umb_fail(error, UMB_E_BAD_SCENE, "%s[%lld] does not exist", list,
+                                            (long long)number);
 }
 
 /* Value of a base64 letter (RFC 4648); 64 for other characters. */

@@ -53,7 +53,8 @@ static void read_mapping(const json_t *info, struct umbb_gltf_mapping *mapping)
     mapping->moves = 1;
 }
 
-/* Gets the texture of an image: bytes of a view, a data URI, or a file. */
+/* Gets the texture of an image: bytes of a view, a data URI, or a file. In: image: as embedded. A
+ * known texture is found first, because a data URI takes long to decode. */
 static enum umb_status get_texture(struct umbb_gltf_scene *scene, const json_t *json,
                                    struct umbb_image *image, uint32_t *texture,
                                    struct umb_error *error)
@@ -62,6 +63,9 @@ static enum umb_status get_texture(struct umbb_gltf_scene *scene, const json_t *
     const char *name = json_string_value(uri);
     struct umbb_gltf_view view;
     char *decoded = NULL;
+    if (umbb_texture_find(&scene->textures, image, texture)) {
+        return UMB_OK;
+    }
     if (name == NULL) {
         UMB__TRY(umbb_gltf_view(&scene->file, umbb_gltf_index(json, "bufferView"), &view, error));
         image->bytes = view.bytes;
@@ -70,6 +74,7 @@ static enum umb_status get_texture(struct umbb_gltf_scene *scene, const json_t *
         UMB__TRY(umbb_gltf_data_uri(name, json_string_length(uri), &decoded, &image->size, error));
         image->bytes = decoded;
         if (decoded == NULL) {
+            image->is_embedded = 0;
             image->name = name;
             image->name_length = json_string_length(uri);
         }
@@ -105,6 +110,7 @@ static enum umb_status read_texture(struct umbb_gltf_scene *scene, const json_t 
     }
     struct umbb_image image = {
         .name = number,
+        .is_embedded = 1,
         .name_length = (size_t)snprintf(number, sizeof number, "images[%lld]", (long long)source),
         .wrap_s = wrap_of(sampler, "wrapS"),
         .wrap_t = wrap_of(sampler, "wrapT"),
@@ -266,7 +272,7 @@ static enum umb_status add_triangles(struct umbb_faces *faces, const struct prim
     const uint64_t first = faces->scene->positions.count;
     const uint32_t corners = p->has_indices ? p->indices.count : p->positions.count;
     const uint32_t count = p->mode == MODE_TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
-    for (uint32_t i = 0; i < p->positions.count; i++) {
+    for (uint32_t i = 0; count > 0 && i < p->positions.count; i++) {
         double position[3];
         float uv[2];
         umbb_gltf_get(&p->positions, i, position);
@@ -310,6 +316,10 @@ static enum umb_status add_primitive(struct umbb_gltf_scene *scene, const json_t
     const int64_t indices = umbb_gltf_index(json, "indices");
     const int64_t mode = umbb_gltf_index(json, "mode");
     struct primitive p = {.mode = mode != UMBB_GLTF_NONE ? mode : MODE_TRIANGLES};
+    if (p.mode == UMBB_GLTF_BAD) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the mode of a primitive is not a whole number from 0 to %d", MODE_FAN);
+    }
     if (p.mode > MODE_FAN) {
         return umb_fail(error, UMB_E_BAD_SCENE, "mode %lld of a primitive is not in 0 to %d",
                         (long long)p.mode, MODE_FAN);
@@ -321,6 +331,7 @@ static enum umb_status add_primitive(struct umbb_gltf_scene *scene, const json_t
     if (indices != UMBB_GLTF_NONE) {
         p.has_indices = 1;
         UMB__TRY(umbb_gltf_accessor(&scene->file, indices, &index_use, &p.indices, error));
+        p.indices.is_normalized = 0; /* a fraction numbers no vertex */
     }
     UMB__TRY(choose_material(scene, json, &p, error));
     scene->morphed += json_array_size(json_object_get(json, "targets")) > 0;

@@ -29,7 +29,7 @@ static enum umb_status bad_transform(const struct node *node, struct umb_error *
     char name[80];
     umbs_text_clean(name, sizeof name, node->name, strlen(node->name));
     return umb_fail(error, UMB_E_BAD_SCENE,
-                    "transform of node '%s' is not finite, not affine or over %g", name,
+                    "transform of node '%s' is not of finite numbers, not affine or over %g", name,
                     UMBS_COORDINATE_MAX);
 }
 
@@ -75,15 +75,20 @@ static int compose(const double move[3], const double turn[4], const double size
     return 1;
 }
 
+/* Reads the array at `key` if there is one. Returns 0 if it is not of `count` numbers. */
+static int optional_numbers(const json_t *json, const char *key, size_t count, double *numbers)
+{
+    return json_object_get(json, key) == NULL || umbb_gltf_numbers(json, key, count, numbers);
+}
+
 /* The node's own transform. Returns 0 if it is none. */
 static int local_transform(const json_t *json, double local[3][4])
 {
     double m[16], move[3] = {0, 0, 0}, turn[4] = {0, 0, 0, 1}, size[3] = {1, 1, 1};
     if (json_object_get(json, "matrix") == NULL) {
-        (void)umbb_gltf_numbers(json, "translation", 3, move);
-        (void)umbb_gltf_numbers(json, "rotation", 4, turn);
-        (void)umbb_gltf_numbers(json, "scale", 3, size);
-        return compose(move, turn, size, local);
+        return optional_numbers(json, "translation", 3, move) &&
+               optional_numbers(json, "rotation", 4, turn) &&
+               optional_numbers(json, "scale", 3, size) && compose(move, turn, size, local);
     }
     int good = umbb_gltf_numbers(json, "matrix", 16, m);
     for (int column = 0; good && column < 4; column++) {
@@ -251,6 +256,10 @@ static enum umb_status add_light(struct umbb_gltf_scene *scene, const struct nod
         return UMB_OK;
     }
     umbs_text_clean(light.name, sizeof light.name, node->name, strlen(node->name));
+    if (number == UMBB_GLTF_BAD) {
+        return umb_fail(error, UMB_E_BAD_SCENE,
+                        "the light of node '%s' is not a whole number from 0 to 2^40", light.name);
+    }
     if (json == NULL) {
         return umb_fail(error, UMB_E_BAD_SCENE, "light %lld of node '%s' does not exist",
                         (long long)number, light.name);

@@ -53,7 +53,7 @@ static enum umb_status read_binary(struct umbb_faces *faces, const struct umbb_f
 }
 
 /* Words of a facet: "vertex" and three numbers for each corner, then "endfacet". A number that
- * cannot be read drops its facet. */
+ * cannot be read drops its facet. The word in its place stays in the text: it may be "endfacet". */
 static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_file *file,
                                  struct umb_error *error)
 {
@@ -64,7 +64,10 @@ static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_fil
         if (umbb_is_word(word, length, "vertex")) {
             double position[3];
             for (int k = 0; k < 3; k++) {
-                if (!umbb_take_double(&text, &position[k])) {
+                struct umbb_cursor next = text;
+                if (umbb_take_double(&next, &position[k])) {
+                    text = next;
+                } else {
                     position[k] = (double)NAN;
                 }
             }
@@ -86,7 +89,8 @@ enum umb_status umbb_stl_read(struct umbb_import *job, struct umb_error *error)
     if (!binary && !(umbb_starts_with(&job->file, "solid") && umbb_is_text(&job->file))) {
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "the file is neither text STL nor binary STL whose size fits its count of "
-                        "facets");
+                        "facets (84 bytes and 50 for each facet; it has %zu)",
+                        job->file.size);
     }
     enum umb_status status =
         binary ? read_binary(&faces, &job->file, error) : read_text(&faces, &job->file, error);

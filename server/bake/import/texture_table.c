@@ -67,7 +67,9 @@ static void read_header(struct decoder *d)
     /* decode checks the sides: its message tells a limit from damage. */
     png_set_user_limits(d->png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
     png_set_chunk_malloc_max(d->png, CHUNK_BYTES_MAX);
-    png_set_keep_unknown_chunks(d->png, PNG_HANDLE_CHUNK_NEVER, NULL, 0);
+    /* -1: of the chunks that libpng knows only IHDR, PLTE, tRNS, IDAT and IEND are read. Compressed
+     * text of a few kilobytes would expand to megabytes, a thousand times in one image. */
+    png_set_keep_unknown_chunks(d->png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
     png_read_info(d->png, d->info);
 }
 
@@ -170,7 +172,7 @@ enum umb_status umbb_png_alpha(const void *bytes, size_t size, uint64_t max_texe
     free(d.rows);
     if (status != UMB_OK) {
         free(image->texels);
-        memset(image, 0, sizeof *image);
+        image->texels = NULL;
     }
     return status;
 }
@@ -193,9 +195,9 @@ void umbb_texture_table_finish(struct umbb_texture_table *table)
 
 static int is_same(const struct umbb_image *a, const struct umbb_image *b)
 {
-    return a->name_length == b->name_length && a->luminance == b->luminance &&
-           a->wrap_s == b->wrap_s && a->wrap_t == b->wrap_t && a->nearest == b->nearest &&
-           memcmp(a->name, b->name, a->name_length) == 0;
+    return a->name_length == b->name_length && a->is_embedded == b->is_embedded &&
+           a->luminance == b->luminance && a->wrap_s == b->wrap_s && a->wrap_t == b->wrap_t &&
+           a->nearest == b->nearest && memcmp(a->name, b->name, a->name_length) == 0;
 }
 
 static int is_jpeg(const unsigned char *bytes, size_t size)
@@ -266,6 +268,8 @@ static enum umb_status decode_image(struct umbb_texture_table *table,
     enum umb_status status =
         umbb_png_alpha(bytes, size, left < UMBB_IMAGE_TEXELS_MAX ? left : UMBB_IMAGE_TEXELS_MAX,
                        image->luminance, &alpha, &why);
+    /* A damaged image counts too: it may take as long as a good one. */
+    table->texels += (uint64_t)alpha.width * alpha.height;
     if (status == UMB_E_BAD_SCENE) {
         warn(table, image, why.message);
         return UMB_OK;
@@ -273,7 +277,6 @@ static enum umb_status decode_image(struct umbb_texture_table *table,
     if (status != UMB_OK) {
         return umb_fail(error, status, "%s", why.message);
     }
-    table->texels += (uint64_t)alpha.width * alpha.height;
     status = add_texture(table, image, &alpha, index, error);
     free(alpha.texels);
     return status;
@@ -303,16 +306,25 @@ static enum umb_status read_image(struct umbb_texture_table *table, const struct
     return status;
 }
 
-enum umb_status umbb_texture_get(struct umbb_texture_table *table, const struct umbb_image *image,
-                                 uint32_t *index, struct umb_error *error)
+int umbb_texture_find(const struct umbb_texture_table *table, const struct umbb_image *image,
+                      uint32_t *index)
 {
     const struct known *known = table->known.data;
     *index = UMBS_NO_INDEX;
     for (size_t i = 0; i < table->known.count; i++) {
         if (is_same(&known[i].image, image)) {
             *index = known[i].index;
-            return UMB_OK;
+            return 1;
         }
+    }
+    return 0;
+}
+
+enum umb_status umbb_texture_get(struct umbb_texture_table *table, const struct umbb_image *image,
+                                 uint32_t *index, struct umb_error *error)
+{
+    if (umbb_texture_find(table, image, index)) {
+        return UMB_OK;
     }
     if (table->known.count >= UMBB_IMAGES_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "more than %u images with alpha", UMBB_IMAGES_MAX);

@@ -18,13 +18,14 @@
 struct umbb_texture_table {
     struct umbb_import *job; /* borrowed: its scene receives the textures */
     struct umbs_array known; /* array of struct known, in the order of first use */
-    uint64_t texels;         /* number of texels decoded so far */
+    uint64_t texels;         /* number of texels decoded so far, damaged images included */
 };
 
 /* An image, as a scene refers to it. */
 struct umbb_image {
-    const char *name; /* file name, or a name that no other image of the scene has */
+    const char *name; /* file name; of an embedded image a name that no other of them has */
     size_t name_length;
+    int is_embedded;   /* 1: the name is no file's */
     const void *bytes; /* encoded image; NULL: the image is in the file of that name */
     size_t size;
     int luminance;                    /* see umbb_png_alpha */
@@ -32,6 +33,10 @@ struct umbb_image {
 };
 
 void umbb_texture_table_finish(struct umbb_texture_table *table);
+
+/* Finds a texture requested before; the image needs no bytes. Returns 0 if there is none. */
+int umbb_texture_find(const struct umbb_texture_table *table, const struct umbb_image *image,
+                      uint32_t *index);
 
 /*
  * Finds or adds a texture.
@@ -61,7 +66,7 @@ int umbb_is_png(const void *bytes, size_t size);
  *
  * In:    max_texels: limit of the image. luminance: 1: an image without alpha gives its grey, or
  *        its green, instead (the meaning of map_d).
- * Out:   image: free texels.
+ * Out:   image: free texels. After a failure texels is NULL, and the sides are those of the header.
  * Fails: E_LIMIT (max_texels, sides), E_BAD_SCENE (damaged), E_NO_MEMORY.
  * Trust: safe on hostile bytes.
  * Cost:  memory for one row, for interlaced images all rows.

@@ -76,8 +76,8 @@ static enum umb_status read_descriptor(const struct umbu_option *option, const c
 
 static const struct umbu_option MAIN[] = {
     {"SCENE", NULL, "a glTF, GLB, OBJ, PLY or STL file",
-     UMBU_READ(read_scene, "a file: a scene's format is told by its name and its parts lie beside "
-                           "it (- for standard input is none)")},
+     UMBU_READ(read_scene, "a file: the name tells the format, and further files of the scene lie "
+                           "beside the file (so - for standard input cannot be one)")},
     {"scene-buffer", "FILE",
      "instead of SCENE, in every command but import: a file that import made. It and its folder "
      "must belong to you (or root) and be writable by no one else",
@@ -89,7 +89,7 @@ static const struct umbu_option MAIN[] = {
     {"plan", NULL, "print the plan and its reasons only", UMBU_FLAG, AT(plan)},
     {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json)},
     {"quiet", NULL, "no notices, no progress, no summary", UMBU_FLAG, AT(quiet), .letter = 'q'},
-    {"progress-fd", "N", "tell phases, plan and progress on descriptor N, line by line",
+    {"progress-fd", "N", "write phases, plan and progress to descriptor N, line by line",
      UMBU_READ(read_descriptor, "an open descriptor from 1 to 1023"), AT(progress_fd)},
     {"version", NULL, "the version", UMBU_FLAG, AT(version), .alone = true},
 };
@@ -133,9 +133,9 @@ static const struct umbu_option ASSET[] = {
 };
 
 static const struct umbu_option MACHINE[] = {
-    {"threads", "N", "threads that bake", UMBU_COUNT(1, UMBB_THREADS_MAX), AT(threads),
-     .otherwise = "the processors there are"},
-    {"memory", "SIZE", "stay within this, for example 900MiB", UMBU_BYTES(16 * MIB, SIZE_MAX_),
+    {"threads", "N", "number of threads", UMBU_COUNT(1, UMBB_THREADS_MAX), AT(threads),
+     .otherwise = "the number of processors"},
+    {"memory", "SIZE", "limit of memory, for example 900MiB", UMBU_BYTES(16 * MIB, SIZE_MAX_),
      AT(memory_bytes), .standard = "4GiB"},
     {"tile", "N", "texels a side baked at a time, no more than --resolution", UMBU_LOG2(64, 65536),
      AT(tile_log2), .standard = "4096"},
@@ -144,7 +144,8 @@ static const struct umbu_option MACHINE[] = {
      "killed goes on where it was, and after an edit only tiles that the edit reaches are baked",
      UMBU_TEXT, AT(cache)},
     {"cache-size", "SIZE",
-     "remove what was not used for longest beyond this; with tile: only if given",
+     "limit of the folder: beyond it the least recently used results are removed; with tile: "
+     "only if given",
      UMBU_BYTES(MIB, SIZE_MAX_), AT(cache_bytes), .standard = "10GiB"},
     {"only", "I | I-J",
      "with tile: only tile I, or tiles I to J, of those that --plan counts, from 0 on",
@@ -194,13 +195,15 @@ static enum umb_status check_task(const struct umbb_options *o, struct umb_error
         int is_wrong;
         const char *text;
     } rules[] = {
-        {merges && o->from == NULL, "--from: is needed: the folder of tiles"},
+        {merges && o->from == NULL,
+         "--from: is needed; give the folder that umbrage-bake tile wrote to"},
         {!merges && o->from != NULL, "--from: only umbrage-bake merge takes it"},
         {o->task != UMBB_TASK_TILE && o->only_given, "--only: only umbrage-bake tile takes it"},
-        {!bakes && o->cache != NULL, "--cache: the folder of tiles is one already (-o, --from)"},
+        {!bakes && o->cache != NULL,
+         "--cache: only a bake takes it; tile and merge use the folder of -o and --from"},
         {(!bakes || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE,
-         "--depth: 'embree' cannot tell which triangles reach a tile, so that its tiles cannot be "
-         "kept; give auto, raster or plain"},
+         "--depth: 'embree' cannot tell which triangles reach a tile, so its tiles cannot be kept; "
+         "give auto, raster or plain"},
         {o->task == UMBB_TASK_IMPORT && o->plan,
          "--plan: umbrage-bake import only reads the scene"},
     };

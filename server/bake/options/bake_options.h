@@ -111,8 +111,8 @@ extern const struct umbu_command umbb_command;
 enum umb_status umbb_effect_set(const struct umbu_option *option, const char *value, void *options,
                                 struct umb_error *error);
 
-/* Completes the effects once all options are read: penumbras keep first occluders. Fails:
- * E_ARGUMENT. */
+/* Completes the effects after all options are read: "penumbra=on" turns first occluders on, unless
+ * they are switched off. Fails: E_ARGUMENT (effects that exclude each other). */
 UMB_CHECKED enum umb_status umbb_effects_settle(struct umbb_options *options,
                                                 struct umb_error *error);
 

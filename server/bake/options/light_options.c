@@ -88,7 +88,7 @@ enum umb_status umbb_light_option_name(const struct umbu_option *option, const c
     return add_request(lights, &request, option, value, error);
 }
 
-/* Numbers with commas between them, each at most UMBB_LIGHT_AT_MAX in magnitude. */
+/* Reads `count` numbers with commas between them, each at most UMBB_LIGHT_AT_MAX in magnitude. */
 static bool read_places(const char *text, size_t count, double *numbers)
 {
     bool good = umbu_read_numbers(text, count, numbers);

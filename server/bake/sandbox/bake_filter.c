@@ -153,7 +153,7 @@ static void allow_conditions(struct umbb_filter *filter, int importer, int socke
 
 int umbb_bake_filter_enter(int importer, int socket)
 {
-    /* Other values of these arguments: libraries try to map more of themselves. */
+    /* Other values of these arguments are refused, not fatal: libraries try to map more. */
     static const uint16_t refused[] = {SYS_mmap, SYS_mprotect};
     static const uint16_t stopped[] = {SYS_clone,   SYS_kill,    SYS_tgkill,
                                        SYS_sendmsg, SYS_recvmsg, SYS_recvfrom};

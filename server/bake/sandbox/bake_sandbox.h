@@ -38,7 +38,7 @@ struct umbb_bake_sandbox {
 /*
  * Enters the first layers with the calling thread, which must be the only one.
  *
- * In:    sandbox: mode set, the rest 0; rules: in addition to the program's own files.
+ * In:    sandbox: mode set, the rest 0. rules: paths in addition to the program's own files.
  * Out:   sandbox: the layers that were entered, also on failure.
  * Fails: E_UNAVAILABLE if a layer is missing that mode requires: the message names the layer, and
  *        the option that bakes without it.
@@ -47,8 +47,8 @@ UMB_CHECKED enum umb_status umbb_bake_sandbox_paths(struct umbb_bake_sandbox *sa
                                                     const struct umbb_path_rule *rules,
                                                     size_t count, struct umb_error *error);
 
-/* Enters the last layer with all threads. In: importer: its process, 0: none runs; files: the
- * socket to it. Fails: as umbb_bake_sandbox_paths. */
+/* Enters the last layer with all threads. importer: process number of the importer, 0: none runs.
+ * files: the socket to the importer. Fails: the errors of umbb_bake_sandbox_paths. */
 UMB_CHECKED enum umb_status umbb_bake_sandbox_calls(struct umbb_bake_sandbox *sandbox, int importer,
                                                     int files, struct umb_error *error);
 

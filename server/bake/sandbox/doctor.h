@@ -36,9 +36,9 @@ int umbb_doctor_probe(struct umbb_sandbox *importer);
 int umbb_doctor_probe_bake(const struct umbb_ground *ground, struct umbb_bake_sandbox *bake);
 
 /*
- * The command; argv as the process got it, argv[1] is "doctor".
+ * Runs the command. argv is that of the process; argv[1] is "doctor".
  *
- * Out:  the exit code: 0 if every act is denied and a bake can work, 1 if not, 69 if a layer is
+ * Out:  the exit code: 0 if every act is denied and a bake can work, else 1; 69 if a layer is
  *       missing that the importer or a job's bake requires, 73 without a folder for the tries, 2
  *       for wrong arguments, 0 in an exempt (sanitizer) build, which says so.
  */

@@ -14,8 +14,8 @@ enum umbb_act_place {
     UMBB_IN_BAKE_PATHS = 8, /* by the bake's Landlock alone, without its filter */
 };
 
-/* An act is one of the functions below, or opens its path. Each returns at least 0 if the act was
- * allowed; else -1 and errno. */
+/* An action to try: one of the functions below, or the opening of a path. The result is at least
+ * 0 if the action was allowed; else -1 and errno. */
 struct umbb_act {
     const char *name;   /* "connect to the network" */
     unsigned places;    /* enum umbb_act_place */
@@ -28,7 +28,7 @@ struct umbb_act {
     int (*on_mode)(const char *path, mode_t mode);
 };
 
-/* Tries the act in this process, with its paths on the ground. Returns what its function does. */
+/* Tries the act in this process, with its paths on the ground. Returns the act's own result. */
 long umbb_act_attempt(const struct umbb_act *act, const struct umbb_ground *ground);
 
 extern const struct umbb_act umbb_acts[];

@@ -48,7 +48,7 @@ static int need_scene(const char *path)
     return fd >= 0 && read(fd, &byte, 1) == 1 ? 0 : -1;
 }
 
-/* Creates an asset in the usual way: a temporary, synced, renamed, its folder synced. */
+/* Creates an asset as usual: writes, syncs and renames a temporary, then syncs the folder. */
 static int need_output(const char *temporary, const char *target)
 {
     char parent[UMBB_GROUND_PATH];

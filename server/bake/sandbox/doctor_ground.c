@@ -77,7 +77,7 @@ enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *e
     return UMB_OK;
 }
 
-/* An allowed action leaves its files behind: only known names are removed, contents first. */
+/* Removes the folder and what allowed actions left in it: known names only, contents first. */
 void umbb_ground_remove(struct umbb_ground *ground)
 {
     static const char *const all[] = {

@@ -85,8 +85,8 @@ int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,
     return -1;
 }
 
-/* Runs `fill` in a child and reads the bytes that it leaves, through descriptor 2: the importer's
- * filter allows writing to no other. */
+/* Runs `fill` in a child process and reads the bytes that `fill` makes. They come through
+ * descriptor 2, the only one that the importer's filter allows writing to. */
 static int ask_child(void (*fill)(void *bytes, const void *with), const void *with, void *bytes,
                      size_t count)
 {

@@ -29,7 +29,7 @@ static void put_load(struct umbb_filter *filter, size_t offset)
     put(filter, (struct sock_filter)BPF_STMT(BPF_LD | BPF_W | BPF_ABS, (uint32_t)offset));
 }
 
-/* If the loaded word is `value`, go on; else skip the next `otherwise` instructions. */
+/* Adds a test: if the loaded word is not `value`, the next `otherwise` instructions are skipped. */
 static void put_if(struct umbb_filter *filter, uint32_t value, uint8_t otherwise)
 {
     put(filter, (struct sock_filter)BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, value, 0, otherwise));

@@ -36,9 +36,7 @@ struct umbb_filter_condition {
     uint32_t mask, value;
 };
 
-/* Begins a program: calls of another architecture, whose numbers mean other calls, kill the
- * process.
- */
+/* Begins a program. Calls of another architecture have other numbers, so they kill the process. */
 void umbb_filter_begin(struct umbb_filter *filter);
 
 /* Sets the action of each of these calls: SECCOMP_RET_*. */
@@ -50,8 +48,8 @@ void umbb_filter_if(struct umbb_filter *filter, const struct umbb_filter_conditi
 /* Allows a call whose argument is a null pointer: all 64 bits are compared. */
 void umbb_filter_if_null(struct umbb_filter *filter, uint16_t call, uint8_t argument);
 
-/* Ends the program with the action of every other call, and loads it for all threads of the
- * process. Out: 1, or 0 and errno: nothing changed. */
+/* Ends the program with the action for every other call, and loads the program for all threads of
+ * the process. Returns 1; or 0 and errno if nothing changed. */
 int umbb_filter_load(struct umbb_filter *filter, uint32_t otherwise);
 
 #endif

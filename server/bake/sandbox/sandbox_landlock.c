@@ -43,7 +43,7 @@ static const uint64_t rights_of[] = {
                         LANDLOCK_ACCESS_FS_REMOVE_FILE | RIGHT_TRUNCATE,
 };
 
-/* Makes an empty ruleset that denies all that the kernel's ABI can. Out: a descriptor or -1. */
+/* Makes an empty ruleset that denies all that the kernel's ABI can. Returns a descriptor or -1. */
 static int make_ruleset(long abi, struct ruleset *rules)
 {
     size_t size = sizeof(rules->paths);

@@ -16,12 +16,11 @@ struct umbb_path_rule {
     enum umbb_path_use use;
 };
 
-/* Enters the importer's filter. Returns 1 if the calling process is now inside, else 0 and errno.
- * */
+/* Enters the importer's filter. Returns 1 if the calling process is now inside, or 0 and errno. */
 int umbb_filter_enter(void);
 
-/* Enters the bake's filter; returns as umbb_filter_enter. In: importer: number of its process, 0:
- * none runs. socket: descriptor of the socket to it. */
+/* Enters the bake's filter. Returns 1, or 0 and errno. importer: process number of the importer, 0:
+ * none runs. socket: descriptor of the socket to the importer. */
 int umbb_bake_filter_enter(int importer, int socket);
 
 /* Denies every path but those of the rules to the calling thread. Returns the ABI of the kernel's

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The folder as a whole, which one pass keeps in size; then single results. */
+/* The folder as a whole, whose size one pass limits; then single results. */
 #define XXH_INLINE_ALL
 #include "bake/tiles/tile_cache.h"
 
@@ -27,7 +27,7 @@
 
 #define SUFFIX ".umbt"
 
-/* Age in seconds at which a temporary was left by a killed process: writing one takes seconds. */
+/* Age in seconds from which a temporary counts as abandoned: a write takes only seconds. */
 #define STALE_S 60
 
 #define NAME_LENGTH (UMB_ID_TEXT_SIZE - 1 + sizeof SUFFIX - 1)

@@ -45,7 +45,7 @@ void umbb_tile_cache_close(struct umbb_tile_cache *cache);
  * Reads a result.
  *
  * In:    max_bytes: limit of the result.
- * Out:   bytes: malloced; NULL if there is none, or only a damaged one (which is removed).
+ * Out:   bytes: malloced; NULL if there is no result, or only a damaged one (which is removed).
  * Fails: E_LIMIT (max_bytes), E_NO_MEMORY, E_IO.
  * Trust: safe on hostile bytes.
  */

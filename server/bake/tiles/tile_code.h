@@ -30,8 +30,8 @@
 struct umbb_tile_shape {
     uint32_t log2_size; /* size of the frustum */
     uint32_t tile_log2; /* UMB_LEVEL_BRICK + 1 .. log2_size; at least 6 with occluder_depth */
-    /* The frustum's first occluders: encoding reads the tile's, decoding adds them. NULL: not kept.
-     * Borrowed. */
+    /* Occluder depth map of the frustum: encoding reads the tile's first occluders from the map,
+     * decoding adds them. NULL: there is no map. Borrowed. */
     struct umb__occluder_depth *occluder_depth;
     uint32_t occluder_depth_x, occluder_depth_y; /* the tile's first square there */
 };
@@ -52,11 +52,11 @@ UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape
 /*
  * Reads a result and adds its nodes to a pool.
  *
- * In:    bytes: of umbb_tile_encode; checked in full before the pool is touched. nodes: max_bytes
- *        is not read.
- * Out:   result: its column's runs are the last of the runs.
- * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), as umb__pool_brick and
- *        umb__occluder_depth_add_square.
+ * In:    bytes: result of umbb_tile_encode, checked in full before the pool is touched. nodes:
+ *        max_bytes is not read.
+ * Out:   result: its column's runs are appended to nodes->runs.
+ * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), and the errors of
+ *        umb__pool_brick and umb__occluder_depth_add_square.
  * Trust: safe on hostile bytes.
  * Cost:  linear in the bytes.
  */
@@ -84,7 +84,7 @@ uint64_t umbb_tile_occluder_depth_bytes(const struct umbb_tile_shape *shape);
 void umbb_tile_occluder_depth_put(const struct umbb_tile_shape *shape, uint8_t *at);
 
 /*
- * Reads the part and checks it.
+ * Reads and checks the part of a tile's result that holds first occluders.
  *
  * Out:   words: malloced, to be freed with free: the part as numbers of this machine.
  * Fails: E_CORRUPT, E_NO_MEMORY. Trust: safe on hostile bytes.
@@ -94,7 +94,7 @@ UMB_CHECKED enum umb_status umbb_tile_occluder_depth_read(const struct umbb_tile
                                                           uint32_t **words,
                                                           struct umb_error *error);
 
-/* Adds the squares that were read to shape->occluder_depth. Fails: as
+/* Adds the squares that were read to shape->occluder_depth. Fails: the errors of
  * umb__occluder_depth_add_square. */
 UMB_CHECKED enum umb_status umbb_tile_occluder_depth_add(const struct umbb_tile_shape *shape,
                                                          const uint32_t *words,

@@ -11,8 +11,7 @@
 #include "base/bytes.h"
 #include "base/try.h"
 
-/* Pointers to the parts of a result. Counts are the file's; all parts are proven to fit the
- * file. */
+/* Pointers to the parts of a result, which all fit in the file. Counts are read from the file. */
 struct decoder {
     const uint8_t *runs;
     uint32_t run_count;

@@ -13,7 +13,7 @@
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
-/* What happens to a tile whose result is missing, and to a result that cannot be written. */
+/* Mode of a tile folder: what to do if a result is missing, and if a result cannot be written. */
 enum umbb_tile_folder_mode {
     UMBB_TILE_FOLDER_CACHE = 0, /* missing: the tile is baked; not written: a notice is printed */
     UMBB_TILE_FOLDER_TILE = 1,  /* missing: the tile is baked; not written: the bake fails */
@@ -42,33 +42,34 @@ UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_
                                                   struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
-/* Starts the next frustum. In: depth: one with lists; depth and the shape's occluder depth map are
- * borrowed until the next call. */
+/* Starts the next frustum. depth: a depth path with lists; depth and the shape's occluder depth map
+ * are borrowed until the next call. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
 
 /*
- * The functions of the cache. find fails with E_BUSY in mode merge if a result is missing or
- * damaged (temporary: bake it and try again). keep fails in mode tile as umbb_tile_encode and
- * umbb_tile_cache_write do.
+ * Returns the functions of the cache. find fails with E_BUSY in mode merge if a result is missing
+ * or damaged (temporary: bake the tile and try again). keep fails in mode tile as umbb_tile_encode
+ * and umbb_tile_cache_write do.
  */
 struct umbb_cached_tiles umbb_tile_folder_cached_tiles(struct umbb_tile_folder *tile_folder);
 
 /*
- * The key of a tile's result: a hash of everything that it depends on, and of nothing else.
+ * Computes the key of a tile's result: a hash of everything that the result depends on, and of
+ * nothing else.
  *
- * That is: the program's version and the bake's (plan.h); size of frustum and tile, and the tile's
- * place; the closed rule, whether squares are proven, and whether first occluders are kept; for
- * spot and point lights the scale of depth. Each caster that may reach the tile enters in the
+ * The hash covers the program's version and the bake's (plan.h); size of frustum and tile, and the
+ * tile's place; the closed rule, whether squares are proven, and whether first occluders are kept;
+ * for spot and point lights the scale of depth. Each caster that may reach the tile enters in the
  * scene's order, with its corners in voxel space, its kind and its marks, and if it is cut out,
  * with its texture coordinates and the texture's content. Corners in voxel space include the
  * frustum's matrix: if an edit of the scene moves the frustum, every key changes; else only those
  * of tiles that an edited triangle reached or now reaches.
  *
- * Not part of it, because no bit depends on it: threads, memory, instruction sets, the depth path,
- * triangles elsewhere, materials' names, the file.
+ * Not part of the key, because no bit of the result depends on them: threads, memory, instruction
+ * sets, the depth path, triangles elsewhere, materials' names, the file.
  *
- * In:   depth: one with lists.
+ * In:   depth: a depth path with lists.
  * Cost: SHA-256 of 74 bytes a caster that may reach the tile; no allocation.
  */
 void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,

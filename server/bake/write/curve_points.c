@@ -10,8 +10,8 @@
 #include "bake/base/interrupt.h"
 #include "base/try.h"
 
-/* Number of points. About half of them face away from a light and do not count. The other 2000 tell
- * the mean of an event with 1 % probability to a fifth of it. */
+/* Number of points. About half of the points face away from a light and do not count. The other
+ * 2000 give the mean of an event of 1 % probability to a fifth of this mean. */
 #define POINTS     4096U
 #define POINTS_MIN 128U
 /* Points of all lights together, if that leaves enough for each. */
@@ -36,7 +36,7 @@ static void units(uint64_t k, double out[2])
     }
 }
 
-/* Normal of a triangle with twice its area as its length; returns that length. */
+/* Computes a triangle's normal, whose length is twice the area; returns this length. */
 static double area_normal(const double c[3][3], double n[3])
 {
     double u[3], v[3];

@@ -12,7 +12,7 @@
 /*
  * Measures the curve of all lights.
  *
- * In:    analysis: with its corners in world space. octree: of content.
+ * In:    analysis: with its corners in world space. octree: that of `content`.
  * Out:   content->curve, curve_count: the caller frees curve with free(). NULL and 0 on failure.
  * Fails: E_NO_MEMORY.
  * Cost:  about 0.1 s for one light, up to 25 us a light and point for many; two passes over the

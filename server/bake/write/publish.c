@@ -88,7 +88,7 @@ static enum umb_status judge(const struct umbb_check *check, uint32_t light,
                     (unsigned long long)result->points, p[0], p[1], p[2]);
 }
 
-/* Points for each light: its share of the total, but enough to reveal a wrong matrix. */
+/* Returns the points for each light: an equal share, but enough to reveal a wrong matrix. */
 static uint64_t points_a_light(const struct umbb_check *check, uint32_t lights)
 {
     const uint64_t share = check->points / lights;
@@ -147,8 +147,8 @@ static enum umb_status compare_with_rays(struct umbb_publish *publish,
     return status;
 }
 
-/* Opens the written file. Its nodes grow without copies, as in the bake: otherwise checking them
- * would take more memory than building them. */
+/* Opens the written file. Its array of nodes grows without copies, as in the bake: otherwise the
+ * checks would take more memory than the bake. */
 static enum umb_status reopen(const struct umbb_publish *publish, uint64_t max_memory_bytes,
                               struct umb_asset **asset, struct umb_error *error)
 {

@@ -42,7 +42,7 @@ struct umbb_check {
 UMB_CHECKED enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *path,
                                                struct umb_error *error);
 
-/* Writes the asset. Fails: as umb__pack_write; E_IO; E_CANCELLED after a signal. */
+/* Writes the asset. Fails: the errors of umb__pack_write; E_IO; E_CANCELLED after a signal. */
 UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
                                                const struct umb__content *content,
                                                const struct umb__octree *octree,

@@ -5,6 +5,8 @@
 #include <math.h>
 #include <time.h>
 
+#include "bake/import/gltf.h"
+
 /* One triangle: 0 0 0, 1 0 0, 0 1 0. */
 static const float triangle[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
 
@@ -179,7 +181,6 @@ static void gltf_that_would_be_read_wrongly_is_refused(void **state)
     expect_gltf_refusal("{\"children\":[1]},{\"children\":[0],\"mesh\":0}", PLAIN, "recursive");
     expect_gltf_refusal("{\"children\":[1,1]},{\"mesh\":0}", PLAIN, "nodes[1] has two parents");
     expect_gltf_refusal("{\"children\":[7],\"mesh\":0}", PLAIN, "nodes[7] does not exist");
-    expect_gltf_refusal("{\"mesh\":0.5}", PLAIN, "meshes[");
     expect_gltf_refusal("{\"mesh\":0,\"rotation\":[0,0,0,0]}", PLAIN, "transform of node");
     expect_gltf_refusal(node, PLAIN "\"extras\":{\"a\":1,\"a\":2},", "JSON, line 1: duplicate");
     expect_gltf_refusal(node, PLAIN "\"extras\":[1e999],", "JSON, line 1: real number overflow");
@@ -188,6 +189,39 @@ static void gltf_that_would_be_read_wrongly_is_refused(void **state)
     expect_refusal("noversion.gltf", "{\"scene\":0}", "no asset.version");
     expect_refusal("text.gltf", "solid", "JSON, line 1: '[' or '{' expected");
     expect_refusal("cut.gltf", "{\"asset\":{\"version\":\"2.0\"", "cut.gltf: ");
+}
+
+static void gltf_references_and_transforms_of_wrong_types_are_named(void **state)
+{
+    (void)state;
+    static const char node[] = "{\"mesh\":0}";
+    static const char *const references[] = {"0.5",   "-1",    "null",
+                                             "\"0\"", "1e308", "1099511627776"};
+    static const char *const transforms[] = {
+        "\"translation\":[1,2]", "\"translation\":[1,2,\"3\"]",
+        "\"rotation\":[0,0,1]",  "\"scale\":2",
+        "\"matrix\":null",       "\"rotation\":[1e200,0,0,1]",
+    };
+    char text[128];
+    for (size_t i = 0; i < sizeof(references) / sizeof(references[0]); i++) {
+        (void)snprintf(text, sizeof(text), "{\"mesh\":%s}", references[i]);
+        expect_gltf_refusal(text, PLAIN, "a reference into meshes is not a whole number from 0");
+    }
+    for (size_t i = 0; i < sizeof(transforms) / sizeof(transforms[0]); i++) {
+        (void)snprintf(text, sizeof(text), "{\"mesh\":0,%s}", transforms[i]);
+        expect_gltf_refusal(text, PLAIN, "transform of node 'nodes[0]' is not of finite numbers");
+    }
+    expect_gltf_refusal(node, PLAIN "\"bufferViews\":[{\"byteLength\":36}],",
+                        "a reference into buffers is missing");
+    expect_gltf_refusal(
+        node, PLAIN "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36,\"byteStride\":0}],",
+        "byteStride is not in 1 to 65536");
+    expect_gltf_refusal(
+        node,
+        PLAIN "\"meshes\":[{\"primitives\":[{\"mode\":-1,\"attributes\":{\"POSITION\":0}}]}],",
+        "the mode of a primitive is not a whole number");
+    expect_gltf_refusal(LIGHT_NODE("-1", "\"mesh\":0"), PLAIN,
+                        "the light of node 'nodes[0]' is not a whole number");
 }
 
 /* The triangles 0 1 2 and 1 3 2 of a square as a strip, and 0 1 2 and 0 2 3 as a fan. */
@@ -247,13 +281,31 @@ static void gltf_indices_beyond_the_vertices_drop_their_faces(void **state)
                    "{\"buffer\":0,\"byteOffset\":36,\"byteLength\":6}],"
                    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,"
                    "\"type\":\"VEC3\"},{\"bufferView\":1,\"componentType\":5121,\"count\":6,"
-                   "\"type\":\"SCALAR\"}],"
+                   "\"type\":\"SCALAR\",\"normalized\":true}]," /* has no meaning here */
                    "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
                    "\"indices\":1}]}],"));
     assert_int_equal(scene->view.triangle_count, 1);
     assert_int_equal(scene->view.dropped_faces, 1);
+    expect_corner(scene, 0, 2, 1, 0, 0);
     umbs_scene_destroy(scene);
     drop_file("index.bin");
+}
+
+/* One accessor of a million indices may be used by any number of primitives. None of its faces can
+ * be used here, so the limit of triangles alone would not end the reading. */
+static void gltf_faces_that_cannot_be_used_have_a_limit(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"data:;base64,AACAfwAAgH8AAIB/"
+        "\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":12}],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"},"
+        "{\"componentType\":5121,\"count\":1048576,\"type\":\"SCALAR\",\"sparse\":{\"count\":1,"
+        "\"indices\":{\"bufferView\":0,\"componentType\":5121},\"values\":{\"bufferView\":0}}}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+        "\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]}";
+    assert_int_equal(read_here(umbb_gltf_read, text, sizeof(text) - 1), UMB_E_LIMIT);
 }
 
 /* `sparse` replaces elements of a bufferView, or of zeros where there is none. */
@@ -288,6 +340,36 @@ static void gltf_sparse_positions_are_read_or_refused(void **state)
     (void)snprintf(file, sizeof(file), text, "\"bufferView\":0,", 2, "VEC3");
     expect_refusal("beyond.gltf", file, "has sparse indices that do not ascend below its count");
     drop_file("sp.bin");
+}
+
+/* The order of sparse indices is checked once for each accessor, so thousands of nodes with one
+ * accessor take no quadratic time. A change after the first use shows that. */
+static void gltf_sparse_order_is_checked_once_for_each_accessor(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"uri\":\"data:;base64,AAEAAAAAAAA=\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":8}],"
+        "\"accessors\":[{\"componentType\":5126,\"count\":2,\"type\":\"SCALAR\",\"sparse\":{"
+        "\"count\":2,\"indices\":{\"bufferView\":0,\"componentType\":5121},"
+        "\"values\":{\"bufferView\":0}}}]}";
+    static const struct umbb_gltf_use use = {"TEST", "SCALAR of floats", 1, UMBB_GLTF_FLOAT};
+    struct umbb_import job = {.file = {.bytes = text, .size = sizeof(text) - 1}};
+    struct umbb_gltf file;
+    struct umbb_gltf_accessor accessor;
+    struct umb_error error = {0};
+    double number;
+    assert_int_equal(umbb_gltf_open(&file, &job, &error), UMB_OK);
+    assert_int_equal(umbb_gltf_accessor(&file, 0, &use, &accessor, &error), UMB_OK);
+    file.buffers[0].decoded[0] = 7;
+    assert_int_equal(umbb_gltf_accessor(&file, 0, &use, &accessor, &error), UMB_OK);
+    umbb_gltf_get(&accessor, 1, &number);
+    umbb_gltf_close(&file);
+    assert_int_equal(umbb_gltf_open(&file, &job, &error), UMB_OK);
+    assert_int_equal(umbb_gltf_view(&file, 0, &(struct umbb_gltf_view){0}, &error), UMB_OK);
+    file.buffers[0].decoded[0] = 7;
+    assert_int_equal(umbb_gltf_accessor(&file, 0, &use, &accessor, &error), UMB_E_BAD_SCENE);
+    umbb_gltf_close(&file);
 }
 
 static void gltf_nodes_too_deep_are_refused(void **state)
@@ -386,6 +468,15 @@ static void glb_imports_and_its_prefixes_are_refused(void **state)
         status = try_bytes("cut.glb", bytes, cut, &scene, &error);
         assert_int_equal(status, UMB_E_BAD_SCENE);
     }
+    static const uint32_t lengths[] = {(uint32_t)-1, (uint32_t)-8, 1U << 31, 4096};
+    for (size_t i = 0; i < sizeof(lengths) / sizeof(lengths[0]); i++) {
+        memcpy(bytes + 12, &lengths[i], 4);
+        assert_int_equal(try_bytes("lies.glb", bytes, size, &scene, &error), UMB_E_BAD_SCENE);
+        assert_non_null(strstr(error.message, "the JSON chunk has"));
+    }
+    bytes[16] = 'B';
+    assert_int_equal(try_bytes("kind.glb", bytes, size, &scene, &error), UMB_E_BAD_SCENE);
+    assert_non_null(strstr(error.message, "the first chunk of the GLB is not JSON"));
     bytes[4] = 1;
     assert_int_equal(try_bytes("old.glb", bytes, size, &scene, &error), UMB_E_BAD_SCENE);
     assert_non_null(strstr(error.message, "another version"));
@@ -494,9 +585,10 @@ static void stl_text_keeps_doubles_and_drops_broken_facets(void **state)
         " vertex 1e5 0 0\n vertex 0 1 0\n endloop\n endfacet\nendsolid a vertex 1 2 3\n"
         "solid\nfacet\nvertex 0 0 0\nvertex x 0 0\nvertex 0 1 0\nendfacet\n"
         "facet\nvertex 0 0 0\nvertex 1 0 0\nendfacet\n"
+        "facet\nvertex 0 0 0\nvertex 1 0 0\nvertex 1\nendloop\nendfacet\n"
         "facet\nvertex 0 0 5\nvertex 1 0 5\nvertex 0 1 5\nendfacet\nendsolid\n");
     assert_int_equal(scene->view.triangle_count, 2);
-    assert_int_equal(scene->view.dropped_faces, 2);
+    assert_int_equal(scene->view.dropped_faces, 3);
     expect_corner(scene, 0, 0, 84000.123456789, 0, 0);
     expect_corner(scene, 1, 2, 0, 1, 5);
     umbs_scene_destroy(scene);
@@ -541,10 +633,13 @@ int main(int argc, char **argv)
         cmocka_unit_test(gltf_lights_shine_along_minus_z_of_their_nodes),
         cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
         cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
+        cmocka_unit_test(gltf_references_and_transforms_of_wrong_types_are_named),
         cmocka_unit_test(gltf_strips_and_fans_are_read),
         cmocka_unit_test(gltf_transforms_keep_the_doubles_of_the_file),
         cmocka_unit_test(gltf_indices_beyond_the_vertices_drop_their_faces),
         cmocka_unit_test(gltf_sparse_positions_are_read_or_refused),
+        cmocka_unit_test(gltf_faces_that_cannot_be_used_have_a_limit),
+        cmocka_unit_test(gltf_sparse_order_is_checked_once_for_each_accessor),
         cmocka_unit_test(gltf_nodes_too_deep_are_refused),
         cmocka_unit_test(gltf_without_triangles_says_why),
         cmocka_unit_test(gltf_buffers_come_from_beneath_the_folder_only),

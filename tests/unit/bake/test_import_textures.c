@@ -4,6 +4,7 @@
 
 #include <math.h>
 
+#include "bake/import/texture_table.h"
 #include "make_png.h"
 
 enum {
@@ -301,6 +302,60 @@ static void images_that_cannot_be_read_are_warnings(void **state)
     drop_file("photo.png");
 }
 
+/* The table names an embedded image by its number. A file of that name is another image. */
+static void a_file_may_be_named_as_an_embedded_image(void **state)
+{
+    (void)state;
+    static const char more[] =
+        "\"images\":[{\"bufferView\":0},{\"uri\":\"images[0]\"}],"
+        "\"textures\":[{\"source\":0},{\"source\":1}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1},"
+        "\"material\":0},{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1},\"material\":1}]}],"
+        "\"materials\":[{\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{"
+        "\"baseColorTexture\":{\"index\":0}}},{\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{"
+        "\"baseColorTexture\":{\"index\":1}}}],";
+    char text[4096];
+    const char *tail = strstr(gltf("", ""), "\"buffers\"");
+    const char *materials = strstr(tail, "\"materials\""), *scene_at = strstr(tail, "\"scene\"");
+    struct made_png made = counted_png();
+    (void)snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},%s%.*s%s", more,
+                   (int)(materials - tail), tail, scene_at);
+    put_file("images[0]", made.bytes, made.size);
+    struct umbs_scene *scene = import_with_png("named.gltf", text);
+    assert_int_equal(scene->view.texture_count, 1); /* the embedded one is no PNG */
+    assert_int_equal(scene->view.materials[0].texture, UMBS_NO_INDEX);
+    expect_counted(&scene->view, scene->view.materials[1].texture);
+    umbs_scene_destroy(scene);
+    drop_file("images[0]");
+    free(made.bytes);
+}
+
+/* A small file can show one damaged image under thousands of names. */
+static void damaged_images_use_up_the_limit_of_texels(void **state)
+{
+    (void)state;
+    struct made_png made = counted_png();
+    struct umbb_import job = {.max_input_bytes = 1 << 20};
+    struct umbb_texture_table table = {.job = &job, .texels = UMBB_IMAGES_TEXELS_MAX - 20};
+    struct umbb_image image = {
+        .name = "a", .name_length = 1, .bytes = made.bytes, .size = made.size - 20};
+    struct umb_error error = {0};
+    uint32_t index;
+    umbs_scene_builder_init(&job.scene, UMBS_FORMAT_GLTF, 0, 1);
+    assert_int_equal(umbb_texture_find(&table, &image, &index), 0);
+    assert_int_equal(umbb_texture_get(&table, &image, &index, &error), UMB_OK);
+    assert_int_equal(index, UMBS_NO_INDEX);
+    assert_int_equal(table.texels, UMBB_IMAGES_TEXELS_MAX - 4);
+    assert_int_equal(umbb_texture_find(&table, &image, &index), 1); /* known as damaged */
+    assert_int_equal(umbb_texture_get(&table, &image, &index, &error), UMB_OK);
+    image.name = "b";
+    assert_int_equal(umbb_texture_get(&table, &image, &index, &error), UMB_E_LIMIT);
+    assert_non_null(strstr(error.message, "4 x 4 texels, limit 4"));
+    umbb_texture_table_finish(&table);
+    umbs_scene_builder_finish(&job.scene);
+    free(made.bytes);
+}
+
 static void obj_maps_cut_by_alpha_and_say_what_is_not_read(void **state)
 {
     (void)state;
@@ -367,6 +422,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(the_set_is_that_of_the_meshs_own_material),
         cmocka_unit_test(images_in_buffers_are_read_too),
         cmocka_unit_test(images_that_cannot_be_read_are_warnings),
+        cmocka_unit_test(a_file_may_be_named_as_an_embedded_image),
+        cmocka_unit_test(damaged_images_use_up_the_limit_of_texels),
         cmocka_unit_test(obj_maps_cut_by_alpha_and_say_what_is_not_read),
         cmocka_unit_test(faces_without_texture_coordinates_are_opaque),
     };

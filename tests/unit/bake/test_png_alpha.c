@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "bake/import/texture_table.h"
 #include "make_png.h"
@@ -163,6 +164,57 @@ static void images_over_the_limit_are_refused_before_they_are_decoded(void **sta
     free(made.bytes);
 }
 
+/* One PNG may hold a thousand texts, each of kilobytes that expand to megabytes. */
+static void compressed_texts_are_not_expanded(void **state)
+{
+    (void)state;
+    enum {
+        BEFORE = 33, /* signature and IHDR */
+        TEXTS = 60,
+        TEXT_BYTES = 7900000,
+    };
+    struct made_png made = {NULL, 0, 0};
+    char key[] = "k", *text = malloc(TEXT_BYTES);
+    assert_non_null(text);
+    memset(text, 'a', TEXT_BYTES);
+    text[TEXT_BYTES - 1] = '\0';
+    png_text entry = {.compression = PNG_TEXT_COMPRESSION_zTXt, .key = key, .text = text};
+    entry.text_length = TEXT_BYTES - 1;
+    unsigned char row[4] = {0, 0, 0, 9};
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, NULL, NULL);
+    png_infop info = png_create_info_struct(png);
+    assert_non_null(info);
+    png_set_write_fn(png, &made, made_png_append, made_png_flush);
+    png_set_IHDR(png, info, 1, 1, 8, PNG_COLOR_TYPE_RGBA, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_set_text(png, info, &entry, 1);
+    png_write_info(png, info);
+    png_write_row(png, row);
+    png_write_end(png, NULL);
+    png_destroy_write_struct(&png, &info);
+    free(text);
+    assert_memory_equal(made.bytes + BEFORE + 4, "zTXt", 4);
+    const unsigned char *length = made.bytes + BEFORE;
+    const size_t chunk = 12 + ((size_t)length[1] << 16 | (size_t)length[2] << 8 | length[3]);
+    const size_t size = made.size + (TEXTS - 1) * chunk;
+    unsigned char *bytes = malloc(size);
+    assert_non_null(bytes);
+    memcpy(bytes, made.bytes, BEFORE);
+    for (size_t i = 0; i < TEXTS; i++) {
+        memcpy(bytes + BEFORE + i * chunk, made.bytes + BEFORE, chunk);
+    }
+    memcpy(bytes + BEFORE + TEXTS * chunk, made.bytes + BEFORE + chunk, made.size - BEFORE - chunk);
+    struct umbb_alpha_image image;
+    struct umb_error error = {0};
+    const clock_t start = clock();
+    assert_int_equal(umbb_png_alpha(bytes, size, 1, 0, &image, &error), UMB_OK);
+    assert_true(clock() - start < CLOCKS_PER_SEC / 2); /* expanded they take 2 seconds */
+    assert_int_equal(image.texels[0], 9);
+    free(image.texels);
+    free(bytes);
+    free(made.bytes);
+}
+
 /* Decodes a copy in a block of exactly its size. */
 static void decode_block(const unsigned char *bytes, size_t size)
 {
@@ -203,6 +255,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_form_of_alpha_is_read),
+        cmocka_unit_test(compressed_texts_are_not_expanded),
         cmocka_unit_test(images_without_alpha_have_none_or_their_grey),
         cmocka_unit_test(images_over_the_limit_are_refused_before_they_are_decoded),
         cmocka_unit_test(every_prefix_and_every_flipped_bit_is_survived),
