@@ -6,7 +6,7 @@
 #include <string.h>
 #include "tool/tool_try.h"
 
-/* True for raw answers: they go to a file, and the JSON object alone to stdout afterwards. */
+/* Returns true for raw answers, which go to a file. stdout then gets the JSON object only. */
 static bool is_raw(const struct umbc_answers *answers)
 {
     return answers->options->encoding != UMBC_ENCODING_TEXT;
@@ -38,7 +38,7 @@ static float float_at(const void *values, size_t i)
     return ((const float *)values)[i];
 }
 
-/* True if JSON has a list of lights: with --light all also for an asset of one light. */
+/* Returns true if JSON has a list of lights: for several lights, or with --light all. */
 static bool is_list(const struct umbc_query_options *options, size_t light_count)
 {
     return light_count != 1 || options->all_lights;

@@ -60,7 +60,8 @@ void umbc_answers_explain(struct umbc_answers *answers, uint64_t number, float v
 UMB_CHECKED enum umb_status umbc_answers_end(struct umbc_answers *answers,
                                              const struct umbc_query_total *total,
                                              struct umb_error *error);
-/* Ends without a file; closes the brackets of JSON on stdout. Harmless after the end. */
+/* Ends the answers after an error: removes the output file and closes the brackets of JSON on
+ * stdout. Does nothing after umbc_answers_end. */
 void umbc_answers_abandon(struct umbc_answers *answers);
 
 #endif

@@ -64,7 +64,7 @@ static enum umb_status open_text(const char *path, size_t most, int *fd, size_t 
     return UMB_OK;
 }
 
-/* Reads a file of at most `most` bytes and appends a NUL. Out: text: for free(). */
+/* Reads a file of at most `most` bytes and appends a NUL. Out: text: the caller calls free(). */
 static enum umb_status read_text(const char *path, size_t most, char **text, size_t *size,
                                  struct umb_error *error)
 {
@@ -116,7 +116,7 @@ static bool normalise(char *path)
     return true;
 }
 
-/* Adds a file by its absolute path, once. Out: added: false for a file of the bundle. */
+/* Adds a file by its absolute path, unless the bundle has it. Out: added: true for a new file. */
 static enum umb_status add_path(struct gathering *g, const char *path, bool *added)
 {
     struct umbc_bundle *bundle = g->bundle;
@@ -146,7 +146,8 @@ static enum umb_status add_path(struct gathering *g, const char *path, bool *add
     return UMB_OK;
 }
 
-/* Counts a look-up, and refuses too many: a scene of a gigabyte may hold millions of names. */
+/* Counts a look-up of a name, and fails after too many: a large scene may hold millions of
+ * names. */
 static enum umb_status count_name(struct gathering *g)
 {
     g->names++;
@@ -169,8 +170,8 @@ static bool is_beneath(const struct gathering *g, const char *path)
     return beneath;
 }
 
-/* Adds a file that the scene names, if it is in the scene's folder. Out: path: path of a new file,
- * else "". */
+/* Adds a file that the scene names, if it is in the scene's folder. Out: path: path of the file if
+ * it was added, else "". */
 static enum umb_status add_named(struct gathering *g, const char *name, char path[2 * PATH_SIZE])
 {
     struct stat info;
@@ -234,8 +235,9 @@ static void decode_uri(char *text)
     *to = '\0';
 }
 
-/* Copies a JSON string that begins after its quote. Returns its end, or NULL if it has none or does
- * not fit. \u escapes beyond ASCII are not decoded: no exporter writes such file names. */
+/* Copies a JSON string, from the byte after the opening quote. Returns the end of the string, or
+ * NULL if there is none or the string does not fit. \u escapes beyond ASCII are not decoded: no
+ * exporter writes such file names. */
 static const char *take_json_string(const char *from, const char *end, char out[PATH_SIZE])
 {
     size_t used = 0;
@@ -257,7 +259,7 @@ static const char *take_json_string(const char *from, const char *end, char out[
     return from < end ? from : NULL;
 }
 
-/* Adds the file of every "uri": "..." that does not hold its data itself. */
+/* Adds the file of every "uri": "...", except for URIs that hold the data themselves. */
 static enum umb_status look_for_uris(struct gathering *g, const char *text, size_t size)
 {
     static const char key[] = "\"uri\"";
@@ -333,8 +335,8 @@ static enum umb_status each_line(struct gathering *g, const char *path, size_t m
     return status;
 }
 
-/* Finds the name after a map's options: the longest rest of the line that is a file, because a name
- * may hold blanks; else the last word. */
+/* Finds the file name after a map's options. Names may hold blanks, so the name is the longest rest
+ * of the line that is a file; if there is none, the last word. */
 static const char *behind_options(struct gathering *g, const char *line)
 {
     const char *last = line;
@@ -350,7 +352,7 @@ static const char *behind_options(struct gathering *g, const char *line)
     return last;
 }
 
-/* Adds the texture of a line; options like `-o 0 0 0` stand before the name. */
+/* Adds the texture that a line names after options such as `-o 0 0 0`. */
 static enum umb_status take_mtl_line(struct gathering *g, const char *line, size_t length)
 {
     static const char *const words[] = {"map_Kd", "map_Ka", "map_Ks", "map_d", "map_bump", "bump"};
@@ -370,7 +372,7 @@ static enum umb_status take_obj_line(struct gathering *g, const char *line, size
         return UMB_OK;
     }
     enum umb_status status = add_named(g, name, path);
-    /* A library is read only if it is sent, and once: every line of a scene may name one. */
+    /* A material library is read once, when it is added: every line of a scene may name it. */
     return status == UMB_OK && path[0] != '\0' ? each_line(g, path, LIBRARY_BYTES, take_mtl_line)
                                                : status;
 }
@@ -406,7 +408,7 @@ static enum umb_status look_through(struct gathering *g, const char *scene)
     return status;
 }
 
-/* Length in bytes of the deepest folder that holds all files, with its slash. */
+/* Returns the length in bytes, with its slash, of the deepest folder that holds all files. */
 static size_t common_folder(const struct umbc_bundle *bundle)
 {
     const char *first = bundle->files[0].source;

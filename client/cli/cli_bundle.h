@@ -4,7 +4,7 @@
 /*
  * The files that a scene needs: the scene file and the files that it names (buffers and images of
  * glTF, material libraries of OBJ and their textures). The text is searched for names, not parsed:
- * a name too many costs bytes only, because the daemon's importer decides what to read.
+ * an extra name only costs bytes, because the daemon's importer decides what to read.
  *
  * Paths of the bundle are relative to the deepest folder that holds all files. Two kinds of names
  * are left out with a notice: those without a file, and those that lead out of the scene's folder

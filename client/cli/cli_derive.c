@@ -130,7 +130,8 @@ static int read_view(struct options *o)
     o->camera.near_m = near_m;
     return looks_somewhere(&o->camera)
                ? -1
-               : umbc_usage_error("derive", "--camera: '%.80s' looks nowhere, or along the up axis",
+               : umbc_usage_error("derive",
+                                  "--camera: '%.80s' has no direction, or looks along the up axis",
                                   o->view);
 }
 

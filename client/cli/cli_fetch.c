@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbrage fetch: downloads an asset that a job of the caller made. A fetch that ends early leaves
- * its bytes beside the output as OUT.part, and the next fetch continues after them. The file gets
- * its name only after its pages are proven to belong to the id.
+ * its bytes beside the output as OUT.part, and the next fetch continues after them. OUT appears
+ * only after all pages are proven to belong to the id.
  */
 #include "cli/shared/cli_common.h"
 
@@ -66,8 +66,8 @@ struct fetch {
     struct umb_error error;
 };
 
-/* Checks the size that the server announces. The bytes are proven only at the end, so a lying
- * server must not fill the disk: the limits are --max-bytes and the room on the disk. */
+/* Checks the size that the server announces against --max-bytes and the room on the disk. The bytes
+ * are proven only at the end, so a lying server could otherwise fill the disk. */
 static enum umb_status check_size(struct fetch *fetch, uint64_t size)
 {
     struct statvfs disk;
@@ -102,7 +102,8 @@ static enum umb_status check_head(struct fetch *fetch)
     fetch->head_checked = true;
     if (umb_file_read_head(bytes, sizeof bytes, &head, NULL) != UMB_OK ||
         head.encoding != UMB_ENCODING_PACKED || memcmp(head.id, fetch->asset, UMB_ID_BYTES) != 0) {
-        return umb_fail(&fetch->error, UMB_E_CORRUPT, "'%.200s' is of another asset", fetch->part);
+        return umb_fail(&fetch->error, UMB_E_CORRUPT, "'%.200s' belongs to another asset",
+                        fetch->part);
     }
     return head.file_bytes == fetch->size
                ? UMB_OK
@@ -139,7 +140,8 @@ static enum umb_status take(void *user, uint64_t offset, const void *bytes, size
     return check_head(fetch);
 }
 
-/* Fetches the missing bytes. A lost connection is made again as long as that brings bytes. */
+/* Fetches the missing bytes. After a lost connection it goes on, as long as each new connection
+ * brings bytes. */
 static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch,
                                   struct umb_error *error)
 {
@@ -162,7 +164,7 @@ static enum umb_status fetch_rest(struct umb_client *client, struct fetch *fetch
     return status;
 }
 
-/* Opens the part of an earlier fetch, or a new one, and goes to its end. */
+/* Opens the part of an earlier fetch, or a new file, and moves to the end. */
 static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
 {
     struct stat info;
@@ -201,7 +203,8 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     return umbu_output_rename(fetch->part, output, error);
 }
 
-/* Fetches, proves and names the file. A part of another asset is thrown away once. */
+/* Fetches the file, proves it and gives it its name. If the part of an earlier fetch belongs to
+ * another asset, the fetch begins anew, once. */
 static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch,
                                   const char *output, struct umb_error *error)
 {

@@ -83,7 +83,8 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
     if (http->stop_s > 0) {
         const double left_s = http->stop_s - umbu_clock_s();
         if (left_s <= 0) {
-            return umb_fail(error, UMB_E_DEADLINE, "'%.200s': --timeout is over", http->url);
+            return umb_fail(error, UMB_E_DEADLINE, "'%.200s': no answer within --timeout",
+                            http->url);
         }
         timeout_s = left_s < (double)timeout_s ? (uint64_t)left_s + 1 : timeout_s;
     }
@@ -105,7 +106,8 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
         return umb_fail(error, UMB_E_UNSUPPORTED, "'%.200s': the server does not serve ranges",
                         http->url);
     }
-    /* The body of an error was cut off; a redirect is an error only if curl did not follow it. */
+    /* A refusal may cut off its body, so an HTTP error counts even if the write failed. A redirect
+     * is an error only if curl did not follow it. */
     const bool refused = code >= 400 && (result == CURLE_OK || result == CURLE_WRITE_ERROR);
     if (result != CURLE_OK && !refused) {
         return umb_fail(error, UMB_E_UNAVAILABLE, "'%.200s': %.200s", http->url,
@@ -118,7 +120,8 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
     return UMB_OK;
 }
 
-/* Waits until requests have ended and hands their bytes over. Out: free_fetch: true for each. */
+/* Waits until some requests have ended, and passes their bytes on. Out: free_fetch: true for each
+ * ended request. */
 static enum umb_status finish_some(struct http *http, size_t *under_way, bool *free_fetch,
                                    umb_range_fn got, void *got_user, struct umb_error *error)
 {

@@ -35,11 +35,11 @@ static const char *light_kind(enum umb_light_kind kind)
     return "unknown";
 }
 
-/* Kinds of times: nanoseconds a point for points all over the scene, and for neighbours. */
+/* Number of times in a row: nanoseconds a point for scattered and for neighbouring points. */
 #define CURVE_COSTS 2
 
-/* Prints a light's curve as an indented table; nothing without rows. ns: NULL, or for each kind an
- * array of `count` times or NULL. */
+/* Prints a light's curve as an indented table; prints nothing if it has no rows. In: ns: for each
+ * kind of times an array of `count` times or NULL; or NULL for no times. */
 static void print_curve(const struct umb_curve_row *rows, const double *const ns[CURVE_COSTS],
                         size_t count)
 {
@@ -160,7 +160,8 @@ static void print_frusta(const struct umb_asset *asset, const struct umb_light_i
     }
 }
 
-/* Prints a line about a number of bytes; nothing for 0. exactly: adds the number. */
+/* Prints a line with a number of bytes in a readable unit; nothing for 0. exactly: also prints the
+ * exact number. */
 static void print_bytes(const char *title, uint64_t bytes, const char *what, bool exactly)
 {
     char text[32];

@@ -130,7 +130,7 @@ static bool may_pass(enum umb_status status)
            status == UMB_E_BUSY || status == UMB_E_CANCELLED || status == UMB_E_PROTOCOL;
 }
 
-/* Watches a job until it is over. Out: view: status without its texts; plan: free() it. */
+/* Watches a job until it is over. Out: view: status without texts; plan: for free(). */
 static enum umb_status watch(struct umb_client *client, const char *job, bool quiet,
                              struct view *out, struct umb_error *error)
 {
@@ -153,7 +153,7 @@ static enum umb_status watch(struct umb_client *client, const char *job, bool qu
     }
     if (result == UMB_OK && !is_over(view.status.state)) {
         result =
-            umb_fail(error, UMB_E_UNAVAILABLE, "job %.40s: the daemon sends nothing any more", job);
+            umb_fail(error, UMB_E_UNAVAILABLE, "job %.40s: the daemon has stopped answering", job);
     }
     *out = view;
     return result;

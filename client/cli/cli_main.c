@@ -105,8 +105,8 @@ static int run_help(int argc, char **argv)
     return run_command(command, 2, arguments);
 }
 
-/* Prints a line for each command, followed by its options: see umbu_print_rows. The kind of a
- * command is `command`, or `program` with the words that it starts. */
+/* Prints a line for each command, followed by its options: see umbu_print_rows. The kind is
+ * `command`, or `program` with the name of the program that is started. */
 static int print_options(void)
 {
     char option[] = "--print-options";

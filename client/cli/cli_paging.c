@@ -57,13 +57,14 @@ static const struct umbu_option OPTIONS[] = {
     {"from-file", "FILE", "packed asset file (.umb)", UMBU_TEXT, AT(file), .excludes = "from-url"},
     {"from-url", "URL", "packed asset file on a web server that serves byte ranges", UMBU_TEXT,
      AT(url)},
-    {"box", "X0,Y0,Z0,X1,Y1,Z1", "two corners, in metres, of the box that the points to ask lie in",
+    {"box", "X0,Y0,Z0,X1,Y1,Z1",
+     "two corners, in metres, of the box that the queried points lie in",
      UMBU_READ(read_box, "X0,Y0,Z0,X1,Y1,Z1"), AT(base)},
     {"camera", "WHERE",
-     "camera that sees the points to ask: eye=X,Y,Z,target=X,Y,Z[,fov=DEG][,far=M]", UMBU_TEXT,
+     "camera that sees the queried points: eye=X,Y,Z,target=X,Y,Z[,fov=DEG][,far=M]", UMBU_TEXT,
      AT(camera)},
     {"path", "FILE", "file with a camera a line, fetched one after the other", UMBU_TEXT, AT(path)},
-    {"points", "FILE", "points to ask after each step, for the figures", UMBU_TEXT,
+    {"points", "FILE", "points to query after each step, for the figures", UMBU_TEXT,
      AT(points_file)},
     {"format", NULL, "format of --points: text, or raw little-endian numbers",
      UMBU_CHOICE("text|f32|f64"), AT(format), .standard = "f32"},
@@ -75,7 +76,7 @@ static const struct umbu_option OPTIONS[] = {
     {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
     {"light", "N", "number of the asset's light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(base.light),
      .standard = "0"},
-    {"taps", "N", "width in texels of the widest filter to ask for", UMBU_ODD(1, UMB_TAPS_MAX),
+    {"taps", "N", "width in texels of the widest filter of the queries", UMBU_ODD(1, UMB_TAPS_MAX),
      AT(base.taps), .standard = "9"},
     {"max-error", "M", "size in metres of cells that are fine enough; 0 = voxels",
      UMBU_NUMBER(0, HUGE_VAL), AT(base.max_error_m)},
@@ -84,7 +85,7 @@ static const struct umbu_option OPTIONS[] = {
     {"limit", "BYTES", "bytes to receive before the command stops, as 64K or 2M", BYTES, AT(limit)},
     {"timeout", "SECONDS", "seconds after which the command stops and keeps what came",
      UMBU_COUNT(1, UINT32_MAX / 1000), AT(timeout_s), .otherwise = "no limit"},
-    {"round", "BYTES", "bytes to ask for at once", BYTES, AT(round), .otherwise = "chosen"},
+    {"round", "BYTES", "bytes to request at once", BYTES, AT(round), .otherwise = "chosen"},
     {"memory", "BYTES", "memory that the client may use in bytes", BYTES,
      AT(region.max_memory_bytes), .otherwise = "1G"},
     {"id", "ID", "id that the asset must have, 64 hexadecimal digits", UMBC_ID, AT(id)},
@@ -273,7 +274,7 @@ static enum umb_status add_step(struct stream *s, struct umb_region *region, dou
                : UMB_OK;
 }
 
-/* Called after new pages were laid out. The time of the step does not count as fetching. */
+/* Called after new pages were laid out. The time of this callback does not count as fetching. */
 static enum umb_status on_progress(void *user, struct umb_region *region)
 {
     struct stream *s = user;
@@ -297,7 +298,7 @@ static enum umb_status open_region(struct stream *s, struct umb_error *error)
     return status;
 }
 
-/* Makes one update with the bytes that --limit leaves; none if it leaves nothing. */
+/* Makes one update with the bytes that --limit still allows; makes none if no byte is left. */
 static enum umb_status update(struct stream *s, struct umb_region_request *request,
                               struct umb_error *error)
 {

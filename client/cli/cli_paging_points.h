@@ -15,7 +15,7 @@ struct umbc_paging_points {
 
 /* Accuracy of a region's answers. */
 struct umbc_paging_figures {
-    /* Number of points whose shadow boundary is known exactly, within 1 m, within 10 cm. */
+    /* Number of points whose shadow boundary is known exactly, to 1 m, and to 10 cm */
     uint64_t exact, within_1m, within_10cm;
     double worst_m; /* largest error of a point in metres; 0: all exact */
 };

@@ -2,10 +2,10 @@
 /*
  * umbrage query: batches of points go through a ring of slots; answers come in order.
  *
- * A slot is read, started, waited for and written. With a daemon several slots are under way at
- * once; a file answers at the start. Memory is bounded by slots times the batch, whatever the
- * input. The client's thread writes a slot until it sets `done` under the lock. Closing the client
- * waits for that thread; slots may be freed afterwards.
+ * Each slot reads a batch, starts the query, waits for it and writes the answers. With a daemon
+ * several slots are under way at once; a file answers at once. Memory is bounded by slots times the
+ * batch, whatever the input. The client's thread writes to a slot until that thread sets `done`
+ * under the lock. Closing the client waits for the thread, so slots may be freed afterwards.
  */
 #include "cli_query_options.h"
 
@@ -183,7 +183,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     return UMB_OK;
 }
 
-/* Reads the next points and their footprints; a count of 0 is the end of both. */
+/* Reads the next points and their footprints. Out: count: 0 at the end of both inputs. */
 static enum umb_status read_slot(struct job *job, struct slot *slot, struct umb_error *error)
 {
     const char *name = job->options->footprints;
@@ -219,8 +219,8 @@ static enum umb_status run_ring(struct job *job, struct umb_error *error)
     }
 }
 
-/* Sends an empty call if there were no points: the daemon refuses a wrong asset or light, as a file
- * does, and names the id. */
+/* Sends an empty call if there were no points. The daemon then refuses a wrong asset or light, as a
+ * file does, and returns the asset's id. */
 static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
 {
     struct umb_client_query_reply reply;
@@ -273,7 +273,7 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Connects, asks for the size of a call, and turns a budget into settings. */
+/* Connects, asks for the number of points in a call, and turns a budget into settings. */
 static enum umb_status open_asset(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;

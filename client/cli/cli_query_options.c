@@ -145,7 +145,7 @@ const struct umbu_command umbc_query_command = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},
 };
 
-/* Checks --light: several lights need a file, and answers of whole bytes. */
+/* Checks --light: several lights need a file, and answers of at least a byte each. */
 static int check_lights(const struct umbc_query_options *options)
 {
     if (!options->all_lights && options->light_count == 1) {

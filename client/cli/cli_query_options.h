@@ -51,7 +51,7 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
 
 extern const struct umbu_command umbc_query_command;
 
-/* Calls umbc_complain with names of options in place of the library's fields. */
+/* Prints an error as umbc_complain does, with option names in place of field names. */
 int umbc_complain_query(const struct umb_error *error);
 
 /* Answers --segments, --columns or --boxes from a file or a daemon: for each record, in order, a

@@ -10,7 +10,7 @@
 #include "tool/clock.h"
 #include "tool/tool_try.h"
 
-/* Most bytes of a request beside its records: a name, an origin, numbers. */
+/* Most bytes of a request beside its records: the asset's name, the origin and the settings. */
 #define HEAD_BYTES 512
 
 /* Most bytes of a record in a request. */

@@ -11,8 +11,8 @@
 /*
  * Chooses the number of records in a call: --batch, or less where the server takes less.
  *
- * In:    limits: of the server. 0 in max_points and max_message_bytes: no limit is known; 0 in
- *        max_segments, max_columns and max_boxes: the server takes none.
+ * In:    limits: the server's limits. 0 in max_points or max_message_bytes means no known limit; 0
+ *        in max_segments, max_columns or max_boxes means that the server takes no such records.
  * Out:   count: at least 1; 0 after a failure.
  * Fails: E_UNSUPPORTED (the server takes no records of this kind).
  */
@@ -22,10 +22,10 @@ UMB_CHECKED enum umb_status umbc_call_size(const struct umbc_query_options *opti
 
 /*
  * Chooses the settings of a light of a file. A budget is calibrated on a sample of the points to
- * ask; if they cannot be read twice, on points all over the scene.
+ * query, or on points all over the scene if the input cannot be read twice.
  *
- * Out:   settings: the options', with level and taps chosen if the options ask for that.
- *        calibration: empty without a budget.
+ * Out:   settings: copied from the options; level and taps are chosen if the options ask for a
+ *        choice. calibration: empty without a budget.
  * Fails: as umb_calibrate, umb_dial_choose; E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_dial_settings(const struct umb_asset *asset, uint32_t light,
@@ -35,10 +35,10 @@ UMB_CHECKED enum umb_status umbc_dial_settings(const struct umb_asset *asset, ui
                                                struct umb_error *error);
 
 /*
- * Has a daemon choose level and taps for a budget, on a sample of the points to ask. All points are
- * then answered with the same settings.
+ * Lets a daemon choose level and taps for a budget, by a sample of the points to query. All points
+ * are then answered with the same settings.
  *
- * In:    batch: most points of the sample, which is one call.
+ * In:    batch: most points of the sample, which is sent in one call.
  * Out:   settings: level and taps. expected_ns: time of a point.
  * Fails: as umb_client_query; E_UNSUPPORTED (a server without budgets); E_NO_MEMORY.
  */
@@ -47,7 +47,7 @@ UMB_CHECKED enum umb_status umbc_dial_ask(struct umb_client *client,
                                           struct umb_query_settings *settings, double *expected_ns,
                                           struct umb_error *error);
 
-/* Writes bound, row of the curve and expected time of settings into the totals. */
+/* Stores the error bound, the curve's row and the expected time of the settings in the totals. */
 void umbc_dial_state(const struct umb_asset *asset, const struct umb_query_settings *settings,
                      const struct umb_calibration *calibration, struct umbc_query_total *total);
 

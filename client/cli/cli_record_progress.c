@@ -17,7 +17,8 @@ void umbc_records_batch(struct umbc_record_progress *progress, size_t count)
     progress->count = count;
 }
 
-/* Share of all records: by their number once the last was read, before by bytes of the source. */
+/* Returns the answered share of all records. It is measured by records once the last one was read,
+ * and by bytes of the source before. */
 static double share_done(const struct umbc_record_progress *progress, double answered)
 {
     const struct umbc_points *source = progress->source;
@@ -73,7 +74,8 @@ static int in_frustum(const struct umb_frustum_info *f, const double origin[3],
     return 1;
 }
 
-/* Cuts the box to the frustum's corners, so that a good part of it lies inside. */
+/* Cuts the box to the bounds of the frustum's corners, so that a good part of the box lies inside
+ * the frustum. */
 static struct umb_box cut_box(const struct umb_frustum_info *f, const double origin[3],
                               const struct umb_box *box)
 {

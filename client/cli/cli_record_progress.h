@@ -25,7 +25,8 @@ void umbc_records_begin(struct umbc_record_progress *progress, const char *unit,
                         const struct umbc_points *source);
 /* Begins a batch of `count` records, just read from the source. */
 void umbc_records_batch(struct umbc_record_progress *progress, size_t count);
-/* Shows that `answered` records of the batch are done; the present one counts by its part. */
+/* Shows that `answered` records of the batch are done. The record being answered counts by the part
+ * of it that is done. */
 void umbc_records_show(struct umbc_record_progress *progress, double answered);
 void umbc_records_end(struct umbc_record_progress *progress);
 

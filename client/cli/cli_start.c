@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Starts programs of the server side in place of this one. They are searched for only in the
- * running program's own folder, so that another file of that name in PATH is never run.
+ * Replaces this program by a program of the server side. Only the running program's own folder is
+ * searched, so that a file of the same name in PATH is never run.
  */
 #include "cli/shared/cli_common.h"
 
@@ -29,7 +29,7 @@ static bool own_folder(char folder[PATH_SIZE])
     return true;
 }
 
-/* Makes the list program, word (if not NULL), arguments, NULL; the strings are borrowed. */
+/* Makes the argument list: program, word (if not NULL), arguments, NULL. Strings are borrowed. */
 static char **make_arguments(const char *program, const char *word, char **arguments)
 {
     size_t count = 0, at = 0;

@@ -63,7 +63,8 @@ static int report_submitted(const struct umb_job_submitted *submitted, bool as_j
     return umbc_finish_stdout(0);
 }
 
-/* Submits. After a lost connection it submits once more, which finds the job if it was accepted. */
+/* Submits the job. After a lost connection it submits the job once more: if the daemon had accepted
+ * the job, the second call finds it. */
 static enum umb_status submit(struct umb_client *client,
                               const struct umb_job_submission *submission,
                               struct umb_job_submitted *submitted, struct umb_error *error)

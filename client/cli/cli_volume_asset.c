@@ -10,7 +10,7 @@
 #include "tool/tool_try.h"
 #include "umbrage/volume_queries.h"
 
-/* Records of a file between two updates of the progress line; boxes: one. */
+/* Number of records of a file between two updates of the progress line; for boxes it is 1. */
 #define SLICE ((size_t)256)
 
 static enum umb_status prepare_boxes(struct umbc_volume_asset *asset, struct umb_error *error)
@@ -83,7 +83,7 @@ static struct umb_volume_query volume_query_of(const struct umbc_volume_asset *a
                                      .light = asset->options->settings.light};
 }
 
-/* Stores the id of the version that answered. All replies must be of one version. */
+/* Stores the id of the asset that answered. Fails if an earlier reply has another id. */
 static enum umb_status take_reply(struct umbc_volume_asset *asset,
                                   const struct umb_volume_query_reply *reply,
                                   struct umb_error *error)
@@ -210,8 +210,9 @@ enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
 /* Most intervals of the segments of one call, unless one segment has more. */
 #define LONG_INTERVALS ((size_t)1 << 18)
 
-/* True if one more segment fits. Each segment gets room for the longest one; at least half of the
- * room must be used, and a daemon counts all of it as points. */
+/* Returns true if one more segment fits into the call. Each segment gets room for as many intervals
+ * as the longest has, and at least half of that room must be used. A daemon counts the whole room
+ * as points. */
 static bool has_room(const struct umbc_volume_asset *asset, size_t count, size_t most, size_t used)
 {
     const size_t room = count * most;
@@ -219,7 +220,8 @@ static bool has_room(const struct umbc_volume_asset *asset, size_t count, size_t
                           (asset->client == NULL || room <= asset->limits.max_points));
 }
 
-/* Counts the long segments from i on that fit into one call, and the intervals of the longest. */
+/* Counts the long segments from segment i on that fit into one call, and finds the most intervals
+ * of any of them. */
 static void choose(struct umbc_long_segments *longs, const struct umbc_volume_asset *asset,
                    size_t i)
 {
@@ -240,7 +242,7 @@ static void choose(struct umbc_long_segments *longs, const struct umbc_volume_as
     longs->again.interval_max = most;
 }
 
-/* Refuses answers with more intervals than the room that the server asked for before. */
+/* Refuses answers with more intervals than the server announced before. */
 static enum umb_status check(const struct umbc_long_segments *longs, struct umb_error *error)
 {
     for (size_t i = 0; i < longs->count; i++) {
@@ -254,7 +256,7 @@ static enum umb_status check(const struct umbc_long_segments *longs, struct umb_
     return UMB_OK;
 }
 
-/* Asks the long segments from i on once more, as many as fit into one call. */
+/* Asks for the long segments from segment i on once more, as many as fit into one call. */
 static enum umb_status ask(struct umbc_long_segments *longs, struct umbc_volume_asset *asset,
                            size_t i, struct umb_error *error)
 {

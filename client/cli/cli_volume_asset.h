@@ -38,7 +38,7 @@ void umbc_volume_close(struct umbc_volume_asset *asset);
  * Answers a batch.
  *
  * In:    progress: gets the number of answered records of a file; may be NULL.
- * Out:   answers: arrays of the caller; their sums are added to.
+ * Out:   answers: the caller's arrays; the batch's counts are added to the sums in answers.
  * Fails: E_ARGUMENT (bad numbers, of a file); E_CANCELLED (the daemon replaced its asset since the
  *        batch before); else as the client does.
  */
@@ -64,8 +64,7 @@ UMB_CHECKED enum umb_status umbc_volume_boxes(struct umbc_volume_asset *asset,
  * Segments of a batch with more lit intervals than it keeps. They are asked again with room for all
  * intervals, many in one call.
  *
- *     {.segments = batch, .answers = answers of the batch};  next, for each long one in order;
- *     finish.
+ *     {.segments = batch, .answers = answers of the batch}; next for each long segment; finish.
  */
 struct umbc_long_segments {
     const struct umb_segments *segments;       /* segments of the batch, borrowed */

@@ -18,7 +18,8 @@ static unsigned log2_floor(uint64_t value)
     return bits;
 }
 
-/* Number of a value's bucket: by its 8 leading bits, which gives 128 buckets a power of two. */
+/* Returns the number of a value's bucket. The value's 8 leading bits choose it, which gives 128
+ * buckets for each power of two. */
 static size_t bucket_of(uint64_t ns)
 {
     if (ns < EXACT) {

@@ -26,7 +26,7 @@ struct umbc_histogram {
 void umbc_histogram_record(struct umbc_histogram *histogram, uint64_t ns);
 void umbc_histogram_merge(struct umbc_histogram *sum, const struct umbc_histogram *part);
 
-/* The value that `share` (0..1) of the records do not exceed; 0 if there are none. */
+/* Returns the value that `share` (0..1) of the records do not exceed; 0 without records. */
 uint64_t umbc_histogram_percentile(const struct umbc_histogram *histogram, double share);
 
 /* Mean in nanoseconds; 0 if there are no records. */

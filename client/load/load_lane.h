@@ -52,7 +52,7 @@ UMB_CHECKED enum umb_status umbc_load_lane_init(struct umbc_load_lane *lane,
                                                 struct umb_error *error);
 void umbc_load_lane_finish(struct umbc_load_lane *lane); /* cancels the calls under way */
 
-/* Starts all calls that are due. Returns the time of the next one, or UINT64_MAX if the lane waits
+/* Starts all calls that are due. Returns the time of the next call, or UINT64_MAX if the lane waits
  * for a slot, is a closed loop, or is over. */
 uint64_t umbc_load_lane_start(struct umbc_load_lane *lane);
 

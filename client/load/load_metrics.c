@@ -36,7 +36,7 @@ enum umb_status umbc_server_figures_parse(const char *text, struct umbc_server_f
     memset(figures, 0, sizeof *figures);
     if (!find_value(text, "process_cpu_seconds_total", &figures->cpu_s) ||
         !find_value(text, "umbrage_queries_total", &figures->points)) {
-        return umb_fail(error, UMB_E_PROTOCOL, "no umbraged: the metrics of one are missing");
+        return umb_fail(error, UMB_E_PROTOCOL, "--admin: the reply has no metrics of umbraged");
     }
     (void)find_value(text, "process_resident_memory_bytes", &figures->rss);
     (void)find_value(text, "umbrage_shed_total", &figures->shed);

@@ -15,8 +15,8 @@
 #define BLOCK        16384U /* segments at a time, and points in a call */
 #define BLOCKS       8      /* most blocks of segments */
 
-/* Next random number of a state. Source: Steele, Lea, Flood, "Fast splittable pseudorandom number
- * generators", 2014. */
+/* Returns the next random number of a state. Source: Steele, Lea, Flood, "Fast splittable
+ * pseudorandom number generators", 2014. */
 static uint64_t next_random(uint64_t *state)
 {
     uint64_t z = *state += 0x9e3779b97f4a7c15U;
@@ -186,7 +186,7 @@ static void swap_point(float *a, float *b)
     memcpy(b, kept, sizeof kept);
 }
 
-/* Keeps the segments that cross a boundary, lit end first. Returns their number. */
+/* Keeps the segments that cross a shadow boundary, lit end first. Returns their number. */
 static size_t keep_crossing(const struct hunt *hunt)
 {
     size_t kept = 0;

@@ -216,7 +216,8 @@ void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
     umbu_json_close(&json);
 }
 
-/* Writes the data of the page: the members of --json, the percentiles as a curve, and the doubt. */
+/* Writes the data of the page: the members of --json, the percentiles as a curve, and a note if the
+ * result is doubtful. */
 static void put_data(struct umbu_json *json, const void *user)
 {
     const struct umbc_load_story *story = user;

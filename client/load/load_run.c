@@ -138,7 +138,7 @@ static void note_end(const struct run *run, struct umbc_load_result *result)
     result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
 }
 
-/* Computes the daemon's processor time in the window. The measurement stays valid without it. */
+/* Computes the daemon's processor time in the window. The run is valid without it. */
 static void look_at_costs(const struct run *run, struct umbc_load_result *result)
 {
     struct umbc_server_figures figures;
@@ -259,7 +259,7 @@ static enum umb_status start_lanes(struct run *run, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Starts no more calls, and waits for those under way until their deadline. */
+/* Starts no more calls, and waits until the calls under way end or meet their deadline. */
 static void stop_lanes(struct run *run, struct umbc_load_result *result)
 {
     uint64_t now_ns = umbu_clock_ns();

@@ -13,8 +13,8 @@
  * part of it (no coordinated omission). A call that was due and never sent counts as `unsent`, with
  * the time until the end of the run.
  *
- * Latencies are of calls that were due within the window; throughput counts the calls that ended
- * well within it. No call is sent twice.
+ * Latencies are those of calls that were due within the window; throughput counts the successful
+ * calls that ended within the window. No call is sent twice.
  *
  * Threads: each connection is an umb_client with a thread of its own; the lock of its lane guards
  * its figures and free slots. One more thread starts calls when they are due; the caller's thread

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See umbrage/region.h. An update goes in rounds. The held pages show which missing pages matter,
- * and a round requests as many of them as it may take at once. Pages are proven as they arrive and
- * laid out together. Rounds grow with the pages held, so that layout stays a small part of the
- * time.
+ * See umbrage/region.h. An update goes in rounds. The held pages show which missing pages matter. A
+ * round requests as many of these as its limit allows. Pages are proven as they arrive and laid out
+ * together. Rounds grow with the pages held, so that layout stays a small part of the time.
  */
 #include "net/openssl_sha256.h" /* before any other header of OpenSSL */
 #include "umbrage/region.h"
@@ -69,7 +68,7 @@ static enum umb_status read_front(struct umb_region *region, struct front *front
     return region->source.read(region->source.user, &range, 1, take_front, front, error);
 }
 
-/* Adds the pages in the first read's bytes. Pages beyond the budget stay missing. */
+/* Adds the pages that the first read contains. Pages beyond the memory budget stay missing. */
 static enum umb_status add_front_pages(struct umb_region *region, const struct front *front,
                                        struct umb_error *error)
 {
@@ -214,8 +213,7 @@ struct round {
     struct umb_error *error;
 };
 
-/* Adds ranges for items in ascending order; items that are neighbours in the file share one
- * range. */
+/* Adds byte ranges for items in ascending order. Neighbours in the file share a range. */
 static void join_items(struct round *round, enum item_kind kind, const uint32_t *items,
                        size_t count)
 {
@@ -289,8 +287,9 @@ static int by_number(const void *a, const void *b)
 }
 
 /*
- * Lists the blocks of a round: all missing ones if they are a small part of it, so that no later
- * round waits for a block; else those that pages need now.
+ * Lists the blocks of a round. If the missing blocks are a small part of the round, all are listed,
+ * so that no later round waits for a block. Otherwise only those are listed whose pages are needed
+ * now.
  */
 static size_t list_blocks(struct umb_region *region, uint64_t bytes)
 {
@@ -304,7 +303,7 @@ static size_t list_blocks(struct umb_region *region, uint64_t bytes)
                                                                  : ROUND_ITEMS_MAX / 2);
 }
 
-/* Lists the items that matter most. Out: round: empty if no page is missing. */
+/* Lists the items that matter most. Out: round: empty if nothing is missing. */
 static enum umb_status run_round(struct umb_region *region, uint64_t bytes, struct round *round)
 {
     const size_t blocks = umb_partial_missing_blocks(region->partial, 0, region->items, 1) > 0 ||
@@ -319,8 +318,8 @@ static enum umb_status run_round(struct umb_region *region, uint64_t bytes, stru
     if (blocks + count == 0) {
         return UMB_OK;
     }
-    /* A round needs all its pages before the layout, so their order is free: neighbours go in one
-     * range. */
+    /* A round needs all its pages before the layout, so any order is right. In the order of the
+     * file, neighbours share a range. */
     qsort(pages, count, sizeof *pages, by_number);
     join_items(round, ITEM_BLOCK, region->items, blocks);
     round->block_ranges = round->ranges;
@@ -340,7 +339,7 @@ static enum umb_status want_views(struct umb_region *region,
     return UMB_OK;
 }
 
-/* Returns the bytes that the next round may take; 0: the limit is reached. */
+/* Returns the bytes that the next round may take; 0 if the limit is reached. */
 static uint64_t round_bytes(const struct umb_region *region,
                             const struct umb_region_request *request, uint64_t start)
 {

@@ -23,7 +23,8 @@ enum {
 struct daemon_source {
     struct umb_client *client;
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    bool has_id; /* True once the asset has answered, with its id: a round reads one version */
+    bool has_id; /* True once `id` is known from the asset's first answer. All reads of a round are
+                    of one version */
     uint8_t id[UMB_ID_BYTES];
     pthread_mutex_t lock;
     pthread_cond_t changed;
@@ -200,7 +201,7 @@ static enum umb_status hand_over(const struct gathering *g, const struct umb_ran
     return status;
 }
 
-/* True if all calls that the bytes belong to have received all their bytes. */
+/* Returns true if all calls that contribute to these bytes have received all their bytes. */
 static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
                  size_t call_count)
 {
@@ -213,8 +214,7 @@ static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *
     return true;
 }
 
-/* After a failure: hands over the complete ranges, so that the region does not request them
- * again. */
+/* Hands over the complete ranges after a failure: the region need not request them again. */
 static void hand_over_rest(const struct gathering *g, const struct umb_range *ranges, size_t count,
                            const struct gather_call *calls, size_t call_count, umb_range_fn got,
                            void *got_user)
@@ -238,7 +238,7 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
         total += ranges[i].length;
     }
     if (pthread_equal(pthread_self(), g.source->client->thread)) {
-        return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a call-back");
+        return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a callback");
     }
     const size_t calls = cut(ranges, count, &g, NULL);
     struct gather_call *list = calloc(calls ? calls : 1, sizeof *list);

@@ -59,7 +59,7 @@ enum umb_status umb_region_file_open(const char *path, struct umb_region_source 
     if (!file) {
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
-    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
+    /* O_NONBLOCK makes the open of a pipe without a writer fail instead of waiting. */
     *file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*file < 0) {
         const int reason = errno;

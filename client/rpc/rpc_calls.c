@@ -22,7 +22,8 @@ enum umb_status umb__asset_take(const char *asset, char out[UMBW_ASSET_NAME_MAX 
     return UMB_OK;
 }
 
-/* Source: the finalizer of "Fast splittable pseudorandom number generators", 2014. */
+/* Mixes the bits of a number. Source: the finalizer of "Fast splittable pseudorandom number
+ * generators", 2014. */
 uint64_t umb__mix(uint64_t z)
 {
     z += 0x9e3779b97f4a7c15U;
@@ -107,7 +108,7 @@ static enum umb_status enqueue(struct umb_client *client, struct umb__call *call
             *number = call->number; /* before `done` can run */
         }
         umb__call_move(call, &client->inbox);
-        /* Under the lock, so that a closing client has not closed the handle yet. */
+        /* The lock is still held, so a closing client cannot have closed the handle yet. */
         (void)uv_async_send(&client->wake);
     }
     pthread_mutex_unlock(&client->lock);
@@ -232,7 +233,7 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error)
 {
-    /* done may start new calls, but those go to the inbox, so this list only shrinks. */
+    /* `done` may start new calls, but new calls go to the inbox, so this list only shrinks. */
     while (list->first != NULL) {
         umb__call_complete(client, list->first, error->status, error);
     }

@@ -2,8 +2,8 @@
 /*
  * The client object: its thread, its loop, deadlines, the pause between connection attempts.
  *
- * All signals are blocked in the loop thread, so the host's handlers never run there. A write to a
- * closed socket leaves a SIGPIPE pending in a thread that never takes it.
+ * All signals are blocked in the loop thread, so the host's handlers never run there. The SIGPIPE
+ * of a write to a closed socket stays pending in that thread and is never delivered.
  */
 #include "base/reserved.h"
 #include "rpc_connection.h"
@@ -135,7 +135,7 @@ static void stop_everything(struct umb_client *client)
         umb__calls_fail(client, &client->endpoints[i].waiting, &error);
     }
     while (client->connections != NULL) {
-        /* The loss completes the sent calls; none is queued again once stopped is set. */
+        /* The loss completes the connection's calls. None is queued again once `stopped` is set. */
         umb__connection_lose(client->connections, &error);
     }
     uv_close((uv_handle_t *)&client->deadline_timer, NULL);
@@ -171,7 +171,7 @@ static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
     }
 }
 
-/* Routes new calls to the lists where they wait. Returns their earliest deadline. */
+/* Moves new calls to the lists in which they wait. Returns the earliest deadline of these calls. */
 static uint64_t route(struct umb_client *client, struct umb__call_list *calls)
 {
     uint64_t deadline_ns = UINT64_MAX;
@@ -275,7 +275,7 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     }
 }
 
-/* A system call that failed for lack of a resource may work later; any other failure is our bug. */
+/* A call that lacked a resource may succeed later. Any other failure is our bug. */
 static enum umb_status lacks(int code)
 {
     return code == ENOMEM                                       ? UMB_E_NO_MEMORY

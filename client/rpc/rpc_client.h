@@ -11,10 +11,10 @@
  *     inbox -> waiting for a replica -> active on a connection -> done
  *                 ^---- resting <------------'  see rpc_endpoint.h
  *
- * A connection that ends before it took any call counts as a try too, with a pause before the next,
- * so that a server that accepts and hangs up is not tried without end.
+ * A connection that ends before it took a call also counts as a try, with a pause before the next
+ * one. So a server that accepts connections and hangs up is not tried without end.
  *
- * A connection that got GOAWAY finishes its calls beside the next one.
+ * After GOAWAY a connection finishes its calls, while the next connection takes new ones.
  *
  * Threads: `lock` guards inbox, last_number, pending, cancels and closing. Once umb_client_open has
  * returned, only the loop thread uses the rest. No lock is held while a caller's function runs.
@@ -50,12 +50,11 @@ struct umb__call_list {
     struct umb__call *first, *last;
 };
 
-/* Appends the next request message to an empty body; leaves it empty at the end of the requests. A
- * failure resets the call. Loop thread. */
+/* Appends the next request message to an empty body. The body stays empty at the end of the
+ * requests. A failure resets the call. Runs on the loop thread. */
 typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 
-/* Source of request bytes of a call that has no body of its own; see rpc_stream.h. `user` is the
- * call's. */
+/* Source of request bytes of a call without a body, see rpc_stream.h. user: the call's. */
 struct umb__source {
     size_t (*read)(void *user, uint8_t *buffer, size_t length); /* 0: none for now */
     void (*rewind)(void *user); /* the unanswered requests are sent again */
@@ -71,8 +70,8 @@ struct umb__call_plan {
     uint32_t timeout_ms; /* 0 = the client's */
     struct umb_client_stream
         *stream; /* Stream that carries it; NULL: an HTTP/2 stream of its own */
-    /* For calls with many requests or replies, else NULL. A call that has sent from `feed` is not
-     * sent again. */
+    /* Functions of calls with many requests or replies, else NULL. A call for which `feed` has sent
+     * a message is not sent again. */
     umb__feed_fn feed;                                             /* after the first request */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
@@ -115,9 +114,9 @@ struct umb__call {
     char asset[]; /* "" if it is about none */
 };
 
-/* Moves the deadline of a call that flows, after a message of `bytes` was sent or received. The new
- * deadline is stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Other calls keep
- * their deadline. */
+/* Moves the deadline of a call with `flows` set, after a message of `bytes` was sent or received.
+ * The new deadline is stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Other
+ * calls keep their deadline. */
 void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes);
 
 /* A replica: its address, and the one connection to it that takes new calls. */
@@ -178,7 +177,7 @@ UMB_CHECKED enum umb_status umb__asset_take(const char *asset, char out[UMBW_ASS
  * Starts a call whose request is encoded.
  *
  * In:    body: taken over, also on failure.
- * Fails: E_BUSY, E_CANCELLED (closing), E_NO_MEMORY; done does not run then.
+ * Fails: E_BUSY, E_CANCELLED (closing), E_NO_MEMORY; `done` is then not called.
  * Threads: any.
  */
 UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client,
@@ -189,7 +188,7 @@ UMB_CHECKED enum umb_status umb__call_start(struct umb_client *client,
 /* Returns a number that depends on all bits of z. */
 uint64_t umb__mix(uint64_t z);
 
-/* Returns the hash of an asset's name: any number, the same for the same text. */
+/* Returns the hash of an asset's name, which is the same for the same text. */
 uint64_t umb__asset_key(const char *asset);
 
 /* Moves a call to the end of a list. */
@@ -203,8 +202,8 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
                       size_t size);
 
-/* Ends a call because its deadline has passed, or it was cancelled. was_sent: the server has
- * received it. */
+/* Ends a call whose deadline has passed, or which was cancelled. In: was_sent: the server has
+ * received the request. */
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
 /* Completes all calls of a list with one error. */
@@ -214,22 +213,23 @@ void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
 /* --- cancelling (rpc_cancel.c) --- */
 
 /* Number of a call, passed from umb_client_cancel to the loop thread. Numbers are never reused, so
- * that of an ended call is not found. */
+ * the number of an ended call matches no call. */
 struct umb__cancel {
     struct umb__cancel *next;
     uint64_t number;
 };
 
-/* Marks the calls of the numbers as cancelled, and frees the list. True if there are any: they end
- * at the next check of deadlines, as calls whose deadline has passed do, with another status. Loop
- * thread, no lock held. */
+/* Marks the calls with these numbers as cancelled, and frees the list. Returns true if there are
+ * any. The calls end at the next check of deadlines, as calls whose deadline has passed do, but
+ * with another status. Runs on the loop thread, with no lock held. */
 bool umb__cancels_apply(struct umb_client *client, struct umb__cancel *cancels);
 
 /* --- credentials (rpc_identity.c) --- */
 
 /*
- * Reads the files that the options name into tls_context, bearer and server_name of a client whose
- * endpoints are known. Its options then have NULL for all borrowed strings.
+ * Reads the files that the options name, into tls_context, bearer and server_name of the client.
+ * The client's endpoints must be known. Afterwards all borrowed strings in the client's options are
+ * NULL.
  *
  * Fails: E_ARGUMENT (token, or a file that cannot be used, or files without a tls: address),
  *        E_NO_INPUT, E_PERMISSION or E_IO (a file that cannot be read), E_NO_MEMORY.
@@ -254,8 +254,8 @@ UMB_CHECKED enum umb_status umb__call_wait(struct umb_client *client,
                                            struct umbw_buffer *body, umb__decode_fn decode,
                                            void *out, struct umb_error *error);
 
-/* Called at the end of a call, successful or not: returns its final status, and frees what the
- * context holds. */
+/* Called at the end of a call, successful or not. Returns the call's final status, and frees the
+ * content of the context. */
 typedef enum umb_status (*umb__finish_fn)(void *context, enum umb_status status,
                                           struct umb_error *error);
 
@@ -270,8 +270,8 @@ struct umb__ending {
 /*
  * Runs a call: waits for its end, or leaves it to `async`.
  *
- * In:    plan: its flow_user becomes the context. status: of the request's encoding; if it failed,
- *        the call ends with it. body: taken over, also on failure. async: NULL: waits.
+ * In:    plan: flow_user becomes the context. status: result of encoding the request; a failure
+ *        ends the call with that status. body: taken over, also on failure. async: NULL to wait.
  * Fails: as umb__call_start and, if it waited, as the call did.
  */
 UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client, struct umb__call_plan plan,

@@ -135,7 +135,7 @@ static void lose_session(struct umb__connection *connection, const char *what)
     umb__connection_lose(connection, &error);
 }
 
-/* Gathers HTTP/2 frames up to SEND_BYTES; false if the session is broken. */
+/* Gathers up to SEND_BYTES bytes of HTTP/2 frames. Returns false if the session is broken. */
 static bool collect_frames(struct umb__connection *connection)
 {
     while (connection->out.size < UMB__SEND_BYTES) {
@@ -156,7 +156,7 @@ static bool collect_frames(struct umb__connection *connection)
     return true;
 }
 
-/* Returns the buffer to write next: HTTP/2 frames, or with TLS the records that hold them. */
+/* Returns the buffer to write next: HTTP/2 frames or, with TLS, the records that contain them. */
 static struct umbw_buffer *output_of(struct umb__connection *connection)
 {
     return connection->tls != NULL ? &connection->sealed : &connection->out;
@@ -213,7 +213,7 @@ static void on_written(uv_write_t *request, int code)
     umb__connection_flush(connection);
 }
 
-/* Writes at once as much as the socket takes, and leaves the rest to libuv. */
+/* Writes as much as the socket takes at once, and leaves the rest to libuv. */
 static int write_output(struct umb__connection *connection)
 {
     struct umbw_buffer *out = output_of(connection);
@@ -236,7 +236,8 @@ static int write_output(struct umb__connection *connection)
     return code;
 }
 
-/* True if no more bytes will come or go: a broken session, or the last call of a draining one. */
+/* Returns true if no more bytes will come or go: the session is broken, or the connection is
+ * draining and its last call has ended. */
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
@@ -287,7 +288,7 @@ static void start_draining(struct umb__connection *connection)
     umb__session_give_back(connection);
 }
 
-/* Feeds HTTP/2 bytes from the peer to the session; false if that lost the connection. */
+/* Gives HTTP/2 bytes from the peer to the session. Returns false if that lost the connection. */
 static int take_plain(void *user, const uint8_t *bytes, size_t count)
 {
     struct umb__connection *connection = user;
@@ -308,7 +309,7 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return 0;
 }
 
-/* Ends TLS; sends the peer the reason, as far as the socket takes it at once. */
+/* Ends TLS after a failure; sends the peer the reason, if the socket takes it at once. */
 static void lose_tls(struct umb__connection *connection, const struct umb_error *detail)
 {
     struct umb_error error;
@@ -394,8 +395,8 @@ static void on_timeout(uv_timer_t *timer)
     umb__connection_lose(connection, &error);
 }
 
-/* Sets the timer of a ready connection, which sends a PING if the peer owes answers and is
- * silent. */
+/* Sets the timer of a ready connection. When the timer ends, a peer that owes answers and was
+ * silent gets a PING. */
 static void keep_alive(struct umb__connection *connection)
 {
     connection->heard = false;
@@ -416,7 +417,7 @@ void umb__connection_probe(struct umb__connection *connection)
     (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
 }
 
-/* Makes the TLS session of a tls: address; the hello goes out with the next flush. */
+/* Makes the TLS session of a tls: address. The next flush sends the hello message. */
 static enum umb_status start_tls(struct umb__connection *connection, struct umb_error *error)
 {
     const struct umb_client *client = connection->client;

@@ -6,8 +6,8 @@
  *
  * Life: resolving -> connecting [-> TLS handshake] -> settings awaited -> ready [-> draining] ->
  * lost -> freed. A call that ends at its deadline may have met a dead peer (a cut cable, a NAT that
- * dropped its entry). The connection then sends a PING, and is lost without a reply within
- * connect_timeout_ms. Otherwise every further call would wait for its deadline too.
+ * dropped its entry). The connection then sends a PING, and is lost if no reply comes within
+ * connect_timeout_ms. Without the PING every further call would also wait for its deadline.
  *
  * Lost is final: its calls are queued again or fail at once, and its memory is freed when libuv has
  * returned every handle and request. nghttp2_session_del does not close streams, so calls are
@@ -23,9 +23,9 @@ struct umb__connection_events {
     /* A call ended. begun: the server may have acted on it. */
     void (*ended)(struct umb_client *client, struct umb__call *call, enum umb_status status,
                   const struct umb_error *error, bool begun);
-    /* The connection is lost with calls under way, each of which `ended` reports next. */
+    /* Reports a connection lost with calls under way. `ended` then reports each of these calls. */
     void (*broken)(struct umb_client *client);
-    /* The connection is lost without having taken a call. reached: it was ready. */
+    /* Reports a connection lost before it took a call. reached: the connection was ready. */
     void (*lost)(struct umb__endpoint *endpoint, const struct umb_error *reason, bool reached);
     /* The peer's bytes were read. */
     void (*read)(struct umb_client *client);
@@ -77,7 +77,7 @@ struct umb__connection {
 void umb__connection_open(struct umb__endpoint *endpoint,
                           const struct umb__connection_events *events);
 
-/* Closes a connection with a reason. Never from inside an nghttp2 callback. */
+/* Closes a connection with a reason. Must not be called inside an nghttp2 callback. */
 void umb__connection_lose(struct umb__connection *connection, const struct umb_error *reason);
 
 /* Sends a PING on a ready connection, with the next flush. */
@@ -94,7 +94,7 @@ UMB_CHECKED enum umb_status umb__session_create(struct umb__connection *connecti
 
 /*
  * Submits a waiting call on a ready connection; the call is then in connection->active, or
- * completed. Returns false if the connection takes no more streams; the call still waits.
+ * completed. Returns false if the connection takes no more streams; the call then still waits.
  */
 bool umb__session_submit(struct umb__connection *connection, struct umb__call *call);
 

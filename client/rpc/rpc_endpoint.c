@@ -73,8 +73,7 @@ static uint64_t bit_of(const struct umb__endpoint *endpoint)
     return (uint64_t)1 << (endpoint - endpoint->client->endpoints);
 }
 
-/* Returns the best untried replica, if possible one that is not known to be down. NULL if all were
- * tried. */
+/* Returns the best untried replica, if possible one not known to be down; NULL: none. */
 static struct umb__endpoint *choose(struct umb_client *client, const struct umb__call *call)
 {
     struct umb__endpoint *best = NULL;
@@ -161,7 +160,7 @@ static void wake_by(struct umb_client *client, uint64_t at_ns)
 
 static const struct umb__connection_events EVENTS;
 
-/* Submits every waiting call; false if the connection became full and another is needed. */
+/* Submits every waiting call. Returns false if the connection is full and another one is needed. */
 static bool submit_waiting(struct umb__endpoint *endpoint, struct umb__connection *connection)
 {
     while (endpoint->waiting.first != NULL) {
@@ -309,7 +308,7 @@ static void conclude(struct umb_client *client, struct umb__call *call, enum umb
     umb__call_complete(client, call, status, error);
 }
 
-/* Returns whether a call without a reachable replica may wait until one is back. */
+/* Returns whether a call may wait for a replica to come back, when no replica can be reached. */
 static bool may_wait(const struct umb_client *client, const struct umb__call *call)
 {
     uint64_t until_ns = call->started_ns + (uint64_t)client->options.connect_timeout_ms * 1000000U;
@@ -324,9 +323,9 @@ static bool may_wait(const struct umb_client *client, const struct umb__call *ca
     return false;
 }
 
-/* Handles the calls that wait for a replica whose connection is lost. A replica that was not
- * reached: each call goes to another one, waits, or ends. A connection that ended before it took a
- * call: it counts as a try of each. */
+/* Handles the calls that wait for a replica whose connection is lost. If the replica was not
+ * reached, each call goes to another replica, waits, or ends. If the connection ended before it
+ * took a call, that counts as a try of each call. */
 static void on_lost(struct umb__endpoint *endpoint, const struct umb_error *reason, bool reached)
 {
     struct umb_client *client = endpoint->client;

@@ -38,7 +38,7 @@ void umb__client_dispatch(struct umb_client *client);
 /* An answer came. */
 void umb__client_earn(struct umb_client *client);
 
-/* True if requests over a stream may be sent again after a failure; counts the try. */
+/* Returns true if a call over a stream may be sent again after a failure, and counts the try. */
 bool umb__call_may_repeat(struct umb_client *client, struct umb__call *call);
 
 #endif

@@ -17,7 +17,7 @@ struct query_call {
     uint8_t *base;      /* [value_bytes] owned; NULL: none */
 };
 
-/* Returns the number of points of a request, or of its picture's pixels. */
+/* Returns the number of points of a request, or of pixels of its picture. */
 static size_t point_count(const struct umb_client_query_request *request)
 {
     return request->picture ? (size_t)request->picture->width * request->picture->height
@@ -73,8 +73,7 @@ static enum umb_status encode(const struct umb_client_query_request *request,
 struct answer_place {
     size_t value_bytes;  /* that they must have */
     const uint8_t *base; /* [value_bytes], base that they may be packed against; NULL: none */
-    void *values;        /* [value_bytes] for packed answers; NULL: the request did not ask for
-                            them */
+    void *values;        /* [value_bytes] for packed answers; NULL: the request asked for none */
 };
 
 /* Unpacks answers into their destination. */
@@ -245,7 +244,7 @@ enum umb_status umb_client_query(struct umb_client *client,
         memset(reply, 0, sizeof *reply);
     }
     if (values != NULL && values == request->base) {
-        return umb_fail(error, UMB_E_ARGUMENT, "base: is where the answers go");
+        return umb_fail(error, UMB_E_ARGUMENT, "base: overlaps the memory of the answers");
     }
     UMB__TRY(encode(request, &body, error));
     struct query_target target = {

@@ -96,7 +96,7 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     return UMB_OK;
 }
 
-/* Stores the one message: takes over the reader's block if there is one, else copies. */
+/* Stores a reply's only message: takes over the reader's block if it is one, else copies. */
 static enum umb_status keep_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umb__reply *reply = user;
@@ -148,7 +148,8 @@ enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes, 
     return umb_fail(error, status, "reply: %.300s", detail.message);
 }
 
-/* Source: grpc, doc/http-grpc-status-mapping.md, with 400 and the rest as broken protocol. */
+/* Returns the status for an HTTP status without gRPC. Source: grpc,
+ * doc/http-grpc-status-mapping.md; here 400 and all others count as a broken protocol. */
 static enum umb_status status_of_http(unsigned http_status)
 {
     switch (http_status) {

@@ -38,8 +38,8 @@ struct umb__reply {
     size_t message_size;
     unsigned message_count;
     uint64_t taken_bytes; /* Bytes of the messages that were handed to take */
-    /* For a call with many replies: gets each message, borrowed; returns false if it cannot take
-     * it. NULL: one message is stored. */
+    /* Called with each message of a call with many replies; the message is borrowed. Returns false
+     * if it cannot take the message. NULL: one message is stored. */
     bool (*take)(void *user, const uint8_t *message, size_t size);
     void *take_user;
 };
@@ -55,13 +55,12 @@ UMB_CHECKED enum umb_status umb__reply_header(struct umb__reply *reply, const ui
                                               size_t name_size, const uint8_t *value,
                                               size_t value_size, struct umb_error *error);
 
-/* Takes DATA bytes; those of a reply that is not gRPC are dropped. Fails: E_TOO_LARGE, E_NO_MEMORY,
+/* Takes DATA bytes, and drops those of a reply that is not gRPC. Fails: E_TOO_LARGE, E_NO_MEMORY,
  * E_PROTOCOL. */
 UMB_CHECKED enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes,
                                             size_t count, struct umb_error *error);
 
-/* Returns the status of an ended stream: UMB_OK if message and message_size are the answer, else
- * the failure. */
+/* Returns the final status of an ended stream. UMB_OK: message and message_size are the answer. */
 UMB_CHECKED enum umb_status umb__reply_verdict(const struct umb__reply *reply,
                                                struct umb_error *error);
 

@@ -4,8 +4,9 @@
  *
  * A stream's user data is its call, or NULL once the call has ended on this side. Callbacks only
  * submit, never send, receive or delete (nghttp2 is not re-entrant). A call ends with its stream's
- * END_STREAM, not when the stream closes. A server may answer before it has read the request, and a
- * proxy may turn the reset that follows into CANCEL; the trailers before it count.
+ * END_STREAM, not when the stream closes. A server may answer before it has read the whole request,
+ * and then resets the stream. A proxy may turn that reset into CANCEL, so the trailers before it
+ * count.
  *
  * Windows are 64 MiB and HTTP/2 frames up to 1 MiB, by measurements of gRPC on nghttp2.
  */
@@ -28,7 +29,8 @@ static struct umb__call *stream_call(nghttp2_session *session, int32_t stream_id
 /*
  * Completes a call from inside a callback, and resets its stream if either side is still open.
  *
- * In: remote_done: END_STREAM came; nghttp2 marks the stream only after the callback.
+ * In: remote_done: true if END_STREAM came, which nghttp2 records in the stream only after the
+ * callback.
  */
 static void end_call(struct umb__connection *connection, struct umb__call *call, bool remote_done,
                      enum umb_status status, const struct umb_error *error)
@@ -128,8 +130,8 @@ static int on_stream_close(nghttp2_session *session, int32_t stream_id, uint32_t
     if (call == NULL) {
         return 0;
     }
-    /* The server did no work if the stream was refused, beyond the last stream of a GOAWAY, or
-     * never sent. */
+    /* The server did no work for a stream that was refused, that came after the last stream of a
+     * GOAWAY, or that was never sent. */
     bool unprocessed = code == NGHTTP2_REFUSED_STREAM || !call->headers_sent;
     struct umb_error error;
     enum umb_status status =
@@ -164,8 +166,8 @@ static int on_error(nghttp2_session *session, int code, const char *message, siz
     return 0;
 }
 
-/* Length of DATA frames: as large as the peer and the windows allow. The default of 16 KiB costs a
- * fifth more a request (measured). */
+/* Returns the length of the next DATA frame: as large as the peer and the windows allow. The
+ * default of 16 KiB makes a request a fifth more expensive (measured). */
 static ssize_t frame_length(nghttp2_session *session, uint8_t frame_type, int32_t stream_id,
                             int32_t session_window, int32_t stream_window, uint32_t peer_max_frame,
                             void *user)
@@ -260,7 +262,7 @@ static nghttp2_nv header(const char *name, const char *value)
     return pair;
 }
 
-/* Names of assets may be any UTF-8; names that a header cannot hold are left out. */
+/* An asset's name may be any UTF-8. A name that a header cannot hold is left out. */
 static bool is_header_value(const char *text)
 {
     for (const char *at = text; *at != '\0'; at++) {
@@ -271,7 +273,7 @@ static bool is_header_value(const char *text)
     return text[0] != '\0';
 }
 
-/* Never put into HPACK's table, against which a proxy could be made to compare guesses. */
+/* Tokens never enter HPACK's table: a proxy could be made to compare guesses with it. */
 static nghttp2_nv secret_header(const char *name, const char *value)
 {
     nghttp2_nv pair = header(name, value);

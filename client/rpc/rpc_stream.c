@@ -85,7 +85,7 @@ static void fail_all(struct umb_client_stream *stream, const struct umb_error *r
     umb__calls_fail(stream->client, &stream->queue, reason);
 }
 
-/* Fails the oldest sent request with the server's status: that one request ended the stream. */
+/* Fails the oldest sent request with the server's status: that request ended the stream. */
 static void refuse_oldest(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *oldest = stream->sent.first;
@@ -99,7 +99,8 @@ static void refuse_oldest(struct umb_client_stream *stream, const struct umb_err
     push(stream);
 }
 
-/* Handles the end of the stream: the unanswered requests are safe to send again, within limits. */
+/* Handles the end of the stream. Unanswered requests are safe to repeat, and are sent again within
+ * the limits of retries. */
 static void go_on(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb_client *client = stream->client;

@@ -8,9 +8,9 @@
  *     queue (the first one may be sent in part) -> sent -> done, in order
  *       ^---------------------------------------'  the carrier ended before the answer
  *
- * The carrier exists while a request is to be sent or answered, and after that until the server
- * ends it. A server ends a stream with the status of the one request that it could not answer. That
- * request fails; those behind it were not begun and go on over another carrier.
+ * The carrier exists while requests are unsent or unanswered, and then until the server ends it. A
+ * server ends a stream with the status of the one request that it could not answer. That request
+ * fails. The server has not begun the requests after it, which go on over another carrier.
  * Threads: loop thread only, except umb_client_stream_open and _close (umbrage/client.h).
  */
 #include "rpc_client.h"
@@ -27,7 +27,8 @@ struct umb_client_stream {
 /* Takes a started request. */
 void umb__stream_take(struct umb_client_stream *stream, struct umb__call *call);
 
-/* Ends the expired requests, and the carrier if one of them was sent; true if so. */
+/* Ends the requests whose deadline has passed, and the carrier if one of these was sent. Returns
+ * true if the carrier was ended. */
 bool umb__stream_expire(struct umb_client_stream *stream, uint64_t now_ns);
 
 /* Ends all requests and frees the stream, which is no longer in any list. */

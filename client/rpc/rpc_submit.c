@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes.Submit: hashes the files, then reads them again while they are sent, a message at a time,
- * as flow control asks for them. A read blocks the client's thread for one piece at a time.
+ * Bakes.Submit: hashes the files, then reads them again while they are sent. Flow control asks for
+ * one message at a time, and the client's thread blocks while the next piece of a file is read.
  */
 #include "net/openssl_sha256.h"
 #include <errno.h>
@@ -44,7 +44,7 @@ static enum umb_status read_piece(int fd, const char *path, uint8_t *piece, size
 static enum umb_status open_file(const char *path, int *fd, uint64_t *size, struct umb_error *error)
 {
     struct stat info;
-    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
+    /* O_NONBLOCK makes the open of a pipe without a writer fail instead of waiting. */
     *fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (*fd < 0) {
         return umb_fail_errno(error, UMB_E_NO_INPUT, errno, "cannot open '%.200s'", path);

@@ -51,7 +51,7 @@ enum umb_status umb__tls_context_create(const struct umb_client_options *options
     return status;
 }
 
-/* Sets the name of the certificate: an address, or a host name (which the server is told, too). */
+/* Sets the certificate's required name: an address, or a host name, which is also sent. */
 static bool expect_name(SSL *session, const char *name)
 {
     unsigned char number[sizeof(struct in6_addr)];
@@ -101,8 +101,8 @@ static enum umb_status explain(const struct umbn_tls *tls, struct umb_error *err
     if (is_alert) {
         return umb_fail(error, UMB_E_UNAUTHENTICATED, "the server ends TLS: %s", reason);
     }
-    /* A failure before the end of the handshake means a server without TLS, such as a port of plain
-     * gRPC: the service is not available at this address. */
+    /* A failure before the end of the handshake means that the server has no TLS, such as a port of
+     * plain gRPC. The service is not available at this address. */
     return ready ? umb_fail(error, UMB_E_PROTOCOL, "TLS is broken: %s", reason)
                  : umb_fail(error, UMB_E_UNAVAILABLE, "no TLS is spoken there: %s", reason);
 }

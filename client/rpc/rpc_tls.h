@@ -3,7 +3,7 @@
 #define UMBRAGE_RPC_RPC_TLS_H
 /*
  * The client's side of TLS (net/tls_session.h): the server must choose HTTP/2 (ALPN), and its
- * certificate is always verified: chain, dates and name. There is no switch that turns that off.
+ * certificate is always verified: chain, dates and name. No option turns these checks off.
  *
  * Threads: a context is read only once made; a session has one owner.
  */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of calls: waits with a condition variable, or calls a callback. */
+/* The ends of calls: a blocking caller waits on a condition variable, others get a callback. */
 #include "rpc_client.h"
 #include "base/reserved.h"
 
@@ -47,8 +47,8 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
     } else if (waiter->error != NULL) {
         *waiter->error = *error;
     }
-    /* The signal comes before the unlock: the waiter's memory is gone as soon as it sees
-     * `finished`, which it can see only once the lock is free. */
+    /* The signal comes before the unlock. Once the lock is free the waiter may see `finished` and
+     * free this memory. */
     pthread_mutex_lock(&waiter->lock);
     waiter->status = status;
     waiter->finished = true;
@@ -64,7 +64,7 @@ enum umb_status umb__call_wait(struct umb_client *client, const struct umb__call
     enum umb_status status;
     if (pthread_equal(pthread_self(), client->thread)) {
         umbw_buffer_finish(body);
-        return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a call-back");
+        return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a callback");
     }
     int code = pthread_mutex_init(&waiter.lock, NULL);
     if (code != 0) {
@@ -127,7 +127,7 @@ static void on_end(void *user, enum umb_status status, const uint8_t *message, s
     free(running);
 }
 
-/* Starts a call whose end is told to `async`. Out: context: its copy, or NULL. */
+/* Starts a call whose end is reported to `async`. Out: context: the call's copy, or NULL. */
 static enum umb_status start(struct umb_client *client, struct umb__call_plan *plan,
                              struct umbw_buffer *body, const struct umb__ending *ending,
                              struct umb_client_async *async, struct umb_error *error)

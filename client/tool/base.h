@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TOOL_BASE_H
 #define UMBRAGE_TOOL_BASE_H
 /*
- * The parts of the core's base that programs use too: numbers in files, text fit to be shown, and
- * the status of a failed open. Nothing here knows of assets; for those programs use umbrage/.
+ * The parts of the core's base that programs use too: numbers in files, text for display, and the
+ * status of a failed open. For assets, programs use the headers in umbrage/.
  */
 #include "base/bytes.h"
 #include "base/open_status.h"

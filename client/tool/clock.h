@@ -55,7 +55,7 @@ static inline double umbu_process_cpu_s(void)
     return 1e-9 * (double)umbu__read_ns(CLOCK_PROCESS_CPUTIME_ID);
 }
 
-/* Moment `after_ms` from now, for a condition variable that waits by CLOCK_MONOTONIC. */
+/* Returns the moment `after_ms` from now, for a condition variable that uses CLOCK_MONOTONIC. */
 static inline struct timespec umbu_clock_deadline(int64_t after_ms)
 {
     const uint64_t at_ns = umbu_clock_ns() + (uint64_t)after_ms * UINT64_C(1000000);

@@ -4,8 +4,8 @@
 /* Process exit codes, the same in all programs (docs/reference/operations.md, "Exit codes"). */
 #include "umbrage/status.h"
 
-/* Returns the exit code of a program that ends with a status. Pure. Without a default, so that the
- * compiler asks for every new status. */
+/* Returns the exit code of a program that ends with a status. Pure. The switch has no default, so
+ * the compiler warns if a new status is missing. */
 static inline int umbu_exit_code(enum umb_status status)
 {
     switch (status) {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_TOOL_JSON_H
 #define UMBRAGE_TOOL_JSON_H
 /*
- * A JSON writer over stdio: it puts the commas. Write errors stay in the stream (ferror).
+ * A JSON writer over stdio, which also writes the commas. Write errors stay in the stream (ferror).
  *
  *     struct umbu_json json = {.file = stdout};
  *     umbu_json_begin(&json, NULL, '{');
@@ -41,7 +41,7 @@ void umbu_json_bytes(struct umbu_json *json, const char *key, const char *text, 
 void umbu_json_integer(struct umbu_json *json, const char *key, uint64_t value);
 void umbu_json_signed(struct umbu_json *json, const char *key, int64_t value);
 
-/* Writes a number in full, or of so many significant digits; null if it is not finite. */
+/* Writes a number in full, or in `digits` significant digits; null if it is not finite. */
 void umbu_json_number(struct umbu_json *json, const char *key, double value);
 void umbu_json_rounded(struct umbu_json *json, const char *key, double value, int digits);
 

@@ -7,7 +7,7 @@
 
 #include "tool/options.h"
 
-/* Finds the key that stands at `at` with its '='; NULL if there is none. */
+/* Finds the key whose name and '=' are at `at`; NULL if there is none. */
 static const struct umbu_key *find_key(const char *at, const struct umbu_key *keys, size_t count)
 {
     for (size_t i = 0; i < count; i++) {

@@ -7,7 +7,7 @@
 #define LINE_WIDTH  80U
 #define HELP_COLUMN 26U
 
-/* Prints words from `column` on; a full line breaks, and the next begins at HELP_COLUMN. */
+/* Prints words from `column` on. A word that does not fit begins a line at HELP_COLUMN. */
 static void print_wrapped(FILE *out, const char *text, size_t column)
 {
     while (*text != '\0') {
@@ -81,7 +81,7 @@ void umbu_print_help(const struct umbu_command *command, FILE *out)
     }
 }
 
-/* Prints a text as a setting. The reader of the file takes a ';' after a blank for a comment. */
+/* Prints a text for a config file, in which a ';' after a blank begins a comment. */
 static void print_text(FILE *out, const char *name, const char *text, size_t line_max)
 {
     const bool tight = text[0] == ';' || strlen(name) + strlen(text) + 3 > line_max;

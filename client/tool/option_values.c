@@ -156,7 +156,8 @@ static bool put_time(const struct umbu_option *option, const char *text, void *f
             return false;
         }
     }
-    /* Decimal fractions have no exact double: 16.1 s is 16100.000000000002 ms. */
+    /* Decimal fractions are not exact in doubles (16.1 s is 16100.000000000002 ms), so values near
+     * a whole number are rounded. */
     value *= (double)unit->factor;
     if (option->type != UMBU_TYPE_DOUBLE && fabs(value - nearbyint(value)) <= 1e-6) {
         value = nearbyint(value);
@@ -323,7 +324,7 @@ enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                     umbu_is_word(option) ? "" : "--", option->name, text, expects);
 }
 
-/* Writes a value in the largest unit that divides it, down to `smallest`: "64MiB", "250ms". */
+/* Writes a value in the largest unit that divides it, at least `smallest`: "64MiB", "250ms". */
 static void unit_text(const struct unit *units, const char *smallest, uint64_t value, char text[32])
 {
     while (value == 0 || value % units->factor != 0) {

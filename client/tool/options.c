@@ -101,7 +101,7 @@ void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, 
     }
 }
 
-/* Stores a value. A list begins anew with the first value of each source. */
+/* Stores a value. A list's first value from a new source replaces those of earlier sources. */
 static enum umb_status take_value(struct umbu_parsed *parsed, const struct found *found,
                                   const char *text, struct umb_error *error)
 {
@@ -151,7 +151,7 @@ static bool find_option(const struct umbu_command *command, const char *text, st
     return find_name(command, text + 2, length, found) && !umbu_is_word(found->option);
 }
 
-/* Takes the option at argv[*at]. Out: at: index of its value, if that is the next argument. */
+/* Takes the option at argv[*at]. Out: at: index of the value, if it is the next argument. */
 static enum umb_status take_option(struct umbu_parsed *parsed, int argc, char **argv, int *at,
                                    struct umb_error *error)
 {
@@ -278,7 +278,7 @@ static void condition_text(const char *condition, size_t length, char *text, siz
     text[used] = '\0';
 }
 
-/* Checks conditions of a given row: wanted: each must hold; else none may hold. */
+/* Checks the conditions of a given option: each must hold or, if not `wanted`, none may. */
 static enum umb_status check_row(const struct umbu_parsed *parsed, const struct umbu_option *option,
                                  const char *conditions, bool wanted, struct umb_error *error)
 {

@@ -137,8 +137,8 @@ struct umbu_option {
 #define UMBU_READ(function, expects_)                                                              \
     .kind = UMBU_KIND_READ, .read = (function), .expects = (expects_)
 
-/* Rows that most commands have, for fields `json` and `quiet`; braces and more fields around them.
- */
+/* Rows of options that most commands have, for fields `json` and `quiet`. The caller adds the
+ * braces and further fields. */
 #define UMBU_JSON_ROW(type_) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type_, json)
 #define UMBU_QUIET_ROW(type_, help_)                                                               \
     "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
@@ -169,9 +169,9 @@ struct umbu_parsed {
     unsigned char given[UMBU_OPTIONS_MAX]; /* Number of the row's last source, 0 = not given */
 };
 
-/* Sets every field with a standard value, and nothing as given. The caller zeroes the settings.
- * Aborts if the table is wrong: a field that its kind does not fit, a standard value out of range.
- */
+/* Sets every field to its standard value, and marks no option as given. The caller zeroes the
+ * settings first. Aborts if the table is wrong: a field does not fit its kind, or a standard value
+ * is out of range. */
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings);
 
 /*
@@ -186,7 +186,8 @@ UMB_CHECKED enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int 
 UMB_CHECKED enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name,
                                               const char *value, struct umb_error *error);
 
-/* Checks `needed`, `needs` and `excludes`. With help or alone everything is allowed. */
+/* Checks `needed`, `needs` and `excludes`. With --help, or an option that is `alone`, every
+ * combination is allowed. */
 UMB_CHECKED enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *error);
 
 /* Calls umbu_begin, umbu_take_arguments and umbu_check. */
@@ -206,10 +207,10 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
 int umbu_end(const struct umbu_command *command, enum umb_status status,
              const struct umb_error *error);
 
-/* True if an option or argument was given. name: of a row, else the program aborts. */
+/* Returns true if the option or argument of row `name` was given. Aborts without such a row. */
 bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 
-/* Fails with E_ARGUMENT: option, value, and what to give instead. For readers. */
+/* Fails with E_ARGUMENT; the message has option, value, and what to give. For readers. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
 
@@ -225,10 +226,10 @@ enum umb_status umbu_read_name(const struct umbu_option *option, const char *tex
                                struct umb_error *error);
 #define UMBU_NAME(expects_) UMBU_READ(umbu_read_name, expects_)
 
-/* Reads decimal digits at *text and moves *text after them; false for none, or too many. */
+/* Reads decimal digits at *text and moves *text after them; false: no digits, or too many. */
 bool umbu_read_count(const char **text, uint64_t *value);
 
-/* Reads a finite decimal number at *text and moves *text after it; false if there is none. */
+/* Reads a finite decimal number at *text and moves *text after it; false: there is none. */
 bool umbu_read_number(const char **text, double *value);
 
 /* Reads numbers with commas between them, to the end of text. */
@@ -244,11 +245,12 @@ void umbu_print_settings(const struct umbu_command *command, const void *setting
 
 /*
  * Prints a line for each option: command, option, letter, value, kind, choices, default, "file" if
- * a config file may have it, help; a tab between them. Completions, manual pages and tests use it.
+ * a config file may have it, help; a tab between them. Completions, manual pages and tests use
+ * these lines.
  */
 void umbu_print_rows(const struct umbu_command *command, FILE *out);
 
-/* Replaces the names of library fields at the begin of a message by "--option". */
+/* Replaces the name of a library field at the beginning of a message by "--option". */
 void umbu_name_options(const struct umbu_command *command, struct umb_error *error);
 
 /* --- for the files of this folder --- */
@@ -260,14 +262,14 @@ enum umb_status umbu_read_value(const struct umbu_option *option, const char *te
 /* True for an argument by its place. */
 bool umbu_is_word(const struct umbu_option *option);
 
-/* Finds word number `index` of "a|b|c". Returns its length; 0 after the last. Out: word: its begin.
- */
+/* Finds word number `index` of "a|b|c". Out: word: address of the word. Returns the word's length;
+ * 0 after the last word. */
 size_t umbu_choice(const char *choices, size_t index, const char **word);
 
 /* Reads a field of any integer type. */
 uint64_t umbu_get_integer(const struct umbu_option *option, const void *field);
 
-/* Writes the values that an option takes, as "a whole number from 1 to 9". */
+/* Writes a description of the values that an option takes, such as "a whole number from 1 to 9". */
 void umbu_expects(const struct umbu_option *option, char *text, size_t size);
 
 #endif

@@ -25,10 +25,10 @@
 #define TRIES     64  /* names tried before begin fails */
 
 /*
- * The signal handler may run on any thread while the owner goes on, so it reads a copy of the name
- * that is never freed. The owner's thread holds the signals back while name and file change
- * together. Another thread that takes a signal in that moment sees the old state; at worst a
- * temporary made an instant ago stays.
+ * The signal handler may run on any thread while the owner's thread goes on, so the handler reads a
+ * copy of the name that is never freed. The owner's thread holds the signals back while name and
+ * file change together. Another thread that takes a signal in that moment sees the old state; at
+ * worst a temporary made an instant ago stays.
  */
 static const int ending_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
 #define SIGNAL_COUNT (sizeof ending_signals / sizeof ending_signals[0])
@@ -44,7 +44,7 @@ static void on_signal(int number)
     (void)raise(number); /* arrives when the handler returns */
 }
 
-/* Blocks the signals that end a command. Out: before: the thread's mask, to be restored. */
+/* Blocks the signals that end a command. Out: before: the old mask, to be restored. */
 static void hold_signals(sigset_t *before)
 {
     sigset_t set;
@@ -83,7 +83,7 @@ static enum umb_status no_memory(const char *path, struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the name '%.200s'", path);
 }
 
-/* Length of the folder part of path, its slash included; 0 if there is none. */
+/* Returns the length of the folder part of path, with the slash; 0 if there is none. */
 static size_t folder_length(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -179,7 +179,7 @@ static enum umb_status make_temporary(struct umbu_output *output, mode_t mode,
                           output->path);
 }
 
-/* The temporary of a command: guarded against signals, with the permissions of the old file. */
+/* Makes a command's temporary, guarded against signals, with the old file's permissions. */
 static enum umb_status begin_command(struct umbu_output *output, const struct stat *old,
                                      struct umb_error *error)
 {
@@ -328,8 +328,8 @@ static enum umb_status fail_folder(const char *path, int cause, struct umb_error
     return umb_fail_errno(error, UMB_E_IO, cause, "cannot sync the folder of '%.200s'", path);
 }
 
-/* Renames, with the folder opened before: all that can fail is done while nothing is visible.
- * Out: renamed: also set if the folder's sync then fails. */
+/* Renames a file. The folder is opened first, so that everything that can fail is done before the
+ * file becomes visible. Out: renamed: also set if the sync of the folder fails afterwards. */
 static enum umb_status give_name(const char *from, const char *to, bool unsynced, bool *renamed,
                                  struct umb_error *error)
 {

@@ -70,7 +70,7 @@ struct umb_sink umbu_output_sink(struct umbu_output *output);
 /*
  * Completes the error of a core writer, which knows only that its sink failed.
  *
- * In: status: result of the writer; error: a message that it wrote stays. Returns the status.
+ * In: status: result of the writer. error: a message of the writer stays. Returns the status.
  */
 enum umb_status umbu_output_explain(const struct umbu_output *output, enum umb_status status,
                                     struct umb_error *error);
@@ -79,8 +79,9 @@ enum umb_status umbu_output_explain(const struct umbu_output *output, enum umb_s
 typedef enum umb_status (*umbu_writer_fn)(void *user, const struct umb_sink *sink,
                                           struct umb_error *error);
 
-/* Writes a file by a writer of the core: begin, write and commit. The writer knows only that the
- * sink failed; the error, never NULL here, gets the cause. Fails: as writer, begin and commit. */
+/* Writes a file by a writer of the core: begin, write, commit. The writer knows only that the sink
+ * failed, so `error`, never NULL here, gets the cause. Fails: as writer, umbu_output_begin and
+ * umbu_output_commit. */
 UMB_CHECKED enum umb_status umbu_output_write_by(const char *path, unsigned flags,
                                                  umbu_writer_fn writer, void *user,
                                                  struct umb_error *error);

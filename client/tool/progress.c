@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The progress line, see progress.h. The rate is the mean since the begin. */
+/* The progress line, see progress.h. The rate is the mean since umbu_progress_begin. */
 #include "tool/progress.h"
 
 #include <stdio.h>

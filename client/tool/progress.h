@@ -24,8 +24,9 @@ struct umbu_progress {
 void umbu_progress_begin(struct umbu_progress *progress, const char *unit, bool quiet);
 
 /*
- * Draws the line at most five times a second, and not in the first.
- * In: done: amount in units; share: of the whole, 0..1, or anything else if it is not known.
+ * Draws the line at most five times a second, and not in the first second.
+ * In: done: amount in units. share: share of the whole, 0..1, or any other number if it is not
+ * known.
  */
 void umbu_progress_show(struct umbu_progress *progress, double done, double share);
 

@@ -32,7 +32,8 @@ extern const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT];
         "the daemon", UMBU_SESSION_OPTIONS, UMBU_SESSION_COUNT, offsetof(type, field)              \
     }
 
-/* Row of --stall-timeout, for commands that send or fetch files. type: of their settings. */
+/* Row of the option --stall-timeout, for commands that send or fetch files. type: type of the
+ * command's settings. */
 #define UMBU_STALL_ROW(type)                                                                       \
     {                                                                                              \
         "stall-timeout", "TIME",                                                                   \

@@ -30,7 +30,8 @@ struct umbu_threads {
     struct worker workers[];
 };
 
-/* Takes and runs one slice; 0 if none is left. Called and returns with the lock held. */
+/* Takes and runs one slice. Returns 0 if no slice is left. The caller holds the lock, and holds it
+ * again on return. */
 static int run_one(struct umbu_threads *threads, unsigned thread)
 {
     if (threads->next == threads->count) {
@@ -69,7 +70,7 @@ enum umb_status umbu_threads_create(unsigned count, struct umbu_threads **out,
     *out = NULL;
     struct umbu_threads *threads = calloc(1, sizeof *threads + count * sizeof threads->workers[0]);
     if (threads == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "threads: memory for %u refused", count);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %u threads", count);
     }
     pthread_mutex_init(&threads->lock, NULL);
     pthread_cond_init(&threads->wake, NULL);

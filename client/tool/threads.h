@@ -49,14 +49,14 @@ void umbu_threads_wait(struct umbu_threads *threads, void (*tick)(void *user), v
 void umbu_threads_wait_until(struct umbu_threads *threads, int (*is_done)(void *user), void *user);
 
 /*
- * Returns the threads in the form of the core's helpers, for times without other slices.
+ * Returns the threads as workers for the core. Use them only while no other slices run.
  *
  * In: threads: borrowed as long as the result is used.
  */
 struct umb_workers umbu_threads_workers(struct umbu_threads *threads);
 
-/* Runs slices 0 .. count - 1 and waits for them. workers: NULL, or of one thread: the caller runs
- * all slices. */
+/* Runs slices 0 .. count - 1 and waits for all of them. In: workers: if NULL, or of one thread, the
+ * caller runs all slices. */
 void umbu_workers_run(const struct umb_workers *workers, umbu_slice_fn run, void *user,
                       uint32_t count);
 

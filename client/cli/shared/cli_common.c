@@ -45,7 +45,7 @@ int umbc_complain(const struct umb_error *error)
     return umbu_exit_code(error->status);
 }
 
-/* Rest of a message `NAME: reason` after the name; NULL for other messages. */
+/* Returns the reason of a message `NAME: reason`; NULL for messages without that name. */
 static const char *after_name(const char *message, const char *name)
 {
     const size_t length = strlen(name);

@@ -32,8 +32,8 @@ struct umbc_settings {
 /* Prints "umbrage: message" on stderr and returns the exit code of the error's status. */
 int umbc_complain(const struct umb_error *error);
 
-/* Prints "umbrage: FILE: message" and returns the exit code. The content of a file is never a usage
- * error: 2 becomes 65. */
+/* Prints "umbrage: FILE: message" and returns the exit code. A bad file is never a usage error, so
+ * exit code 2 becomes 65. */
 int umbc_complain_file(const char *path, const struct umb_error *error);
 
 /* Prints "umbrage: " and the formatted message on stderr; returns the exit code of a status. */

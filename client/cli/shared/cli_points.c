@@ -69,8 +69,8 @@ static enum umb_status fill_buffer(struct umbc_points *points, struct umb_error 
 }
 
 /*
- * Finds the next line; *text is NUL-terminated in the buffer, NULL at the end of the input.
- * *length tells a line with a NUL inside from one that ends there.
+ * Finds the next line. Out: text: NUL-terminated, in the buffer; NULL at the end of the input.
+ * length: bytes of the line, by which a caller detects a NUL inside the line.
  */
 static enum umb_status next_line(struct umbc_points *points, char **text, size_t *length,
                                  struct umb_error *error)
@@ -121,7 +121,7 @@ static enum umb_status bad_line(const struct umbc_points *points, const char *li
                     (unsigned long long)points->line, column + 1, what, shown);
 }
 
-/* Reads one number. The byte after it is replaced during that, and put back. */
+/* Reads one number. The byte after the token is a NUL during the call, and is then restored. */
 static bool parse_token(char *token, size_t length, double *value)
 {
     const char after = token[length], *at = token;
@@ -165,8 +165,8 @@ static enum umb_status parse_line(const struct umbc_points *points, char *line, 
     return UMB_OK;
 }
 
-/* Adds a text point; a batch gets normals as soon as one point has one, and a zero normal means
- * none (query.h). */
+/* Adds a point of a text file. The batch gets normals as soon as one point has a normal; points
+ * without one get a zero normal, which means "none" (query.h). */
 static void add_point(struct umbc_batch *batch, const double *values, bool has_normal)
 {
     size_t at = 3 * batch->count++;
@@ -355,7 +355,7 @@ struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_poin
     return view;
 }
 
-/* Goes to the first point that begins at byte `offset` of the file or after it. */
+/* Moves to the first point at or behind byte `offset` of the file. */
 static bool seek_point(struct umbc_points *source, uint64_t offset)
 {
     const uint64_t record =

@@ -6,10 +6,11 @@
  *
  * Text: one point a line, `x y z` or `x y z nx ny nz`, separated by blanks or tabs; '#' starts a
  * comment, blank lines are skipped. Numbers are decimal with a point, whatever the locale, and are
- * kept as doubles. Raw: little-endian float32 or float64, three a point, or six with normals.
+ * kept as doubles. Raw: little-endian float32 or float64, three numbers a point, or six with
+ * normals.
  *
- * Errors name the line, the column and the text, or the byte offset; their status leads to exit
- * code 65: a file's content is never a usage error.
+ * Errors name the line, the column and the text, or the byte offset. Their status leads to exit
+ * code 65, because a file's content is never a usage error.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -85,7 +86,8 @@ UMB_CHECKED enum umb_status umbc_batch_init(struct umbc_batch *batch, size_t cap
                                             struct umb_error *error);
 void umbc_batch_finish(struct umbc_batch *batch);
 
-/* Returns the batch as points of the library; borrowed. origin: metres to add to every point. */
+/* Returns the batch as points of the library, which borrow the batch's arrays. origin: metres to
+ * add to every point. */
 struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
                                   const double origin[3]);
 
@@ -107,15 +109,15 @@ UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_
                                              struct umbc_point_list *list, struct umb_error *error);
 void umbc_point_list_finish(struct umbc_point_list *list);
 
-/* Number of points of a sample for calibration: they touch more memory than caches hold. */
+/* Number of points of a calibration sample; they touch more memory than caches hold. */
 #define UMBC_SAMPLE_POINTS 262144
 
 /*
  * Reads ranges of consecutive points from all over a file, or all of a small one.
  *
  * In:    path, format, with_normals: as for umbc_points_open. most: number of points wanted.
- * Out:   batch: finish with umbc_batch_finish, also after a failure. Its count is 0 for stdin,
- *        pipes and files that cannot be read: reading the whole file gives the error.
+ * Out:   batch: finish with umbc_batch_finish, also after a failure. batch->count is 0 for stdin,
+ *        pipes and files that cannot be read; reading the whole file then gives the error.
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_BASE_BYTES_H
 #define UMBRAGE_CORE_BASE_BYTES_H
 /*
- * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes. They
- * are written with shifts, so that they mean the same on any host; compilers turn them into one
- * move. Also hexadecimal digits.
+ * Little-endian loads and stores at any alignment, and a bounded reader over untrusted bytes. Loads
+ * and stores are written with shifts, which work alike on any host; compilers turn each into one
+ * move. The file also converts hexadecimal digits.
  */
 #include <stdbool.h>
 #include <stddef.h>

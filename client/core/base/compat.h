@@ -8,8 +8,8 @@
 #endif
 
 /* UMB__TSAN is 1 in a build under ThreadSanitizer, UMB__SANITIZED in a build under any sanitizer
- * that keeps shadow memory. Such a program needs terabytes of address space and cannot run under a
- * limit of it. gcc reports sanitizers by macros, clang by features. */
+ * that keeps shadow memory. Such a program needs terabytes of address space, so it cannot run under
+ * a limit of address space. gcc reports sanitizers by macros, clang by features. */
 #ifdef __has_feature
 #define UMB__FEATURE(name) __has_feature(name)
 #else

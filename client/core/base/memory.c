@@ -47,7 +47,8 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
         alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
 #ifdef MADV_HUGEPAGE
     if (block) {
-        /* Only whole large pages inside the block: the advice touches no other block's memory. */
+        /* The advice covers only large pages that lie wholly inside the block, so it never touches
+         * another block's memory. */
         uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
         uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
         if (first < end) {

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_BASE_MEMORY_H
 #define UMBRAGE_CORE_BASE_MEMORY_H
 /*
- * Allocation through a struct umb_alloc (NULL = malloc) with every size product checked, and the
- * growing array of the core.
+ * Allocation through a struct umb_alloc (NULL = malloc), with a check of every size product, and
+ * the core's growing array.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -31,8 +31,8 @@ void umb__free(const struct umb_alloc *alloc, void *block);
 
 /*
  * Grows *array so that `needed` elements of `size` bytes fit. In: array: address of a pointer of
- * any type. In and out: capacity: number of elements; doubles at least. Returns false and changes
- * nothing if memory is short.
+ * any type. In and out: capacity: number of elements, at least doubled if the array grows. Returns
+ * false and changes nothing if memory is short.
  */
 bool umb__grow(const struct umb_alloc *alloc, void *array, size_t *capacity, size_t needed,
                size_t size);

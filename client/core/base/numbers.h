@@ -4,8 +4,9 @@
 /*
  * Variable-length numbers.
  *
- * A single number is below 2^32. It has seven bits a byte, the lowest first; bit 7 is set in all
- * bytes but the last. It is as short as possible: its last byte is 0 only for the number 0.
+ * A single number is below 2^32. Each byte has seven bits of the number, the lowest first; bit 7 is
+ * set in all bytes but the last. The encoding is as short as possible: the last byte is 0 only for
+ * the number 0.
  *
  * A list of numbers below one limit begins with the lowest eight bits of each number, a byte each.
  * Then come the bits beyond eight that the limit needs, one number after the other from the lowest
@@ -33,7 +34,7 @@ static inline bool umb__take_number(const uint8_t **at, const uint8_t *end, uint
     return false;
 }
 
-/* Reads the next number of bytes that umb__take_number has checked before. */
+/* Reads the next number. In: bytes that umb__take_number has accepted before. */
 static inline uint32_t umb__next_number(const uint8_t **at)
 {
     uint32_t value = 0;

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_BASE_OPEN_STATUS_H
 #define UMBRAGE_CORE_BASE_OPEN_STATUS_H
 /*
- * Status codes for the errno of a failed open of an input. So scripts can tell a missing file, a
+ * Status codes for the errno of a failed open of an input. They let scripts tell a missing file, a
  * file without permission, and a machine without free descriptors apart.
  */
 #include <errno.h>

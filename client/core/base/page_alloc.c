@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * An allocator for arrays that grow to gigabytes; see page_alloc.h. A cache line before every block
- * records how the block was allocated.
+ * An allocator for arrays that grow to gigabytes; see page_alloc.h. The cache line before every
+ * block records how the block was allocated.
  *
  * The kernel moves a whole large page at once if old and new address are both multiples of its
  * size. So the new address space is reserved with a surplus of one large page, and the surplus on
@@ -42,7 +42,7 @@ static void *small_resize(struct header *header, size_t bytes)
 
 #ifdef MREMAP_MAYMOVE
 
-/* Returns the bytes of whole large pages for a block; 0 if there is no such number. */
+/* Returns the bytes of the whole large pages that a block takes; 0 if the sum overflows. */
 static size_t mapping_bytes(size_t bytes)
 {
     return bytes > SIZE_MAX / 2
@@ -95,9 +95,9 @@ static void *map_resize(struct header *header, size_t bytes)
         }
         moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
         if (moved == MAP_FAILED) {
-            /* The new space must not be unmapped here: kernels mostly unmap it before they find out
-             * that memory is short, and another thread may use these addresses by now. Only when
-             * the limit of mappings is reached, the addresses stay reserved, without memory. */
+            /* The new space stays mapped here. Kernels mostly unmap it before they find out that
+             * memory is short, and another thread may use these addresses by now. If the limit of
+             * mappings was the reason, the addresses stay reserved, without memory. */
             return NULL;
         }
     }

@@ -6,8 +6,8 @@
  *
  * A large block is a mapping of its own on large pages. When the block grows, the system moves its
  * pages to another address. Nothing is copied, no page is cleared twice, and an old and a new block
- * never take memory at the same time. (realloc moves pages as well, but to an address where large
- * pages are split.)
+ * never take memory at the same time. realloc moves pages as well, but to an address where large
+ * pages are split.
  *
  * Large blocks begin a cache line behind the start of a large page, and are zero when new. They
  * take whole large pages of address space; the system backs a page with memory when it is first

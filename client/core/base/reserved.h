@@ -2,17 +2,17 @@
 #ifndef UMBRAGE_CORE_BASE_RESERVED_H
 #define UMBRAGE_CORE_BASE_RESERVED_H
 /*
- * The check of `reserved` of public structs, words that later versions may use (umbrage/version.h).
- * A word that is not 0 is a setting that this version does not know, or the caller did not start
- * the struct with zeros, and a later version would misread it.
+ * The check of the words `reserved` of public structs, which later versions may use
+ * (umbrage/version.h). A nonzero word is either a setting of a later version, or the caller did not
+ * zero the struct and a later version would misread it.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/status.h"
 
-/* Returns true, with E_ARGUMENT in error, if a word of object->reserved is not 0. In: name: name
- * of the struct in messages. */
+/* Returns true and sets error to E_ARGUMENT if a word of object->reserved is not 0. In: name: the
+ * struct's name, for the message. */
 #define UMB__UNKNOWN(object, name, error)                                                          \
     umb__unknown((object)->reserved, sizeof(object)->reserved / sizeof(uint64_t), name, error)
 

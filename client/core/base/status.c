@@ -32,8 +32,8 @@ const char *umb_status_text(enum umb_status status)
     return "unknown status";
 }
 
-/* Fills in an error. All messages are made here, so that none has terminal control characters or
- * broken UTF-8 from a file name or a peer's text. */
+/* Fills in an error. Every message is made here, so no message has terminal control characters or
+ * broken UTF-8, even if it quotes a file name or a peer. */
 static void set_error(struct umb_error *error, enum umb_status status, int system_error,
                       const char *format, va_list arguments)
 {

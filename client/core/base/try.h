@@ -4,8 +4,8 @@
 
 #include "umbrage/status.h"
 
-/* Evaluates call once and returns its status from the calling function unless it is UMB_OK. For
- * functions that have nothing to undo at that place. */
+/* Evaluates `call` once; if the status is not UMB_OK, returns it from the calling function. For
+ * places where nothing has to be undone. */
 #define UMB__TRY(call)                                                                             \
     do {                                                                                           \
         const enum umb_status try_status = (call);                                                 \

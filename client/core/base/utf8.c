@@ -4,8 +4,9 @@
 
 #include <string.h>
 
-/* Returns the length of a character of two to four bytes, or 0. The bounds of the second byte
- * depend on the first (Unicode, table 3-7); those of later bytes do not. */
+/* Returns the length in bytes of a character of two to four bytes, or 0 if it is malformed. The
+ * bounds of the second byte depend on the first (Unicode, table 3-7); the later bytes have fixed
+ * bounds. */
 static size_t multibyte_length(const uint8_t *bytes, size_t size)
 {
     uint8_t first = bytes[0];

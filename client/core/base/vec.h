@@ -43,7 +43,7 @@ static inline void umb__scale(double s, double a[3])
     }
 }
 
-/* Scales to unit length; returns 0 and changes nothing if that is not possible. */
+/* Scales a vector to unit length. A vector without direction is unchanged; then returns 0. */
 static inline int umb__unit(double a[3])
 {
     const double length = umb__length(a);
@@ -54,8 +54,8 @@ static inline int umb__unit(double a[3])
     return 1;
 }
 
-/* Finds two unit vectors across the unit vector `w` and each other: u is also across the world axis
- * that w leans on least. */
+/* Finds two unit vectors u and v, perpendicular to the unit vector `w` and to each other. u is also
+ * perpendicular to the world axis along which w is shortest. */
 static inline void umb__across(const double w[3], double u[3], double v[3])
 {
     double helper[3] = {0.0, 0.0, 0.0};

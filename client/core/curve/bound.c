@@ -4,9 +4,9 @@
  * (orthogonal), a window of t x t x 1 voxels and a cell of c = 1 << level voxels:
  *
  *   bias     s = k (t (|n.ex| + |n.ey|) + |n.ez|) <= k d for a unit normal n, where d is the
- *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; the same
- *            with cells in place of voxels and k = 65/64 for coarse look-ups. Points without a
- *            normal move by a length of their own (query.c, perspective.c).
+ *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; coarse
+ *            look-ups have cells in place of voxels and k = 65/64. Points without a normal move by
+ *            a length of their own (query.c, perspective.c).
  *   look-up  the centre of a voxel of the window is at most d / 2 from the moved point; a boundary
  *            within the point's cell at most its diagonal.
  */
@@ -16,8 +16,8 @@
 #include "query/query_parts.h"
 #include "umbrage/curve.h"
 
-/* Edges in metres of the box that a look-up reaches: the window across the light, one voxel along
- * it; or a cell. */
+/* Computes the edges in metres of the box that a look-up reaches: a window across the light and one
+ * voxel along it; or one cell. */
 static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                         double edges[3])
 {
@@ -28,8 +28,8 @@ static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, 
     edges[2] *= cell;
 }
 
-/* Adds the effect of a perspective frustum's rays: a step along a slanted ray is longer than along
- * the axis, and the bias is divided by the growth of voxels along it (perspective.c). */
+/* Adds the effect of a perspective frustum's slanted rays. A step along such a ray is longer than
+ * along the axis, and the bias is divided by the growth of voxels along the ray (perspective.c). */
 static double slant(const struct umb_frustum_info *frustum, uint32_t taps, double *growth)
 {
     const double *ex = frustum->voxel_step[0], *ey = frustum->voxel_step[1];
@@ -41,7 +41,8 @@ static double slant(const struct umb_frustum_info *frustum, uint32_t taps, doubl
     return sqrt(1.0 + half * half * square);
 }
 
-/* Returns the longest automatic bias, plus half the reach, of a window or cell. */
+/* Returns the largest distance of a look-up: the longest automatic bias plus half the reach of a
+ * window or cell. */
 static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                      double *bias, double *look_up)
 {

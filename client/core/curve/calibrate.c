@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Turns counts into nanoseconds on this machine. Each row of a curve is timed on the caller's
- * points. Without these it is timed on points of two kinds: easy ones anywhere in the frustum
- * (mostly large uniform cells), and hard ones where the light first meets a caster. The lines that
- * one tap reads, counted alike for both kinds and for the curve's points on surfaces, say how hard
- * the curve's points are. The costs are interpolated from easy to hard accordingly.
+ * Measures the nanoseconds a point of each row of a curve on this machine. Rows are timed on the
+ * caller's points. If there are none, they are timed on points of two kinds: easy ones anywhere in
+ * the frustum (mostly large uniform cells), and hard ones where the light first meets a caster. The
+ * cache lines that one tap reads are counted for both kinds and for the curve's points on surfaces.
+ * These three counts tell how hard the curve's points are, and the costs are interpolated between
+ * easy and hard.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -20,8 +21,8 @@
 enum {
     POINTS = 32768,    /* Number of points of each kind */
     COLUMN_STEPS = 64, /* Cubes visited along a ray before another ray is tried */
-    HARDNESS_MAX = 2,  /* Limit of the extrapolation: surfaces may be harder than hard points, but
-                          not much */
+    HARDNESS_MAX = 2,  /* Limit of the extrapolation: the curve's points may be harder than the hard
+                          points, but not much */
     RUNS = 7,          /* Runs of each row */
     INTERVALS = 8,     /* Intervals of a run */
     INTERVAL = 1024,   /* Points of an interval, so many that a query's own start hardly counts */
@@ -44,8 +45,8 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Queries INTERVALS intervals, the `turn`th of each part of the points. Returns nanoseconds a
- * point. */
+/* Queries INTERVALS intervals of points, number `turn` of each equal part of all points. Returns
+ * nanoseconds a point. */
 static double time_intervals(const struct row_timer *timer, const struct umb_query *query,
                              size_t turn, float *answers)
 {
@@ -103,8 +104,7 @@ static enum umb_status time_rows(const struct row_timer *timer, double ns[UMB_CU
                                                                             : (size_t)INTERVAL;
     float *answers = umb__alloc(alloc, room, sizeof *answers);
     if (answers == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %zu answers refused",
-                        room);
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: out of memory for %zu answers", room);
     }
     const enum umb_status status = time_runs(timer, runs, answers, error);
     umb__free(alloc, answers);
@@ -180,14 +180,15 @@ static double lines_at(const struct job *job, const double voxel[3])
     return lowest > highest ? 1 : 2 + (highest - lowest) / 2;
 }
 
-/* Returns the world position of a place in voxel space, relative to the asset's origin. */
+/* Returns the world position, relative to the asset's origin, of a position in voxel space. */
 static void to_world(const struct umb_frustum_info *frustum, const double voxel[3], double p[3])
 {
     const double(*m)[4] = frustum->world_to_voxel;
     const double(*step)[3] = frustum->voxel_step;
     double d[3], w = 1;
     if (umb__is_perspective(frustum)) {
-        /* Depth gives W; then X - m03 and the like are linear again (content_check.c). */
+        /* Depth determines W. With W known, X and Y are linear in the position again
+         * (content_check.c). */
         const double *axis = m[3];
         const double rate = m[2][0] * step[2][0] + m[2][1] * step[2][1] + m[2][2] * step[2][2];
         const double turn = axis[0] * step[2][0] + axis[1] * step[2][1] + axis[2] * step[2][2];
@@ -239,10 +240,10 @@ static double hardness(const struct job *job)
 }
 
 /*
- * Fills in the costs, so that a row with more lines never costs less. Measured times may contradict
- * this (a look-up that stops at a coarse level may take longer than one of a single tap).
- * Neighbours by lines are then pooled into their mean until none do: the isotonic regression, which
- * gives the nearest costs in order.
+ * Fills in the costs, so that a row with more lines never costs less. Measured times may have
+ * another order: a look-up that stops at a coarse level may take longer than one of a single tap.
+ * Then neighbouring rows are replaced by their mean until the order is right. This isotonic
+ * regression gives the nearest costs that rise with the lines.
  */
 static void conclude(const struct umb_curve_row *rows, size_t count,
                      const double row_ns[UMB_CURVE_ROWS_MAX], struct umb_calibration *calibration)
@@ -305,13 +306,12 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Times points drawn here, and interpolates the times to the hardness of the curve's points. */
+/* Times the rows on points drawn here, and interpolates to the hardness of the curve's points. */
 static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
                                   struct umb_calibration *calibration, struct umb_error *error)
 {
     if (!job->easy.positions || !job->hard.positions) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: memory for %d points refused",
-                        POINTS);
+        return umb_fail(error, UMB_E_NO_MEMORY, "calibration: out of memory for %d points", POINTS);
     }
     draw_points(job);
     UMB__TRY(time_sample(job, &job->easy, now_s, error));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading an asset's accuracy curve, and choosing from it; see umbrage/curve.h. */
+/* Reads an asset's accuracy curve, and chooses settings from it; see umbrage/curve.h. */
 #include "umbrage/curve.h"
 
 #include <math.h>
@@ -22,7 +22,8 @@ static double light_bound_m(const struct umb__content *content,
     return bound;
 }
 
-/* Returns the first row of a light or of a later one; rows are sorted (content_check.c). */
+/* Returns the first row of a light, or of a later light if it has none. Rows are sorted
+ * (content_check.c). */
 static uint32_t first_row(const struct umb__content *content, uint32_t light)
 {
     uint32_t low = 0, high = content->curve_count;
@@ -92,8 +93,8 @@ static enum umb_status check_dial(const struct umb_dial *dial,
     if (settings->taps != 0 || settings->level != 0 || settings->footprint_m != 0 ||
         !umb_filter_get_info(settings->filter)->has_curve) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "max_error, budget: choose level and taps; taps %u, level %u, footprint %g "
-                        "and another filter than box leave no choice",
+                        "max_error, budget: taps %u, level %u and footprint %g must be 0, and the "
+                        "filter must be box, because the dial chooses level and taps",
                         settings->taps, settings->level, settings->footprint_m);
     }
     return UMB_OK;
@@ -118,7 +119,7 @@ static int is_affordable(const struct choice *choice, size_t i)
     return choice->dial->budget_ns == 0 || cost_ns(choice, i) <= choice->dial->budget_ns;
 }
 
-/* Returns 1 if row a is better than row b; both are accurate and affordable. */
+/* Returns 1 if row a is better than row b. In: two rows that meet the requirements. */
 static int is_better(const struct choice *choice, size_t a, size_t b)
 {
     const struct umb_curve_row *x = &choice->rows[a], *y = &choice->rows[b];
@@ -132,7 +133,7 @@ static int is_better(const struct choice *choice, size_t a, size_t b)
     return x->bound_m < y->bound_m;
 }
 
-/* Fails with the best that the asset offers, when no row meets the requirements. */
+/* Fails because no row meets the requirements. The message names the best that the asset offers. */
 static enum umb_status fail_choice(const struct choice *choice, struct umb_error *error)
 {
     const struct umb_curve_row *finest = &choice->rows[0], *softest = &choice->rows[0];
@@ -152,12 +153,11 @@ static enum umb_status fail_choice(const struct choice *choice, struct umb_error
                    ? umb_fail(error, UMB_E_ARGUMENT,
                               "budget: %g ns a point; the cheapest setting costs %.3g ns",
                               choice->dial->budget_ns, cost_ns(choice, least))
-                   : umb_fail(
-                         error, UMB_E_ARGUMENT,
-                         "budget: %g ns a point; the cheapest setting that keeps to the errors "
-                         "wanted costs %.3g ns, any at all at least %.3g ns",
-                         choice->dial->budget_ns, cost_ns(choice, accurate),
-                         cost_ns(choice, least));
+                   : umb_fail(error, UMB_E_ARGUMENT,
+                              "budget: %g ns a point; the cheapest setting within the error limits "
+                              "costs %.3g ns, the cheapest of all %.3g ns",
+                              choice->dial->budget_ns, cost_ns(choice, accurate),
+                              cost_ns(choice, least));
     }
     const double metres = choice->dial->max_error_m, visibility = choice->dial->max_visibility;
     char wanted[64] = "";

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See curve_measure.h. A point is placed as a query places it. A second look-up at full resolution,
- * up to half a voxel to the side, estimates the error of its answer: an answer cannot depend on
- * where in a voxel the true boundary runs. The second look-up is half a texel farther off the
+ * See curve_measure.h. Each point is looked up as in a query. A second look-up at full resolution,
+ * moved by up to half a voxel to the side, gives the error of the answer, since no answer depends
+ * on where in a voxel the true boundary runs. The second look-up is half a texel farther off the
  * surface, so that the sideways move does not lead into the surface itself.
  */
 #include "curve/curve_measure.h"
@@ -49,8 +49,8 @@ static struct cube child_of(const struct umb__octree *octree, const struct cube 
     return child;
 }
 
-/* Counts a cache line for the grid's cell (by the caller), one for each wide node below it that is
- * read, and one for each brick. */
+/* Counts the cache lines below a grid cell: one for each wide node that is read, and one for each
+ * brick. The caller counts the line of the cell itself. */
 static bool costs_line(const struct umb__octree_window *w, const struct cube *cube)
 {
     const uint32_t cells = umb_level_max(w->octree->roots[w->root].level);

@@ -2,11 +2,11 @@
 #ifndef UMBRAGE_CORE_CURVE_CURVE_MEASURE_H
 #define UMBRAGE_CORE_CURVE_CURVE_MEASURE_H
 /*
- * Measures the accuracy curve of an asset during its bake: queries its octree at points on the
+ * Measures the accuracy curve of an asset during its bake: queries the octree at points on the
  * scene's surfaces, with every setting of the curve.
  *
- * The sums depend on content, octree and points only: they are equal on every machine and for all
- * query kernels.
+ * The sums depend on content, octree and points only, so they are equal on every machine and for
+ * all query kernels.
  */
 #include "format/content.h"
 #include "umbrage/curve.h"
@@ -41,9 +41,10 @@ struct umb__octree_window {
     uint64_t lines; /* Added to: number of lines, see docs/reference/umb-format.md, CURV */
 };
 
-/* Returns the lit texels of the window; of a single voxel with a level the lit halves of its cell:
- * 0, 1 or 2. The counts depend on the voxels only, not on the layout or tuning of queries, so they
- * may be part of a file's identity. Cost: one visit for each node that the window touches. */
+/* Returns the number of lit texels of a window. For a single voxel with a level it returns the lit
+ * halves of the voxel's cell: 0, 1 or 2. The counts depend on the voxels only, not on the layout or
+ * tuning of queries, so they may be part of a file's identity. Cost: one visit for each node that
+ * the window touches. */
 uint32_t umb__octree_window_count(struct umb__octree_window *window);
 
 #endif

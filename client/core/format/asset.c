@@ -17,8 +17,8 @@ static enum umb_status no_memory(struct umb_error *error)
     return umb_fail(error, UMB_E_NO_MEMORY, "opening: out of memory");
 }
 
-/* Copies the parts of the head that outlive the file, and points head to the copies. So checked
- * values stay valid even if another process overwrites a mapped file. */
+/* Copies the parts of the head that outlive the file, and points `head` to the copies. Another
+ * process may overwrite a mapped file, but not these checked copies. */
 static enum umb_status keep_head(struct umb_asset *asset, struct umb__head *head,
                                  struct umb_error *error)
 {

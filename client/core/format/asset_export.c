@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the mapped layout back to the octree. Each wide node becomes nodes of two octree levels, and
+ * Exports the mapped layout as an octree. Each wide node becomes nodes of two octree levels, and
  * equal nodes are merged again; grid cells are joined upwards in the same way. The result is the
  * canonical tree, so packing it gives the bytes that the asset was made from.
  */
@@ -17,14 +17,16 @@ struct exporter {
     struct umb__pool pool;
     struct umb_error *error;
     uint32_t *brick_of; /* Reference to each brick of the view, plus MADE; 0: not made yet */
-    /* Reference for each word where a wide node starts, plus MADE; 0: not made */
+    /* Reference for each word at which a wide node begins, plus MADE; 0: the node is not made
+     * yet */
     uint32_t *node_of;
 };
 
 /*
- * Number added, modulo 2^32, to each reference in brick_of and node_of: the two highest numbers,
- * shadowed and lit, become 1 and 2, and 0 means "not made yet". Uniform results are stored too: in
- * a hostile file a uniform subtree may be shared 64 times a level, and would be walked 64^8 times.
+ * Number added, modulo 2^32, to each reference in brick_of and node_of, so that 0 can mean "not
+ * made yet". The two highest references, shadowed and lit, thus become 1 and 2. Uniform results are
+ * stored too: a hostile file may share a uniform subtree 64 times a level, and it would be walked
+ * 64^8 times.
  */
 #define MADE 3U
 
@@ -33,7 +35,7 @@ static uint32_t uniform(int lit)
     return lit ? UMB__REF_LIT : UMB__REF_SHADOWED;
 }
 
-/* Returns the pool's number for brick `number` of the view; adds the brick if needed. */
+/* Returns the pool's number of brick `number` of the view; adds the brick if necessary. */
 static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_t *ref)
 {
     if (e->brick_of[number]) {

@@ -16,7 +16,7 @@
 enum umb_status umb_file_open(const char *path, struct umb_file *file, struct umb_error *error)
 {
     *file = (struct umb_file){NULL, 0};
-    /* Non-blocking, so that opening a pipe without a writer fails instead of waiting. */
+    /* O_NONBLOCK makes the open of a pipe without a writer fail instead of waiting. */
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) {
         return umb_fail_errno(error, umb__open_status(errno), errno, "%.200s", path);
@@ -66,7 +66,7 @@ static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-/* Packs an asset and compares the id of its content with the id that it claims. */
+/* Packs an asset and compares the id of the packed content with the id in the asset. */
 static enum umb_status pack_again(const struct umb_asset *asset, const struct umb_sha256 *sha256,
                                   const struct umb_sink *sink, struct umb_error *error)
 {

@@ -15,8 +15,7 @@ struct umb__packed_root {
     uint32_t position; /* Position of a mixed root among its page's nodes of its level, else 0 */
 };
 
-/* A decoded canonical block: the content, and the parts that only a reader needs. Owns
- * everything. */
+/* A decoded canonical block: the content, and the parts that only a reader needs. Owns both. */
 struct umb__canonical {
     struct umb__content content;        /* Content; its notes stay NULL */
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* Numbers of nodes; a decoded one is below UINT32_MAX */

@@ -35,16 +35,16 @@ static inline bool umb__entry_is_optional(size_t entry)
            entry == ENTRY_RECEIVER_MASK;
 }
 
-/* Returns an entry's flags: whether a reader must understand it. A reader that ignores translucent
- * casters would answer that their shadows are lit, and one that ignores the static rule would
- * answer in undefined space. A reader that ignores the curve or the occluder depth answers less,
- * but nothing wrong. */
+/* Returns an entry's flags, which say whether a reader must understand the entry. A reader that
+ * ignores translucent casters would call their shadows lit. A reader that ignores the static rule
+ * would answer in undefined space. The curve and the occluder depth may be ignored: answers are
+ * then fewer, but not wrong. */
 static inline uint32_t umb__entry_flags(size_t entry)
 {
     return entry == ENTRY_CURVE || entry == ENTRY_OCCLUDER_DEPTH ? 0 : UMB__MUST_UNDERSTAND;
 }
 
-/* Returns an entry's length with its padding: entries begin at multiples of 8. */
+/* Returns the padded length of an entry: the next multiple of 8, where the next entry begins. */
 static inline uint64_t umb__entry_padded(uint64_t length)
 {
     return (length + 7) & ~(uint64_t)7;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decoding the canonical block (canonical.h); entry layouts in docs/reference/umb-format.md,
+/* Decodes the canonical block (canonical.h). Layouts of entries: docs/reference/umb-format.md,
  * section 3. */
 #include <string.h>
 
@@ -103,8 +103,8 @@ static char *read_text(const uint8_t *bytes, uint64_t length, const struct umb_a
     return text;
 }
 
-/* Reads a light. Returns false if the bytes behind the name's NUL are not zero: equal content must
- * have equal bytes. */
+/* Reads a light. Returns false if a byte behind the name's NUL is not zero, because equal content
+ * must have equal bytes. */
 static bool read_light(const uint8_t *at, struct umb_light_info *light)
 {
     light->kind = (enum umb_light_kind)umb__load32(at);
@@ -178,8 +178,8 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     return UMB_OK;
 }
 
-/* Reads the counts of nodes: below 2^32 - 1, since node numbers have 32 bits and one of them means
- * "none". */
+/* Reads the number of nodes of each level. It must be below 2^32 - 1: node numbers have 32 bits,
+ * and one of them means "none". */
 static enum umb_status read_counts(const uint8_t *at, struct umb__canonical *canonical,
                                    struct umb_error *error)
 {
@@ -235,8 +235,7 @@ static enum umb_status read_receiver_mask(const struct entries *entries,
     return UMB_OK;
 }
 
-/* Counts the records of all entries, and allocates their arrays and the texts. False: out of
- * memory. */
+/* Counts the records of all entries and allocates arrays and texts; false: out of memory. */
 static bool allocate(const struct entries *entries, const struct umb_alloc *alloc,
                      struct umb__canonical *canonical)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Encoding the canonical block (canonical.h); entry layouts in docs/reference/umb-format.md,
+/* Encodes the canonical block (canonical.h). Layouts of entries: docs/reference/umb-format.md,
  * section 3. */
 #include <string.h>
 
@@ -137,7 +137,7 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
     return UMB_OK;
 }
 
-/* Returns the bytes of an entry of `length` bytes with its head; 0 if the entry is left out. */
+/* Returns the bytes of an entry of `length` bytes and its head; 0 if the entry is left out. */
 static uint64_t entry_length(size_t entry, uint64_t length)
 {
     return length == 0 && umb__entry_is_optional(entry)
@@ -145,7 +145,7 @@ static uint64_t entry_length(size_t entry, uint64_t length)
                : UMB__ENTRY_HEAD + umb__entry_padded(length);
 }
 
-/* Computes the length of each entry without its head, and of the whole block. */
+/* Computes the length of each entry without its head, and the length of the whole block. */
 static enum umb_status measure(const struct umb__content *content, uint64_t lengths[ENTRY_COUNT],
                                uint64_t *length, struct umb_error *error)
 {

@@ -3,8 +3,9 @@
 #define UMBRAGE_CORE_FORMAT_CONTENT_H
 /*
  * The content of an asset besides its voxels: lights, frusta, origin, plan, settings. The writer
- * takes it, and the reader returns it. Both encodings carry it as the same canonical block of
- * bytes, which is part of the identity (docs/reference/umb-format.md, "Canonical block").
+ * takes a content, and the reader returns one. Both encodings carry the content as the same
+ * canonical block of bytes, which is part of the identity (docs/reference/umb-format.md, "Canonical
+ * block").
  */
 #include "format/octree.h"
 #include "umbrage/file.h"
@@ -42,7 +43,7 @@ struct umb__content {
     uint64_t occluder_depth_words;
     uint8_t *transmittance; /* [transmittance_bytes] format/transmittance.h, or NULL */
     uint64_t transmittance_bytes;
-    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS]
+    uint64_t *receiver_mask_cells; /* [frustum_count][UMB__RECEIVER_MASK_WORDS] Receiver masks,
                                       format/receiver_mask.h; NULL: not the static rule */
 };
 
@@ -56,8 +57,8 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
 /* The linear part of a perspective frustum, as umb__content_check proves it. */
 struct umb__perspective {
     double axis[3];       /* World vector that changes W by 1, and X and Y not at all */
-    double scale, offset; /* Coefficients of W = scale Z + offset; scale is above 0, and so is W at
-                             the far side, where Z is the number of voxels */
+    double scale, offset; /* Coefficients of W = scale Z + offset, where Z is the depth in voxels.
+                             scale is above 0, and so is W at the far side */
     double step[3][3];    /* Content of voxel_step of struct umb_frustum_info */
 };
 
@@ -67,11 +68,8 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
                             struct umb__perspective *perspective);
 
 /*
- * Computes the length of a content's canonical block from its counts and texts; reads no array.
- *
- * Fails: E_ARGUMENT (longer than readers accept, 64 MiB; a text that is missing, too long or not
- *        UTF-8).
- * Cost:  the length of the texts.
+ * Computes the length of a content's canonical block from the content's counts and texts. It reads
+ * no array.
  */
 UMB_CHECKED enum umb_status umb__content_head_bytes(const struct umb__content *content,
                                                     uint64_t *bytes, struct umb_error *error);

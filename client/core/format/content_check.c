@@ -70,7 +70,7 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     }
     for (int k = 0; k < 3; k++) {
         step[2][k] = w[k] / square / rate;
-        /* Depth must follow W alone; the rounding of doubles leaves about 1e-16. */
+        /* Depth must depend on W alone, up to the rounding of doubles, which is about 1e-16. */
         if (!(fabs(m[2][k] - rate * w[k]) <= 1e-9 * fabs(rate) * sqrt(square))) {
             return 0;
         }
@@ -82,7 +82,7 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     return all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
 }
 
-/* Computes voxel_step of struct umb_frustum_info; false if the frustum's transform is unsound. */
+/* Computes voxel_step of struct umb_frustum_info. Returns false if the transform is unsound. */
 static bool derive_voxel_step(const struct umb_frustum_info *frustum, double step[3][3])
 {
     struct umb__perspective perspective;
@@ -191,7 +191,7 @@ uint32_t umb_level_max(uint32_t log2_size)
     return least | 1U;
 }
 
-/* Returns the highest level of coarse look-ups in all frusta of a light; 0 if it allows none. */
+/* Returns the highest level of coarse look-ups that all frusta of a light allow; 0: none. */
 static uint32_t coarse_level_max(const struct umb__content *content, uint32_t light)
 {
     const struct umb_light_info *info = &content->lights[light];
@@ -214,7 +214,7 @@ static bool record_in_range(const struct umb__content *content,
            record->squares <= points * UMB__CURVE_SQUARE;
 }
 
-/* Returns true if record a precedes record b: by light, then level, then taps. */
+/* Returns true if record a comes before record b in the order by light, then level, then taps. */
 static bool record_before(const struct umb__curve_record *a, const struct umb__curve_record *b)
 {
     const uint32_t x[3] = {a->light, a->level, a->taps}, y[3] = {b->light, b->level, b->taps};
@@ -287,8 +287,8 @@ void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edge
         const double *step = frustum->voxel_step[axis];
         const double length = umb__length(step);
         if (axis == 2 && umb__is_perspective(frustum)) {
-            /* A step along the axis changes Z by `rate` and W by `turn`; Z is `size` at the far
-             * end. */
+            /* A step along the axis changes Z by `rate` and W by `turn`. At the far end Z is
+             * `size`. */
             const double *w = m[3];
             const double rate = umb__dot(m[2], step), turn = umb__dot(w, step);
             const double size = (double)((uint32_t)1 << frustum->log2_size);

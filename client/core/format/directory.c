@@ -106,7 +106,7 @@ enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, c
     return UMB_OK;
 }
 
-/* Computes the SHA-256 of the hashes of a block's pages. False: no digest. */
+/* Computes the SHA-256 of the hashes of a block's pages. Returns false without a digest. */
 static bool hash_block(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
                        uint8_t hash[UMB_ID_BYTES])
 {

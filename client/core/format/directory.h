@@ -4,7 +4,7 @@
 /*
  * The directory of a packed file: an entry for each page, in blocks of UMB__BLOCK_PAGES entries.
  * The head has the checksum and the hash of each block, so a client proves a page with the head,
- * one block and the page. Also how a page is opened from its stored bytes.
+ * one block and the page. The file also uncompresses and parses pages.
  */
 #include <stdbool.h>
 #include "format/head.h"
@@ -29,7 +29,7 @@ static inline uint32_t umb__block_count(uint32_t page_count)
     return page_count / UMB__BLOCK_PAGES + (page_count % UMB__BLOCK_PAGES != 0);
 }
 
-/* Returns the length of a block in bytes. In: block: below the count, or 0. */
+/* Returns the length of a block in bytes. In: block: 0, or a number below the block count. */
 static inline uint32_t umb__block_bytes(uint32_t page_count, uint32_t block)
 {
     const uint32_t rest = page_count - block * UMB__BLOCK_PAGES;
@@ -47,7 +47,8 @@ static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
 /* Returns the offset in bytes of a block in the file. */
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block);
 
-/* Loads a page's entry. In: head: with its entries. page: below head->page_count. */
+/* Loads a page's entry. In: head: a head with the entries. page: a number below
+ * head->page_count. */
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page);
 
 /* Returns the SHA-256 of a page in the directory: uint8[UMB_ID_BYTES]. */
@@ -56,7 +57,7 @@ const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page);
 /* Returns a block's bytes. In: head: of a whole file. */
 const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block);
 
-/* The byte range in the file that the pages of a block take, and the bytes of these pages
+/* Byte range in the file of a block's pages, and the length in bytes of these pages
  * uncompressed. */
 struct umb__block_extent {
     uint64_t begin, end, raw_bytes;
@@ -65,7 +66,8 @@ struct umb__block_extent {
 /*
  * Checks one block: its XXH3, and its pages, which must follow one another in the file.
  *
- * In:    bytes: uint8[umb__block_bytes], as they stand in the file; head->entries may be NULL.
+ * In:    bytes: uint8[umb__block_bytes], the block as stored in the file. head->entries may be
+ *        NULL.
  * Out:   extent: may be NULL.
  * Fails: E_CORRUPT, E_VERSION.
  * Trust: safe on hostile bytes.
@@ -83,7 +85,7 @@ UMB_CHECKED enum umb_status umb__block_prove(const struct umb__head *head, uint3
                                              struct umb_error *error);
 
 /* Writes the entry of a block in the head's table. In: bytes: block with complete entries of pages.
- * False: no digest. */
+ * Returns false if no digest could be made. */
 bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
                      uint8_t entry[UMB__BLOCK_ENTRY]);
 
@@ -116,19 +118,19 @@ UMB_CHECKED enum umb_status umb__page_open(const uint8_t *raw, const struct umb_
                                            struct umb__page *page, struct umb_error *error);
 
 /* Computes an asset's id from the canonical block and the hashes of the blocks. In: alloc:
- * allocator for a list of the hashes. False: out of memory. */
+ * allocator for a list of the hashes. Returns false if out of memory. */
 bool umb__directory_identify(const struct umb__head *head, const struct umb_sha256 *sha256,
                              const struct umb_alloc *alloc, uint8_t id[UMB_ID_BYTES]);
 
 /* Number of pages that are hashed together: the lanes of a vector register. */
 #define UMB__DIGESTS 16U
 
-/* Hashes messages of one part each, by `digest_many` of the hasher or one by one by `digest`. Out:
- * digests: [count]. */
+/* Hashes `count` messages of one part each: together by the hasher's `digest_many`, or one by one
+ * by `digest`. Out: digests: [count]. */
 void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
                       const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 
-/* Returns false for the all-zero digest of a hasher that failed (struct umb_sha256). */
+/* Returns false for an all-zero digest, which means that the hasher failed (struct umb_sha256). */
 bool umb__digest_made(const uint8_t hash[UMB_ID_BYTES]);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heads of files; offsets in layout.h, normative text in docs/reference/umb-format.md. */
+/* Reads and writes the heads of files. Offsets: layout.h; normative text:
+ * docs/reference/umb-format.md. */
 #include "format/head.h"
 
 #include <stdbool.h>

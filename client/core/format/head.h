@@ -16,8 +16,8 @@ struct umb__head {
     uint32_t page_count;       /* Number of pages of a packed file, else 0 */
     uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
                                   none */
-    const uint8_t *entries[2]; /* Page entries: the first block, and the others as one array. NULL
-                                  from umb__head_parse_front */
+    const uint8_t *entries[2]; /* Entries of the pages: those of the first block, and those of the
+                                  others as one array. NULL from umb__head_parse_front */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];
@@ -31,8 +31,7 @@ struct umb__head {
 UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
                                             struct umb__head *head, struct umb_error *error);
 
-/* Parses the front of a file: its head at least, possibly nothing more. Page entries are not
- * located. */
+/* Parses the front of a file, which holds at least the head. Page entries are not located. */
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
@@ -44,8 +43,8 @@ UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
 uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
                           uint32_t info_length);
 
-/* Writes a head with its checksum. In: head: parts of length 0 may be NULL. Out: bytes: uint8[
- * umb__head_length of the same parts]. */
+/* Writes a head with its checksum. In: head: parts of length 0 may be NULL. Out: bytes: uint8[] of
+ * the length that umb__head_length gives for these parts. */
 void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes);
 
 #endif

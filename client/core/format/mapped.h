@@ -6,7 +6,7 @@
 #include "format/head.h"
 #include "format/view.h"
 
-/* Returns the bytes of grids, nodes and bricks together; a share of them is the columns' budget. */
+/* Returns the bytes of grids, nodes and bricks together, of which the columns may take a share. */
 static inline uint64_t umb__layout_bytes(uint64_t cells, uint64_t node_words, uint64_t bricks)
 {
     return cells * 4 + node_words * 8 + bricks * 64;
@@ -53,8 +53,8 @@ void umb__mapped_finish(struct umb__mapped *mapped);
 UMB_CHECKED enum umb_status umb__columns_build(const struct umb__content *content,
                                                struct umb__mapped *mapped, struct umb_error *error);
 
-/* Returns the most bytes that umb__columns_build holds at once. In: mapped: with sized grids, and
- * counts of nodes and bricks. */
+/* Returns the most bytes that umb__columns_build holds at once. In: mapped: with the sizes of grids
+ * and the counts of nodes and bricks. */
 uint64_t umb__columns_bytes_max(const struct umb__content *content,
                                 const struct umb__mapped *mapped);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the octree to the mapped layout. An octree node of odd level 5, 7, ... becomes one wide
+ * Builds the mapped layout of an octree. An octree node of odd level 5, 7, ... becomes one wide
  * node, into which the nodes of even levels dissolve. Levels above the grid dissolve into the
  * grid's cells.
  */
@@ -79,7 +79,7 @@ static uint64_t words_of(const struct umb__octree *octree, uint32_t level, uint3
     return umb__wide_words(mixed);
 }
 
-/* Returns the bytes of the wide nodes of all levels and of the bricks, which limit the grids. */
+/* Returns the bytes of all wide nodes and bricks. The grids may take a share of that. */
 static uint64_t content_bytes(const struct umb__octree *octree)
 {
     uint64_t bytes = (uint64_t)octree->brick_count * 64;
@@ -105,9 +105,9 @@ struct places {
 };
 
 /*
- * Returns where a node of `length` words begins. A node that fits a cache line lies within one, if
- * possible in a gap that longer nodes left. A longer node begins at a line, so that its masks and
- * the first numbers cost one cache miss, and the other numbers one more.
+ * Returns the first word of a node of `length` words. A node that fits a cache line lies within
+ * one, if possible in a gap that longer nodes left. A longer node begins at a line: its masks and
+ * first numbers then cost one cache miss, and its other numbers one more.
  */
 static uint64_t place_node(struct places *places, uint64_t length)
 {

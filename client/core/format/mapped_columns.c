@@ -13,9 +13,8 @@
 #include "base/memory.h"
 #include "format/mapped.h"
 
-/* Share of the layout's bytes that columns may take. Narrower columns need fewer instructions but
- * more cache lines. The lines weigh more, both for surfaces that fill their frustum and for
- * cities. */
+/* Divisor of the layout's bytes that gives the columns' budget. Narrower columns need fewer
+ * instructions but more cache lines, and in measurements the lines weigh more. */
 #define BUDGET_SHARE     32U
 #define UPDATES_PER_BYTE 2U /* Updates of columns a byte before a walk is stopped */
 
@@ -28,8 +27,8 @@ struct walk {
     uint64_t updates_left;       /* Updates of columns before the walk is stopped */
 };
 
-/* Takes the pieces z0 .. z1 - 1 of one column, which have one value (uniform, or z1 = z0 + 1).
- * While lists are measured, column->first is the value of the last piece, and high < low means
+/* Adds the pieces z0 .. z1 - 1 of one column, all of one value. The value is uniform, or z1 = z0 +
+ * 1. While lists are measured, column->first is the value of the last piece, and high < low means
  * that all pieces so far are equal. */
 static void take_run(const struct walk *w, struct umb__column *column, uint32_t z0, uint32_t z1,
                      uint32_t value)
@@ -54,8 +53,8 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     column->first = value;
 }
 
-/* Sets all columns over a cube of one value. In: at: position of the cube, in cubes of its level.
- * Returns false if the walk must stop. */
+/* Sets the pieces of all columns that cross a cube of one value. In: at: position of the cube, in
+ * cubes of its level. Returns false if the walk must stop. */
 static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     uint32_t shift = level - w->level, row = w->n - w->level, side = 1U << shift;
@@ -73,8 +72,8 @@ static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint
     return true;
 }
 
-/* Visits a cell or child with its value. Returns false if the walk must stop. Recursion ends, since
- * levels descend. */
+/* Visits a cell or child and its value. Returns false if the walk must stop. The recursion ends
+ * because each child is of a lower level. */
 static bool walk_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     if (value < UMB__CELL_FIRST || level == w->level) {
@@ -134,7 +133,7 @@ struct measured {
     uint32_t level;
 };
 
-/* Measures lists at w->level; makes no columns if they take more than `bytes`. */
+/* Measures the lists of columns at w->level. Lists of more than `bytes` give no columns. */
 static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                struct measured *m)
 {
@@ -160,7 +159,8 @@ static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, ui
     return UMB_OK;
 }
 
-/* Finds the narrowest columns of a frustum within `bytes`, or those as wide as the grid's cells. */
+/* Finds the narrowest columns of a frustum that fit into `bytes`; if none fit, columns as wide as
+ * the grid's cells. */
 static enum umb_status choose_level(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                     struct measured *best)
 {
@@ -217,9 +217,9 @@ static enum umb_status join(const struct umb__content *content, const struct mea
     return UMB_OK;
 }
 
-/* Returns the budget in bytes of the columns of one frustum; columns as wide as the grid's cells
- * have none. Numbers of pieces fit 32 bits: a thirty-second of the bytes of 2^32 bricks and words
- * holds fewer than 2^32 pieces. */
+/* Returns the budget in bytes of the columns of one frustum. Columns as wide as the grid's cells
+ * need no budget. Numbers of pieces fit 32 bits: a thirty-second of the bytes of 2^32 bricks and
+ * words holds fewer than 2^32 pieces. */
 static uint64_t budget_of(const struct umb__content *content, const struct umb__view *view)
 {
     return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /

@@ -93,7 +93,8 @@ static uint64_t pieces_of(const struct umb__view *view, const struct umb__conten
     return end - view->tops[i].first_piece;
 }
 
-/* Checks that grids and columns follow one another, each of the size that its frustum requires. */
+/* Checks that the grids and columns of all frusta are contiguous, and that each has the size that
+ * its frustum requires. */
 static enum umb_status check_tops(const struct umb__content *content, const struct umb__view *view,
                                   struct umb_error *error)
 {
@@ -220,8 +221,7 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     return true;
 }
 
-/* Checks that every list lies within the frustum's pieces, and that every piece has a valid
- * value. */
+/* Checks that columns' lists lie within the frustum's pieces, and that all pieces are valid. */
 static bool check_columns(const struct umb__view *view, const uint64_t *starts,
                           const struct umb__content *content, uint32_t frustum)
 {

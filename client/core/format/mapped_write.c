@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing the mapped form of an open asset: its head, then the arrays of its view, each at a
+/* Writes the mapped form of an open asset: its head, then the arrays of its view, each at a
  * multiple of 4096 bytes. */
 #include <string.h>
 #include <xxhash.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hash-consing of bricks and nodes, level by level: look-ups and additions one at a time. Also the
- * octree that a pool becomes. */
+/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist once a level
+ * (hash-consing). The file also turns a pool into an octree. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 

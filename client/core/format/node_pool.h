@@ -20,7 +20,7 @@
 #include "format/octree.h"
 #include "umbrage/status.h"
 
-/* A child: one of these two, or the number of a node in the level below. */
+/* A child: one of the two uniform states below, or the number of a node in the level below. */
 #define UMB__REF_LIT       UINT32_MAX
 #define UMB__REF_SHADOWED  (UINT32_MAX - 1U)
 #define UMB__REF_INDEX_MAX (UINT32_MAX - 2U) /* Largest number of a node or brick */

@@ -45,7 +45,7 @@ struct brick_group {
     uint32_t log2_size; /* Size of the table for which `places` hold */
 };
 
-/* Starts a group with the bricks from `first` on, possibly none; prefetches their slots. */
+/* Starts a group, possibly empty, of the bricks from `first` on; prefetches their slots. */
 static void brick_slots_ahead(const struct umb__pool *pool, const struct bricks *from,
                               uint32_t first, struct brick_group *group)
 {
@@ -174,7 +174,7 @@ enum umb_status umb__pool_find_nodes(struct umb__pool *pool, uint32_t level,
     return find_nodes(pool, level, group, count, refs, error);
 }
 
-/* Makes the keys of n nodes of another pool. In: below: new numbers of the level below. */
+/* Computes the keys of n nodes of another pool. In: below: the new numbers of the level below. */
 static void read_keys(const struct umb__pool_level *from, uint32_t first, uint32_t n,
                       const uint32_t *below, struct umb__node_group *group)
 {
@@ -189,7 +189,7 @@ static void read_keys(const struct umb__pool_level *from, uint32_t first, uint32
     }
 }
 
-/* Merges the nodes of a level. In: numbers: references of the level below in `below`. */
+/* Merges the nodes of a level. In: numbers: its `below` holds the references of the level below. */
 static enum umb_status merge_nodes(struct umb__pool *pool, const struct umb__pool *from,
                                    uint32_t level, struct umb__pool_numbers *numbers,
                                    struct umb_error *error)

@@ -21,7 +21,7 @@
 
 #define UMB__SLOT_EMPTY UINT64_C(0) /* Zero, as fresh pages are */
 
-/* Returns the first slot on a tag's probe sequence. In: slots: log2_size is 0 while there are
+/* Returns the first slot of a tag's probe sequence. In: slots: log2_size is 0 while there are
  * none. */
 static inline size_t umb__slot_place(const struct umb__hash_slots *slots, uint32_t tag)
 {
@@ -59,7 +59,7 @@ static inline size_t umb__slot_free(const struct umb__hash_slots *slots, uint32_
     return place;
 }
 
-/* Returns the first slot on a tag's probe sequence that has this tag or is empty. */
+/* Returns the first slot of a tag's probe sequence that holds this tag or is empty. */
 static inline size_t umb__slot_like(const struct umb__hash_slots *slots, uint32_t tag)
 {
     size_t place = umb__slot_place(slots, tag);
@@ -76,14 +76,14 @@ struct umb__node_key {
     uint32_t child_count;
 };
 
-/* Makes a tag from a sum of products, whose high bits depend on more of the input than its low
- * bits. */
+/* Makes a tag from a sum of products. Low bits of such a sum depend on less of the input, so the
+ * high bits are mixed into them. */
 static inline uint32_t umb__sum_tag(uint64_t sum)
 {
     return (uint32_t)(((sum ^ sum >> 32) * UINT64_C(0x9e3779b97f4a7c15)) >> 32);
 }
 
-/* Returns the product of the two halves of a pair, each with its key added. */
+/* Returns the product of the two halves of a pair, after a key was added to each half. */
 static inline uint64_t umb__pair_product(uint64_t pair, const uint64_t keys[2])
 {
     return ((uint32_t)pair + keys[0]) * ((pair >> 32) + keys[1]);

@@ -52,8 +52,7 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows *array of items from old_count to new_count. While items are copied, both blocks are
- * charged. */
+/* Grows *array of items from old_count to new_count. During a copy both blocks are charged. */
 static enum umb_status grow(struct umb__pool *pool, void *array, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
@@ -78,7 +77,7 @@ static int can_afford(const struct umb__pool *pool, uint64_t more)
     return pool->bytes <= pool->max_bytes && more <= pool->max_bytes - pool->bytes;
 }
 
-/* Returns the capacity of a grown array, at most `most` items. In: item: bytes of each item. */
+/* Returns the capacity of a grown array, at most `most`. In: item: bytes of an item. */
 static uint32_t grown(const struct umb__pool *pool, uint32_t capacity, size_t item, uint32_t most)
 {
     const uint64_t twice = capacity == 0 ? ITEMS_MIN : 2 * (uint64_t)capacity;
@@ -100,8 +99,8 @@ static int slots_full(const struct umb__pool *pool, const struct umb__hash_slots
            (wanted > size / 8 * 7 || can_afford(pool, 2 * size * sizeof *slots->words));
 }
 
-/* Replaces a table by one twice as large. Words have the same order in both tables, so the new one
- * is filled from end to end. */
+/* Replaces a table by one twice as large. Words keep their order, so the new table is filled from
+ * end to end. */
 static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots *slots,
                                   struct umb_error *error)
 {
@@ -159,8 +158,8 @@ enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *e
                         UMB__REF_INDEX_MAX);
     }
     if (pool->is_loose && slots->words == NULL) {
-        /* The table of a loose pool comes before its array: a pool with room for a brick must have
-         * a table. */
+        /* The table of a loose pool is allocated before its array, since each pool with room for a
+         * brick must have a table. */
         UMB__TRY(slots_grow(pool, slots, error));
     }
     if (pool->brick_count == pool->brick_capacity) {

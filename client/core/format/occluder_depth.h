@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 #define UMBRAGE_CORE_FORMAT_OCCLUDER_DEPTH_H
 /*
- * The occluder depth map of a closed asset: the depth of the first occluder of texels for which the
- * DAG does not have it.
+ * The occluder depth map of a closed asset: the depths of first occluders that the DAG does not
+ * have.
  *
  * Let `lit` be the number of lit voxels of a texel's column before its first occluder, and `end`
  * the depth where the undefined region behind that occluder ends. Under the closed rule the column
@@ -103,7 +103,7 @@ static inline uint32_t umb__occluder_depth_residual(const uint32_t *words, uint3
     return (uint32_t)(two >> bit % 32) & (((uint32_t)1 << width) - 1);
 }
 
-/* Reads the depth that the record of a block gives at texel (x, y) of its square. In: planes:
+/* Reads the depth that a block's record gives at texel (x, y) of the block's square. In: planes:
  * planes of the square. Returns false if the DAG answers. */
 static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t kind,
                                              const uint32_t *planes, uint32_t x, uint32_t y,
@@ -133,8 +133,8 @@ static inline bool umb__occluder_depth_value(const uint32_t *record, uint32_t ki
     return true;
 }
 
-/* Reads the depth that a square of planes gives at its texel (x, y). Returns false if the DAG
- * answers. */
+/* Reads the depth that a square of planes gives at texel (x, y) of the square. Returns false if the
+ * DAG answers. */
 static inline bool umb__occluder_depth_square_value(const uint32_t *words, const uint32_t *square,
                                                     uint32_t x, uint32_t y, int64_t *lit)
 {

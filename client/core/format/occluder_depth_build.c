@@ -2,10 +2,10 @@
 /*
  * Codes squares of texels as planes, and joins squares to the tree.
  *
- * A plane meets a texel if its height there, rounded down, is the texel's `lit`. A square that no
- * single plane meets gets several planes. Each plane starts from a block of 8x8 texels that is
- * planar, and is then turned to meet as many other blocks of the square as it can, so that a roof
- * is stored once a square. For a block that no single plane meets, a plane is chosen for each
+ * A plane meets a texel if the plane's height there, rounded down, is the texel's `lit`. A square
+ * that no single plane meets gets several planes. Each plane starts from a block of 8x8 texels that
+ * is planar, and is then turned to meet as many other blocks of the square as it can, so that a
+ * roof is stored once a square. For a block that no single plane meets, a plane is chosen for each
  * texel, or the block gets a plane with residuals.
  */
 #include "format/occluder_depth_build.h"
@@ -21,7 +21,7 @@
     (5 + UMB__OCCLUDER_DEPTH_PLANES_MAX * UMB__OCCLUDER_DEPTH_PLANE_WORDS +                        \
      64 * (1 + 5 + 2 * UMB__OCCLUDER_DEPTH_WIDTH_MAX))
 
-/* Largest miss in voxels at which the fit still tries to turn a plane to meet a block. */
+/* Largest error in voxels of a plane that is still turned to meet a block. */
 #define NEAR_BLOCK 2
 
 /* A square under way. */
@@ -36,7 +36,7 @@ struct work {
                         on */
 };
 
-/* Adds to a set the texels of a block that a mask names, by their positions in the square. */
+/* Adds to a set those texels of a block that a mask selects, with their positions in the square. */
 static void add_block(const struct work *w, uint32_t block, uint64_t mask, struct umb__texels *to)
 {
     for (uint64_t left = mask; left; left &= left - 1) {
@@ -57,8 +57,8 @@ static uint64_t met_by(const struct work *w, uint32_t block, const struct umb__p
     return met;
 }
 
-/* Turns a plane so that it meets the coded texels of one more block, if that is possible. The plane
- * still meets all texels of w->set, to which the block is then added. */
+/* Turns a plane so that it also meets the coded texels of one more block, if that is possible. The
+ * plane still meets all texels of w->set, and the block is added to w->set. */
 static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
 {
     if ((met_by(w, block, plane) & w->coded[block]) == w->coded[block]) {
@@ -85,7 +85,7 @@ static void take_in(struct work *w, uint32_t block, struct umb__plane *plane)
     }
 }
 
-/* Starts a plane at a block and extends it to the open blocks that it can meet. */
+/* Starts a plane at a block and turns it to meet as many other open blocks as possible. */
 static void grow_plane(struct work *w, uint32_t first, uint64_t open)
 {
     w->set.count = 0;
@@ -102,7 +102,7 @@ static void grow_plane(struct work *w, uint32_t first, uint64_t open)
     w->planes[w->plane_count++] = plane;
 }
 
-/* Finds the square's planes; returns the blocks that no single plane answers. */
+/* Finds the square's planes. Returns the blocks whose coded texels no single plane meets. */
 static uint64_t find_planes(struct work *w)
 {
     uint64_t open = 0, tried = 0;
@@ -136,7 +136,7 @@ static uint32_t bits_of(uint64_t most)
     return most == 0 ? 0 : 64 - (uint32_t)__builtin_clzll(most);
 }
 
-/* Stores number `index` of an array of `width` bits each, which was zeroed before. */
+/* Stores number `index` of an array of `width` bits each. In: a zeroed array. */
 static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t number)
 {
     const uint32_t bit = index * width;
@@ -146,8 +146,8 @@ static void put_number(uint32_t *words, uint32_t width, uint32_t index, uint64_t
     }
 }
 
-/* Writes the number of the plane that answers each texel; returns the words, 0 if some texel has
- * none. */
+/* Writes for each texel of a block the number of the plane that answers it. Returns the words
+ * written, 0 if some texel has no plane. */
 static uint32_t put_choice(const struct work *w, uint32_t block, uint32_t *to)
 {
     const uint32_t width = bits_of(w->plane_count);
@@ -163,8 +163,8 @@ static uint32_t put_choice(const struct work *w, uint32_t block, uint32_t *to)
     return left ? 0 : 2 * width;
 }
 
-/* Writes a plane with 12 fraction bits and the residuals of the texels t; returns the words. In:
- * mask: NULL for none. */
+/* Writes a plane with 12 fraction bits and the residuals of texels t. Returns the words written.
+ * In: mask: NULL for none. */
 static uint32_t put_residuals(const struct umb__texels *t, const struct umb__plane *plane,
                               const uint64_t *mask, uint32_t *to)
 {
@@ -185,7 +185,7 @@ static uint32_t put_residuals(const struct umb__texels *t, const struct umb__pla
     return (uint32_t)(next - to) + 2 * width;
 }
 
-/* Writes the record of a block that no single plane answers; returns its words. */
+/* Writes the record of a block that no single plane meets. Returns the words written. */
 static uint32_t put_block(struct work *w, uint32_t block, uint32_t *to, uint32_t *kind)
 {
     uint32_t count = put_choice(w, block, to);
@@ -380,7 +380,7 @@ struct joiner {
     uint64_t count;
 };
 
-/* True if a square of the level at (x, y), counted in such squares, has a record. */
+/* Returns true if the square at (x, y) of a level has a record. In: x, y: in squares. */
 static bool holds_any(const struct umb__occluder_depth *occluder_depth, uint32_t level, size_t x,
                       size_t y)
 {
@@ -416,7 +416,7 @@ static uint32_t join_square(struct joiner *j, size_t x, size_t y)
     return from[1] + base;
 }
 
-/* Writes the records of a square of the level; returns its reference, 0 if it has no record. */
+/* Writes a square's records. Returns the square's reference; 0: it has no record. */
 static uint32_t join_level(struct joiner *j, uint32_t level, size_t x, size_t y)
 {
     if (!holds_any(j->occluder_depth, level, x, y)) {

@@ -60,8 +60,8 @@ UMB_CHECKED enum umb_status umb__occluder_depth_add(struct umb__occluder_depth *
                                                     const int32_t (*end)[64],
                                                     struct umb_error *error);
 
-/* Returns the words of a square: their number, the square's reference, and its records, with
- * references counted from the first record. NULL: the square has none. Borrowed until the map
+/* Returns the words of a square: their number, the square's reference, and the square's records.
+ * References count from the first record. NULL: the square has none. Borrowed until the map
  * changes. */
 const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occluder_depth,
                                            uint32_t x, uint32_t y);

@@ -53,8 +53,7 @@ static struct umb__plane least_squares(const struct umb__texels *t)
     return plane;
 }
 
-/* Computes c and the spread of a plane. Out: high, low: the texels with the greatest and least
- * e. */
+/* Computes c and the spread of a plane. Out: high, low: the texels of the greatest and least e. */
 static void measure(const struct umb__texels *t, struct umb__plane *plane, uint32_t *high,
                     uint32_t *low)
 {

@@ -4,8 +4,9 @@
 /*
  * Planes through the depths of texels, in integers: equal texels give equal planes everywhere.
  *
- * A plane meets a texel if floor((c + a * x + b * y) / one) is its depth. It meets all texels of a
- * set if its spread over them is below `one`, with c = the greatest lit * one - a * x - b * y.
+ * A plane meets a texel if floor((c + a * x + b * y) / one) is its depth. A plane with c = the
+ * greatest lit * one - a * x - b * y meets all texels of a set if its spread over them is below
+ * `one`.
  */
 #include <stdint.h>
 
@@ -34,12 +35,11 @@ static inline void umb__texels_add(struct umb__texels *texels, uint32_t x, uint3
 /* Fills in c and the spread for the plane's slopes. In: texels: at least one. */
 void umb__plane_measure(const struct umb__texels *texels, struct umb__plane *plane);
 
-/* Turns a plane that nearly meets the set until it does, if a few turns suffice. Else the plane is
- * the best one found. */
+/* Turns a plane that nearly meets the set until it meets the set, or until a few turns are done.
+ * The result is then the best plane found. */
 void umb__plane_turn(const struct umb__texels *texels, struct umb__plane *plane);
 
-/* Fits a plane: computes the slopes of least squares, and turns that plane as umb__plane_turn
- * does. */
+/* Fits a plane to the set by least squares, then turns it as umb__plane_turn does. */
 struct umb__plane umb__plane_fit(const struct umb__texels *texels);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loading and checking occluder depth maps. A check reads the records in the order in which they
- * were written, and each reference must lead to the next one. So nothing is read twice, and the
- * walk ends. */
+/* Loads and checks occluder depth maps. A check reads the records in the order in which they were
+ * written, and each reference must lead to the next one. So nothing is read twice, and the walk
+ * ends. */
 #include "format/occluder_depth_build.h"
 
 #include "base/bytes.h"
@@ -77,7 +77,7 @@ static uint32_t block_words(uint32_t kind, uint32_t planes)
     if (width <= UMB__OCCLUDER_DEPTH_WIDTH_MAX) {
         return (kind >= UMB__OCCLUDER_DEPTH_MASKED ? 5 : 3) + 2 * width;
     }
-    /* A choice of planes: its width must be able to hold the numbers of all planes. */
+    /* Checks a choice of planes: its numbers must be wide enough to name every plane. */
     return kind > UMB__OCCLUDER_DEPTH_CHOICE && kind <= UMB__OCCLUDER_DEPTH_CHOICE + 4 &&
                    planes >> (kind - UMB__OCCLUDER_DEPTH_CHOICE) == 0
                ? 2 * (kind - UMB__OCCLUDER_DEPTH_CHOICE)

@@ -56,8 +56,8 @@ static inline uint32_t umb__octree_level_count(const struct umb__octree *octree,
     return level == UMB_LEVEL_BRICK ? octree->brick_count : octree->level[level].count;
 }
 
-/* Returns the runs of equal slices of a brick. Bit z: slice z differs from slice z - 1; bit 0 is
- * set. */
+/* Returns the starts of the runs of equal slices of a brick. Bit z is set if slice z differs from
+ * slice z - 1; bit 0 is always set. */
 static inline unsigned umb__brick_runs(const uint64_t brick[8])
 {
     unsigned bits = 1;

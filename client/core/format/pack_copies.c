@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Whether copies in the lowest band are worth their bytes: a sample of its roots, visited with
- * copies.
+ * Decides whether copies in the lowest band are worth their bytes, by a sample of the band's roots.
  *
  * Each run of neighbouring roots is measured by itself, so helpers share the runs, each on a walk
  * of its own. Only where frusta are so small that their roots are in the lowest band may one tree
@@ -13,9 +12,9 @@
 
 #include "base/memory.h"
 
-/* Largest bytes of the lowest band with copies, in fifths of the bytes of its nodes without copies.
- * At this limit the file is about a quarter larger (docs/results/paging.md), since copies save
- * references, which take many bytes. */
+/* Largest bytes of the lowest band with copies, in fifths of the bytes of the band's nodes without
+ * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
+ * save references, which take many bytes. */
 #define COPIES_MAX_FIFTHS 12U
 #define SAMPLE_ROOTS      16384U /* Roots of a sample, at least; a few more are possible */
 #define SAMPLE_RUN        64U    /* Neighbouring roots of each run */
@@ -83,7 +82,7 @@ static enum umb_status sampler_begin(struct sampler *sampler, const struct umb__
     return complete ? UMB_OK : UMB_E_NO_MEMORY;
 }
 
-/* Returns the first root of a visited run. Out: count: number of its roots. */
+/* Returns the first root of visited run `run`. Out: count: number of the run's roots. */
 static size_t run_first(const struct sample *s, size_t run, size_t *count)
 {
     const size_t first = run * s->step * SAMPLE_RUN;
@@ -113,7 +112,7 @@ static void run_job(void *user, uint32_t job, unsigned worker)
     }
 }
 
-/* Visits all runs, or stops when their pages take more than `most` bytes. Out: bytes: estimated
+/* Visits all runs, but stops when their pages take more than `most` bytes. Out: bytes: estimated
  * bytes so far. */
 static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
                                   const struct umb_workers *workers, uint64_t *bytes)
@@ -138,7 +137,7 @@ static enum umb_status visit_runs(struct sample *s, size_t runs, uint64_t most,
     return status;
 }
 
-/* Returns true if surely no root of the lowest band stands below another, and no two are equal. */
+/* Returns true if certainly no root of the lowest band is below or equal to another. */
 static bool roots_are_apart(const struct umb__octree *octree)
 {
     bool apart = true;

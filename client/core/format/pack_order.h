@@ -36,13 +36,13 @@ struct umb__node_place {
 
 #define UMB__PACK_HINT 16U
 
-/* The order of the nodes of each level in the file. The number of a node in it, copies included, is
- * called an ordinal. */
+/* The order of each level's nodes in the file. An ordinal is a node's number in this order, in
+ * which each copy of a node counts. */
 struct umb__pack_order {
     uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal] Number of the node in the octree */
     size_t node_capacity[UMB_LEVEL_MAX + 1];
-    /* [count of the level] Ordinal of each reached node. Independent pages have ordinals of their
-     * roots only, or of each node's last copy if a frustum's root is below those. */
+    /* [count of the level] Ordinal of each reached node. In independent pages only roots have one,
+     * or, if a frustum's root is below those roots, each node has that of its last copy. */
     uint32_t *ordinals[UMB_LEVEL_MAX + 1];
     uint32_t page_count;
     uint32_t alone_from; /* First independent page; all later ones are independent too */
@@ -54,7 +54,7 @@ struct umb__pack_order {
     const struct umb_alloc *alloc;
 };
 
-/* Makes room for the first ordinals of so many pages. False: out of memory. */
+/* Makes room for the first ordinals of `needed` pages. Returns false if out of memory. */
 bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed);
 
 /* Finds the page and position of an ordinal of a level. Cost: a search among the pages of 16

@@ -46,7 +46,7 @@ static enum umb_status allocate(struct umb__pack_ordering *o)
 }
 
 /* Visits roots until all are visited or the order has most_pages pages. In and out: next: index of
- * the next root. */
+ * the next root to visit. */
 static enum umb_status visit_roots(struct umb__pack_walk *t, const struct umb__node_list *roots,
                                    size_t *next, uint32_t most_pages)
 {
@@ -62,8 +62,8 @@ static enum umb_status visit_band(struct umb__pack_walk *t, const struct umb__no
     return visit_roots(t, roots, &next, UINT32_MAX);
 }
 
-/* Returns true if roots of frusta lie below the roots of the lowest band: then the canonical block
- * names the last copy of each node. */
+/* Returns true if roots of frusta lie below the roots of the lowest band. The canonical block then
+ * names the last copy of such a root. */
 static bool has_low_roots(const struct umb__octree *octree)
 {
     bool has = false;
@@ -89,8 +89,8 @@ static enum umb_status visit_all_with_copies(struct umb__pack_ordering *o, bool 
     return UMB_OK;
 }
 
-/* Orders the lowest band. If copies of shared nodes cost little, only the sample is visited here,
- * and the pages are made step by step. */
+/* Orders the lowest band. If copies of shared nodes cost little, only a sample is visited here, and
+ * the pages are made later, step by step. */
 static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
                                          const struct umb_workers *workers)
 {
@@ -147,7 +147,7 @@ static enum umb_status visit_bands(struct umb__pack_ordering *o, const struct um
     return UMB_OK;
 }
 
-/* Records the pages of every 16th ordinal of each level, and of the last. */
+/* Records, for each level, the pages of every 16th ordinal and of the last one. */
 static enum umb_status make_hints(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
@@ -198,9 +198,9 @@ bool umb__pack_order_complete(const struct umb__pack_ordering *o)
     return o->complete;
 }
 
-/* Returns the most nodes of a level in one independent page. A page ends when it reaches the
- * target, at 2 bytes a node or more, and the last tree may add all nodes of the level that a tree
- * can have. */
+/* Returns the most nodes of a level in one independent page. A node takes at least 2 bytes, a page
+ * ends when it reaches the target, and the last tree may add all nodes of the level that a tree can
+ * have. */
 static size_t page_nodes_most(uint32_t level)
 {
     return UMB__PAGE_RAW_TARGET / 2 + ((size_t)1 << 3 * (UMB__LOWEST_END - 1 - level));

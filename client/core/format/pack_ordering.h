@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_ORDERING_H
 #define UMBRAGE_CORE_FORMAT_PACK_ORDERING_H
 /*
- * Making the order of a packed file (pack_order.h), step by step if pages are independent. Such a
- * page can be encoded as soon as it is closed, while another thread goes on ordering.
+ * Makes the order of a packed file (pack_order.h). Independent pages are made step by step: each
+ * can be encoded as soon as it is closed, while another thread goes on ordering.
  */
 #include "format/pack_order.h"
 #include "umbrage/workers.h"
@@ -28,14 +28,14 @@ UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octr
 bool umb__pack_order_complete(const struct umb__pack_ordering *ordering);
 
 /*
- * Makes room for a step of so many pages. Threads: closed pages from alone_from on can be encoded
- * during the step, since it moves no memory. Fails: E_NO_MEMORY.
+ * Makes room for a step of `pages` pages. Fails: E_NO_MEMORY.
+ * Threads: closed pages from alone_from on can be encoded during the step, which moves no memory.
  */
 UMB_CHECKED enum umb_status umb__pack_order_reserve(struct umb__pack_ordering *ordering,
                                                     uint32_t pages);
 
-/* Closes that many further pages, or fewer if no more are left. Fails: as begin. In: it is not
- * complete. */
+/* Closes `pages` further pages, or all that are left if these are fewer. In: an order that is not
+ * complete. Fails: as umb__pack_order_begin. */
 UMB_CHECKED enum umb_status umb__pack_order_step(struct umb__pack_ordering *ordering,
                                                  uint32_t pages);
 void umb__pack_ordering_destroy(struct umb__pack_ordering *ordering); /* NULL is allowed */

@@ -20,10 +20,10 @@
 
 /*
  * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as many
- * matches as large ones. Pages with references repeat little except for neighbours: with tables of
- * 512 entries they take no more bytes than with 4096, and a quarter less time. zstd's level 6 would
- * save 5 % and take three times as long (docs/results/bakes.md). Compression is outside the
- * identity, so it may change.
+ * matches as large ones. In pages with references mostly neighbours are alike: tables of 512
+ * entries give no more bytes than tables of 4096, in a quarter less time. zstd's level 6 would save
+ * 5 % and take three times as long (docs/results/bakes.md). Compression is outside the identity, so
+ * it may change.
  */
 #define TABLE_LOG2_ALONE  12
 #define TABLE_LOG2_REFERS 9
@@ -123,8 +123,7 @@ static enum umb_status compress_page(const struct packing *p, struct umb__page_w
     return UMB_OK;
 }
 
-/* Keeps the encoded page until it is hashed, and gives the encoder the memory of an earlier
- * page. */
+/* Stores the encoded page for hashing, and gives the encoder the memory of an earlier page. */
 static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
 {
     const struct raw_page before = *raw;
@@ -134,8 +133,8 @@ static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
     e->raw_capacity = before.capacity;
 }
 
-/* Encodes and compresses a page and writes its entry, all but the hash. In: number: index of the
- * page in its job. */
+/* Encodes and compresses a page, and writes the page's entry without the hash. In: number: index of
+ * the page in its job. */
 static enum umb_status write_page(const struct packing *p, struct umb__page_worker *worker,
                                   uint32_t page, uint32_t number)
 {
@@ -177,8 +176,8 @@ static enum umb_status hash_pages(const struct packing *p, struct umb__page_work
     return UMB_OK;
 }
 
-/* Returns the page of a turn. Independent pages take the first turns: although they are ordered
- * last, they can be encoded as soon as they are ordered. */
+/* Returns the number of the page that is made in turn `turn`. Independent pages take the first
+ * turns: they are ordered last, but each can be encoded as soon as it is ordered. */
 static uint32_t page_of_turn(const struct umb__pack_order *order, uint32_t alone, uint32_t turn)
 {
     return turn < alone ? order->alone_from + turn : turn - alone;
@@ -204,8 +203,8 @@ static void encode_pages(const struct packing *p, uint32_t job, unsigned number)
     }
 }
 
-/* A job of a round: the first job orders the pages of the next round, the others make the ordered
- * pages. */
+/* Runs one job of a round. The first job orders the pages of the next round; the other jobs make
+ * the pages already ordered. */
 static void round_job(void *user, uint32_t job, unsigned number)
 {
     struct packing *p = user;
@@ -218,7 +217,7 @@ static void round_job(void *user, uint32_t job, unsigned number)
     }
 }
 
-/* Makes a zstd context. In: alone: true for orders with independent pages. */
+/* Makes a zstd context. In: alone: true if the order has independent pages. */
 static ZSTD_CCtx *compressor_create(bool alone)
 {
     const struct {
@@ -281,8 +280,8 @@ static enum umb_status end_round(struct packing *p, struct umb_error *error)
     return p->ordered;
 }
 
-/* Makes all pages. One thread orders independent pages while others make those ordered in the round
- * before. Rounds are short, since the first one makes no page. */
+/* Makes all pages. One thread orders independent pages while the others make those ordered in the
+ * round before. Rounds are short, because no page is made in the first one. */
 static enum umb_status make_pages(struct packing *p, const struct umb_workers *workers,
                                   struct umb_error *error)
 {

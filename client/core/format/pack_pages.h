@@ -18,8 +18,8 @@ struct umb__page_worker;
 struct umb__pack_pages {
     struct umb__pack_order order;
     uint8_t **stored; /* [order.page_count] Compressed pages, whose lengths are in the entries */
-    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY] Entries of the directory, complete but
-                         for the offsets of pages in the file */
+    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY] Entries of the directory, complete
+                         except for the offsets of the pages in the file */
     struct umb__page_worker *workers; /* [worker_count] */
     unsigned worker_count;
     size_t stored_capacity, entries_capacity; /* Pages that the arrays have room for */
@@ -29,7 +29,7 @@ struct umb__pack_pages {
 /*
  * Makes all pages.
  *
- * In:    job: its octree, sha256, workers and cancelled, borrowed for the call.
+ * In:    job: octree, sha256, workers and cancelled are used, borrowed for the call.
  * Out:   pages: finish it, also after a failure.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages, or
  *        copies), E_CANCELLED.

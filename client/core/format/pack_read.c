@@ -41,13 +41,14 @@ struct reader {
     struct umb__page *pages; /* [page count] Parsed pages, which point into raw */
     page_numbers *first; /* [page count] Index in `numbers` of a page's first node of each level */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
-    uint32_t *others; /* Pool numbers of the nodes in other pages that a level of a page leads to */
+    uint32_t *others; /* Pool numbers of the nodes in other pages to which a level of a page
+                         refers */
     uint64_t *leaves; /* Leaves of a page; `others` and `leaves` have room for any page */
     struct umb__pool pool;
 };
 
-/* Returns true if an entry still lies in the file and its page fits the `room` bytes left for
- * it. */
+/* Returns true if the page of an entry lies in the file and fits the `room` bytes left for it.
+ * Another process may have changed the entry. */
 static bool entry_fits(const struct umb__head *head, const struct umb__page_entry *entry,
                        uint64_t room)
 {
@@ -55,15 +56,15 @@ static bool entry_fits(const struct umb__head *head, const struct umb__page_entr
            entry->stored_length <= head->file_length - entry->offset;
 }
 
-/* Returns false if a page's compressed bytes do not match the checksum of its entry. The decoder
- * ignores some of their bits, so no other check detects a flip of these. */
+/* Returns true if a page's compressed bytes match the checksum of the page's entry. The decoder
+ * ignores some bits of these bytes, so no other check detects a flip of those bits. */
 static bool stored_as_written(const uint8_t *file, const struct umb__page_entry *entry)
 {
     return XXH3_64bits(file + entry->offset, entry->stored_length) == entry->check;
 }
 
-/* Uncompresses a page after a check of its place and, with `check`, of its checksum. In: raw:
- * uint8[room]. */
+/* Uncompresses a page. Checks the page's place first and, with `check`, the page's checksum. In:
+ * raw: uint8[room]. */
 static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct umb__head *head,
                               const struct umb__page_entry *entry, int check, uint8_t *raw,
                               uint64_t room, struct umb_error *error)
@@ -79,8 +80,7 @@ static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct
     return umb__page_expand(zstd, file + entry->offset, entry, raw, error);
 }
 
-/* Makes the first pass. Out: totals: number of nodes of each level in all pages, backed by real
- * bytes. */
+/* Makes the first pass. Out: totals: number of nodes of each level in all parsed pages. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -133,7 +133,7 @@ static bool allocate_tables(struct reader *r)
 }
 
 /* Checks the counts, and allocates numbers and tables. In: totals: nodes of all pages, copies
- * included, which no count may exceed. */
+ * included. No count may exceed its total. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
 {
@@ -152,7 +152,7 @@ static enum umb_status allocate_numbers(struct reader *r, const struct umb__cano
                : umb_fail(r->error, UMB_E_NO_MEMORY, "opening: no memory for a page's tables");
 }
 
-/* Returns the pool's number of a node in any page; all nodes of its level are in the pool. */
+/* Returns the pool's number of a node in any page. The pool must have the node's level. */
 static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t page,
                                uint32_t position, uint32_t *number)
 {
@@ -179,7 +179,7 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
     return UMB_OK;
 }
 
-/* Reads the keys of a page's next nodes of a level; the nodes in other pages are known. */
+/* Reads the keys of a page's next nodes of a level. Nodes in other pages are in the pool. */
 static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
                       uint32_t count, struct umb__node_group *group)
 {
@@ -249,7 +249,7 @@ static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64
     return status == UMB_OK && found > most ? wrong_counts(r->error) : status;
 }
 
-/* Makes the second pass. Whatever the pages hold, the pool never holds more than the counted nodes
+/* Makes the second pass. Even for a hostile file the pool never holds more than the counted nodes
  * and those of one page. */
 static enum umb_status fill_pool(struct reader *r, const struct umb__canonical *canonical)
 {
@@ -287,8 +287,8 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
 }
 
 /* Returns the bytes of everything but the pool: raw and parsed pages, numbers of nodes, tables,
- * roots. Each leaf and each node in another page takes at least a byte of a page, so the length of
- * the longest page limits both tables. */
+ * roots. Each leaf, and each node in another page, takes at least one byte of a page, so the length
+ * of the longest page limits both tables. */
 static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
     uint64_t bytes =
@@ -303,8 +303,8 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
     return bytes + root_count * (sizeof(struct umb__octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
-/* Returns the most bytes that the counted nodes can take: those of nodes with eight children each.
- * No sum overflows, since each count is below 2^32. */
+/* Returns the most bytes that the counted nodes can take, if each has eight children. No sum
+ * overflows, since each count is below 2^32. */
 static uint64_t node_bytes(const struct umb__canonical *canonical)
 {
     uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;
@@ -314,8 +314,8 @@ static uint64_t node_bytes(const struct umb__canonical *canonical)
     return bytes;
 }
 
-/* Refuses a file that could exceed the memory limit, and starts the pool with the rest as its
- * budget. */
+/* Refuses a file that could exceed the memory limit. Otherwise starts the pool with the remaining
+ * bytes as its budget. */
 static enum umb_status plan_memory(struct reader *r, const struct umb__canonical *canonical,
                                    uint64_t raw_total, uint64_t max_memory_bytes)
 {

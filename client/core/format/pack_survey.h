@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_SURVEY_H
 #define UMBRAGE_CORE_FORMAT_PACK_SURVEY_H
 /*
- * Survey of an octree before packing: which nodes the roots reach, that these nodes are sound, and
- * about how many bytes they will take. The survey goes level by level from the top and reads each
+ * Survey of an octree before packing: finds the nodes that the roots reach, checks these nodes, and
+ * estimates their bytes in the file. The survey goes level by level from the top and reads each
  * array once from end to end. That is much faster than a walk through the tree, whose reads are
  * scattered over memory.
  */
@@ -26,8 +26,7 @@ static inline void umb__bits_add(uint64_t *bits, uint32_t number)
     bits[number / 64] |= (uint64_t)1 << (number % 64);
 }
 
-/* Estimates the bytes of a node with so many mixed children in a page, without references to other
- * pages. */
+/* Estimates the bytes of a node with `children` mixed children, all in the node's page. */
 static inline size_t umb__node_estimate(uint32_t children)
 {
     return 2 + (size_t)children;

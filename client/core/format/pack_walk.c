@@ -41,7 +41,7 @@ static void set_state(struct umb__pack_walk *t, struct umb__node_ref node, enum 
     *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
 }
 
-/* Counts the open page as closed: the next page begins at the next ordinals. */
+/* Closes the open page in all counts: the next page begins at the next ordinals. */
 static enum umb_status add_page(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
@@ -96,12 +96,12 @@ static enum umb_status place(struct umb__pack_walk *t, struct umb__node_ref node
     }
     order->nodes[node.level][ordinal] = node.index;
     t->next[node.level] = ordinal + 1;
-    /* Closes the open page if it is full; independent pages end between the trees of two roots. */
+    /* Closes a full page. Independent pages are closed only between two roots' trees. */
     return !t->alone && t->page_bytes >= UMB__PAGE_RAW_TARGET ? umb__pack_close_page(t) : UMB_OK;
 }
 
-/* Returns true if a node was written where it is needed: in the open page if pages are independent,
- * else in any page. */
+/* Returns true if no further copy of a node is needed: it is in the open page or, unless pages are
+ * independent, in any page. */
 static bool is_placed(const struct umb__pack_walk *t, struct umb__node_ref node)
 {
     return state_of(t, node) >= (t->alone ? HERE : BEFORE);
@@ -147,7 +147,7 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     const enum node_state stands = t->alone ? HERE : BEFORE;
     const size_t depth = stack->depth;
     size_t bytes = umb__node_estimate(end - first);
-    /* The stack returns children in reverse, so the last one is pushed first. */
+    /* The last child is pushed first, since the stack returns children in reverse. */
     for (uint32_t i = end; i-- > first;) {
         const struct umb__node_ref child = {node.level - 1, level->children[i]};
         const enum node_state state = state_of(t, child);
@@ -163,7 +163,7 @@ static size_t enter(const struct umb__pack_walk *t, struct umb__node_ref node, s
     return bytes;
 }
 
-/* Writes the bricks of a node right behind the node; their sizes are prefetched together. */
+/* Writes a node's bricks directly after the node, with one prefetch for all their sizes. */
 static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *bricks,
                                     uint32_t count)
 {

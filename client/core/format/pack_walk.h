@@ -3,7 +3,7 @@
 #define UMBRAGE_CORE_FORMAT_PACK_WALK_H
 /*
  * The walk through an octree that fills pages: depth first from the roots of a band, as
- * pack_order.h explains. Pages go into an order, or are only measured, for a sample of them.
+ * pack_order.h explains. The pages are added to an order, or are only measured, as for a sample.
  */
 #include <stdbool.h>
 #include "format/pack_order.h"
@@ -42,22 +42,22 @@ UMB_CHECKED enum umb_status umb__node_list_add(const struct umb__pack_walk *walk
                                                struct umb__node_list *list,
                                                struct umb__node_ref node);
 
-/* Visits the tree of a root of the band, unless the root was written before: as a part of another
- * root's tree, or as the root of another frustum. Fails: E_NO_MEMORY, E_TOO_LARGE (too many pages,
- * or copies). */
+/* Visits the tree below a root of the band. Does nothing if the root was written before, as a part
+ * of another tree or as the root of another frustum. Fails: E_NO_MEMORY, E_TOO_LARGE (too many
+ * pages, or copies). */
 UMB_CHECKED enum umb_status umb__pack_visit_root(struct umb__pack_walk *walk,
                                                  struct umb__node_ref root);
 
 /* Ends the open page, if it holds anything. Fails: as umb__pack_visit_root. */
 UMB_CHECKED enum umb_status umb__pack_close_page(struct umb__pack_walk *walk);
 
-/* Undoes the visits of levels below `end` since the order had so many pages. */
+/* Undoes all visits of levels below `end` since the order had `page_count` pages. */
 void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end);
 
 /*
- * The decision about copies (pack_copies.c): whether pages of the lowest band may be independent,
- * with copies of the nodes that they share, because such pages take little more bytes than pages
- * with references.
+ * The decision about copies (pack_copies.c). Pages of the lowest band may be independent, with
+ * copies of the nodes that they share, if such pages take little more bytes than pages with
+ * references.
  */
 
 /* True if the roots are so few that the sample is all of them. */

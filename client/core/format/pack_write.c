@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing a packed asset: its pages are made first, then head and pages are written. Also the
- * proof of a packed file. */
+/* Writes a packed asset: makes the pages first, then writes the head and the pages. The file also
+ * proves packed files. */
 #include <stdbool.h>
 #include <string.h>
 
@@ -56,7 +56,8 @@ static enum umb_status encode_canonical(struct writer *w, const struct umb__cont
     return status;
 }
 
-/* Computes the places of pages and blocks, and the blocks' checks and hashes. False: no digest. */
+/* Computes the places of pages and blocks, and the checksums and hashes of the blocks. Returns
+ * false if no digest could be made. */
 static bool lay_out(struct writer *w, struct umb__head *head)
 {
     const uint32_t count = w->pages.order.page_count;

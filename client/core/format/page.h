@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_FORMAT_PAGE_H
 #define UMBRAGE_CORE_FORMAT_PAGE_H
 /*
- * One page of a packed file, uncompressed. A page is decoded without other pages. A reference is
- * the position of one of the page's own nodes of the level below, or, from their number on, an
- * index in the page's table of nodes in other pages. Most references lead to the next node, as
+ * One page of a packed file, uncompressed. A page is decoded without other pages. A reference to
+ * one of the page's n nodes of the level below is the position of that node. A reference of n + i
+ * is item i of the page's table of nodes in other pages. Most references lead to the next node, as
  * defined below. These references are not written: the mask marks them. Numbers and lists are those
  * of base/numbers.h.
  *
@@ -27,9 +27,8 @@
  *     u8 runs[node_count of level 3] bit z: slice z differs from slice z - 1; bit 0 is set
  *     list leaf numbers[set bits of all runs]   below leaf_count
  *
- * The next node is the first of the page's own nodes of the level below to which no mask or
- * reference of the level has led so far, nor to any node behind it. At the beginning it is the
- * first node.
+ * The next node is the one after the last of the page's own nodes of the level below to which a
+ * mask or reference has led so far. At the beginning it is the first node.
  */
 #include "base/bytes.h"
 #include "base/numbers.h"
@@ -117,14 +116,14 @@ static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *pag
                                     .own = page->node_count[level - 1]};
 }
 
-/* Returns the lower bit of each child that is the next node. In: mask: as it stands in a page. */
+/* Returns the lower bit of each child that is the next node. In: mask: as stored in a page. */
 static inline unsigned umb__page_mask_next(unsigned mask)
 {
     return mask & mask >> 1 & 0x5555U;
 }
 
-/* Reads the next node of a level. Out: mask: as the octree has it. Returns the number of mixed
- * children, and so of references. */
+/* Reads the next node of a level. Out: mask: in the octree's form. Returns the number of mixed
+ * children, which is the number of references. */
 static inline unsigned umb__page_nodes_next(struct umb__page_nodes *nodes, uint16_t *mask,
                                             uint32_t references[8])
 {

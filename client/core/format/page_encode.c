@@ -23,8 +23,8 @@ struct writer {
     const uint32_t *nodes[UMB_LEVEL_MAX + 1];
 };
 
-/* Makes room for at most `most` further bytes of the page. Returns where they go; NULL: out of
- * memory. */
+/* Makes room for at most `most` further bytes of the page. Returns the address of these bytes; NULL
+ * if out of memory. */
 static uint8_t *reserve(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
@@ -78,8 +78,8 @@ static void write_counts(struct writer *w)
     keep(w, at);
 }
 
-/* Makes room for at most `most` references of a level, and empties the table. False: out of
- * memory. */
+/* Makes room for at most `most` references of a level, and empties the table. Returns false if out
+ * of memory. */
 static bool begin_table(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
@@ -100,7 +100,7 @@ static bool sort_table(struct writer *w)
     return !w->failed;
 }
 
-/* Marks a reference to the table; the page's own nodes are numbered by position. */
+/* Bit of a reference to the table. References without it are positions in the page. */
 #define IN_TABLE 0x80000000U
 
 /* Lists the children of a level's nodes, in their order, and returns their number. */
@@ -125,8 +125,9 @@ static size_t list_children(struct writer *w, uint32_t node_level)
     return (size_t)(reference - w->e->references);
 }
 
-/* Turns children into positions in an independent page, which holds them all. The set numbers
- * nodes as they are added, in their order in the page. False: out of memory. */
+/* Turns children into positions in an independent page, which holds all of them. The set numbers
+ * nodes in the order of their addition, which is their order in the page. Returns false if out of
+ * memory. */
 static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 {
     struct umb__value_set *own = &w->e->own;
@@ -143,8 +144,7 @@ static bool number_own(struct writer *w, uint32_t node_level, size_t count)
     return true;
 }
 
-/* Turns children into positions in the page, or into numbers of the table of nodes in other
- * pages. */
+/* Turns each child into its position in the page or, in another page, its number in the table. */
 static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
     const uint32_t *ordinals = w->order->ordinals[node_level - 1];
@@ -243,8 +243,7 @@ static void write_nodes(struct writer *w, uint32_t node_level)
     keep(w, umb__put_list(at, w->e->references, written, high_bits));
 }
 
-/* Finds the runs of the page's bricks and the numbers of their leaves; returns the number of
- * runs. */
+/* Finds the runs of the page's bricks and the leaf of each run. Returns the number of runs. */
 static size_t list_leaves(struct writer *w)
 {
     const uint32_t *nodes = w->nodes[UMB_LEVEL_BRICK];
@@ -263,8 +262,8 @@ static size_t list_leaves(struct writer *w)
     return (size_t)(reference - w->e->references);
 }
 
-/* Writes the table's leaves: the bits of the rows in which each leaf differs from the one before,
- * then all of these rows. One byte behind them may be overwritten. */
+/* Writes the table's leaves: for each leaf the bits of the rows that differ from the leaf before,
+ * then all these rows. One byte after them may be overwritten. */
 static uint8_t *put_leaves(const struct umb__value_set *table, uint8_t *at)
 {
     uint8_t *row = at + table->count;

@@ -33,8 +33,7 @@ static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, ui
     return umb__take(at, end, umb__list_bytes(count, high_bits), 1, &list->bytes);
 }
 
-/* Checks the places of nodes in other pages: each lies behind the place before, and numbers of
- * pages and positions are below 2^32. */
+/* Checks the places of nodes in other pages: ascending, with pages and positions below 2^32. */
 static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint32_t level,
                                     struct umb__page *page, struct umb_error *error)
 {
@@ -62,8 +61,8 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
     return UMB_OK;
 }
 
-/* Finds the masks of a level and counts its mixed children. Out: written: number of children whose
- * references are written. False: a mask is cut off. */
+/* Finds the masks of a level and counts their mixed children. Out: written: number of children
+ * whose references are written. Returns false if a mask is cut off. */
 static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
                         struct umb__page *page, uint64_t *written)
 {

@@ -5,10 +5,10 @@
  * The receiver mask of an asset baked under the static rule: the cells that hold receivers. It is
  * the entry NEAR of the canonical block (docs/reference/umb-format.md, section 3).
  *
- * The static rule leaves voxels undefined that no point on a surface reads. The mask lets queries
- * count points elsewhere as undefined. A frustum has 64 cells a side, a bit each. A cell is marked
- * if the look-up of some point on a surface may lie in it, with any bias up to that of the widest
- * window.
+ * The static rule leaves voxels undefined that no point on a surface reads. With the mask, queries
+ * count points elsewhere as undefined. A frustum has 64 cells a side, each of which is one bit of
+ * the mask. A cell is marked if the look-up of some point on a surface may lie in it, with any bias
+ * up to that of the widest window.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,8 +24,8 @@ static inline size_t umb__receiver_mask_word(uint32_t y, uint32_t z)
     return ((size_t)z << UMB__RECEIVER_MASK_LOG2) + y;
 }
 
-/* Returns true if a voxel lies in a marked cell. In: cells: mask of the voxel's frustum, which has
- * 1 << log2_size voxels a side. */
+/* Returns true if a voxel lies in a marked cell. In: cells: mask of a frustum of 1 << log2_size
+ * voxels a side. */
 static inline bool umb__receiver_mask_has(const uint64_t *cells, uint32_t log2_size,
                                           const uint32_t voxel[3])
 {

@@ -6,9 +6,9 @@
  * shadow maps).
  *
  * The map of a frustum of 2^n voxels a side has 2^m texels a side. A texel's list has steps (z,
- * drop) with ascending z: a voxel at depth z' gets 1 minus the drops of all steps with z <= z', in
- * units of 2^-21. A texel without a list gets all light. The entry TRNS of the canonical block
- * holds the maps of all frusta (docs/reference/umb-format.md, section 3):
+ * drop) with ascending z. A voxel at depth z' gets 1 minus the drops of all steps with z <= z'.
+ * Drops are in units of 2^-21. A texel without a list gets all light. The entry TRNS of the
+ * canonical block holds the maps of all frusta (docs/reference/umb-format.md, section 3):
  *
  * - a byte for each frustum: m, or 0 for a frustum without translucent casters;
  * - for each frustum with a map, its squares of 64x64 texels, row by row. A square is a u64 mask of
@@ -34,7 +34,7 @@
 /* A square of 64x64 texels, or a block of 8x8. */
 struct umb__transmittance_group {
     uint64_t mask; /* Blocks, or texels, that have a list */
-    /* Number of the first of these blocks, or of the first of these texels' lists */
+    /* Number of the first block with a list (of a square), or of the first list (of a block) */
     uint32_t first;
 };
 
@@ -89,8 +89,8 @@ struct umb__transmittance_window {
     uint32_t x0, x1, y0, y1, z;
 };
 
-/* Returns the sum over the voxels of a window of the light that each lost, at most
- * UMB__TRANSMITTANCE_ONE. In: n: binary logarithm of the frustum's voxels a side. */
+/* Returns the light lost by all voxels of a window, at most UMB__TRANSMITTANCE_ONE for each voxel.
+ * In: n: binary logarithm of the frustum's voxels a side. */
 uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *window);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading transmittance maps (transmittance.h). One walk checks and counts the parts of an entry,
- * and stores those for which there are arrays. */
+/* Reads transmittance maps (transmittance.h). One walk checks and counts the parts of an entry, and
+ * stores those parts for which there are arrays. */
 #include "format/transmittance.h"
 
 #include <string.h>
@@ -38,7 +38,7 @@ struct recent {
     uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* Last drop by index modulo 8; 0: none yet */
 };
 
-/* Reads the drop of a step. Returns 0 if the drop is cut off or not written in the shortest way. */
+/* Reads the drop of a step. Returns 0 if the drop is cut off or longer than necessary. */
 static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
@@ -237,7 +237,7 @@ static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift
     return least(v1, last) - most(v0, first) + 1;
 }
 
-/* Returns the bits of texels t0..t1 that lie in block `block` of eight texels. */
+/* Returns a bit for each of the texels t0..t1 that lie in block `block` of eight texels. */
 static uint32_t bits_in_block(uint32_t t0, uint32_t t1, uint32_t block)
 {
     const uint32_t first = most(t0, 8 * block) & 7, last = least(t1, 8 * block + 7) & 7;

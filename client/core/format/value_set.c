@@ -34,8 +34,8 @@ bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *al
     return true;
 }
 
-/* Returns the first slot of a value: Fibonacci hashing of the value folded once, since masks
- * differ in few bits that lie far apart. */
+/* Returns the first slot of a value: Fibonacci hashing. The value is folded first, since masks
+ * often differ in a few distant bits only. */
 static size_t first_slot(const struct umb__value_set *set, uint64_t value)
 {
     return (size_t)(((value ^ (value >> 29)) * 0x9e3779b97f4a7c15ULL) >> (64 - set->log2_slots));
@@ -104,8 +104,8 @@ static void sort_by_byte(const uint64_t *values, const uint32_t *from, size_t co
     }
 }
 
-/* Sorts the numbers 0 .. count - 1 by their values. In: numbers: room for 2 * count. Returns the
- * half of `numbers` that holds the result. */
+/* Sorts the numbers 0 .. count - 1 by the values that they name. In: numbers: room for 2 * count.
+ * Returns the half of `numbers` that holds the result. */
 static const uint32_t *sort_numbers(const uint64_t *values, uint32_t *numbers, size_t count)
 {
     uint32_t *from = numbers, *to = numbers + count;

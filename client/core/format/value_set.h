@@ -29,8 +29,8 @@ struct umb__value_set {
     size_t values_capacity, rank_capacity, slots_capacity, met_capacity, numbers_capacity;
 };
 
-/* Empties a set (zeroed before its first use) and makes room for `most` values. False: out of
- * memory. */
+/* Empties a set and makes room for `most` values. In: set: zeroed before the first use. Returns
+ * false if out of memory. */
 bool umb__value_set_begin(struct umb__value_set *set, const struct umb_alloc *alloc, size_t most);
 
 /* Finds or adds a value; returns its number. */

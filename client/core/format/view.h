@@ -5,10 +5,10 @@
  * The mapped layout: what queries read, in memory or in a mapped file, byte for byte the same.
  *
  * Each frustum of 2^n voxels a side begins with a grid of 2^g cells a side (one cell if g = 0). A
- * cell covers a cube of level n - g, where n - g is odd, and is 0 (shadowed), 1 (lit) or 2 plus the
- * number of a node or brick. Below the grid stand wide nodes of levels ..., 9, 7, 5, each of which
- * spans two octree levels and has 4x4x4 children. The children of level 5 are bricks of 64 bytes:
- * eight masks of 8x8x1 voxels, one a depth slice.
+ * cell covers a cube of level n - g, where n - g is odd. Its value is 0 (shadowed), 1 (lit) or 2
+ * plus the number of a node or brick. Below the grid stand wide nodes of levels ..., 9, 7, 5, each
+ * of which spans two octree levels and has 4x4x4 children. The children of level 5 are bricks of 64
+ * bytes: eight masks of 8x8x1 voxels, one a depth slice.
  *
  *   wide node, in 8-byte words: u64 mixed, u64 lit, then u32 number of each mixed child in order,
  *   padded with zeros to a multiple of two words. Child (x, y, z) is bit x + 4 * y + 16 * z of both
@@ -64,8 +64,8 @@ struct umb__view {
     uint64_t level_begin[UMB__WIDE_COUNT + 1]; /* First word of level 5 + 2i; the last is the end */
 };
 
-/* Returns the index of a column's piece at depth z, in cubes of the column's level, counted from
- * the frustum's first piece. */
+/* Returns the index, among the frustum's pieces, of a column's piece at depth z. In: z: in cubes of
+ * the column's level. */
 static inline uint32_t umb__column_piece(struct umb__column column, uint32_t z)
 {
     uint32_t at = z < column.high ? z : column.high;
@@ -78,7 +78,8 @@ static inline uint64_t umb__wide_words(uint64_t mixed_count)
     return 2 + (mixed_count + 3) / 4 * 2;
 }
 
-/* Returns the bit in a wide node of child `grandchild` (0..7) of octree child `child` (0..7). */
+/* Returns the bit in a wide node's masks of octree grandchild `grandchild` (0..7) below child
+ * `child` (0..7). */
 static inline unsigned umb__wide_bit(unsigned child, unsigned grandchild)
 {
     const unsigned x = (child & 1) * 2 + (grandchild & 1);

@@ -43,8 +43,8 @@ static void along_plane(double gradient[2][3], double axes[2][3], double out[2][
 }
 
 /*
- * Computes the singular values of a 2 x 2 matrix: the lengths of its rotation and reflection parts,
- * added and subtracted. The greater value has no cancellation.
+ * Computes the singular values of a 2 x 2 matrix: the sum and the difference of the lengths of the
+ * matrix's rotation and reflection parts. The greater value has no cancellation.
  */
 static void singular_values(double m[2][2], double *most, double *least)
 {

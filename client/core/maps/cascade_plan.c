@@ -81,8 +81,8 @@ static void scene_measure(struct fitting *fit, const struct umb_box *scene)
 
 /*
  * Computes the corners of the slice, and a sphere around the slice. The sphere's radius depends on
- * the camera's lens only. Its centre lies on the axis of view, as far from the near corners as from
- * the far ones, but not behind the far plane.
+ * the camera's lens only. The sphere's centre lies on the axis of view, as far from the near
+ * corners as from the far ones, but not behind the far plane.
  */
 static void slice_measure(struct fitting *fit, const struct umb__map_view *camera, double near_m,
                           double far_m)
@@ -112,8 +112,8 @@ static void slice_measure(struct fitting *fit, const struct umb__map_view *camer
     }
 }
 
-/* Checks that doubles resolve the slice's extent across the light at its distance from the scene:
- * for an eye too far away the extents, which are divisors, become 0. */
+/* Checks that doubles resolve the slice's extent across the light. For an eye too far from the
+ * scene, the extents become 0, and they are divisors. */
 static enum umb_status slice_check(const struct fitting *fit, const struct umb__map_view *camera,
                                    uint32_t index, struct umb_error *error)
 {
@@ -144,8 +144,8 @@ static void row_set(struct umb_map_frustum *frustum, const struct fitting *fit, 
     frustum->world_to_map[row][3] = shift;
 }
 
-/* Fits depth from the scene's near end to the far end of the slice's casters and receivers, with a
- * thousandth to spare. */
+/* Fits the depth range from the scene's near end to the far end of the slice's casters and
+ * receivers, plus a thousandth on each side. */
 static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit)
 {
     const double low = fit->scene[2].low;
@@ -158,7 +158,7 @@ static void depth_fit(struct umb_map_frustum *frustum, const struct fitting *fit
     frustum->depth_m = length;
 }
 
-/* Maps an extent across the light onto the texels of an axis, with one to spare on each side. */
+/* Maps an extent across the light onto an axis, and leaves one texel on each side free. */
 static void axis_fit(struct umb_map_frustum *frustum, const struct fitting *fit, int axis,
                      struct extent extent)
 {
@@ -173,14 +173,14 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
 {
     for (int axis = 0; axis < 2; axis++) {
         const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
-        /* The low end is snapped to a whole number of texels, so one more texel is spare. */
+        /* The low end is rounded down to a whole number of texels, which takes one more texel. */
         const double texel_m = 2.0 * fit->radius / (texels - 3.0);
         const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
         axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
     }
 }
 
-/* Returns the intersection of slice and scene along an axis; the slice if that is empty. */
+/* Returns the intersection of slice and scene along an axis; if it is empty, the slice's extent. */
 static struct extent shared(const struct fitting *fit, int axis)
 {
     struct extent e = {fmax(fit->slice[axis].low, fit->scene[axis].low),

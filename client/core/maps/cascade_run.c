@@ -44,8 +44,8 @@ void umb_cascades_run(const struct umb_cascade_plan *plan, const struct umb_map_
     }
 }
 
-/* Computes the root mean square of coarse less fine answers, with a contrast of the coarse filter.
- * In: scratch: the fine answers; the coarse ones go behind them. */
+/* Computes the root mean square of the difference between coarse and fine answers, for one contrast
+ * of the coarse filter. In: scratch: fine answers, with room for the coarse answers after them. */
 static enum umb_status seam_difference(const struct umb_cascade_seam *seam, double contrast,
                                        const struct umb_points *points, float *scratch,
                                        double *difference, struct umb_error *error)

@@ -64,9 +64,9 @@ size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
 }
 
 /*
- * Writes the list of one texel and returns its length. A product of n factors is a double, off by n
- * 2^-53, and is rounded to 2^-30 once a node. Fragments that absorb nothing are left out. The list
- * ends at the first node behind which less than epsilon of the light is left, or none.
+ * Writes the list of one texel and returns its length. Transmittance is a product of n factors in
+ * doubles, off by n 2^-53, which is rounded to 2^-30 once a node. Fragments that absorb nothing are
+ * left out. The list ends at the first node that leaves no light, or less than epsilon.
  */
 static uint32_t list_write(const struct umb_map_fragment *sorted, size_t count,
                            const struct umb__deep *deep, uint8_t *nodes)
@@ -110,8 +110,7 @@ static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_f
     }
     deep->first[texels] = used;
     umb__free(alloc, sorted);
-    /* Frees the memory that the lists do not need. If the allocator refuses, they keep the
-     * block. */
+    /* Frees the memory behind the lists. If the allocator refuses, the block stays as it is. */
     uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
     deep->nodes = less != NULL ? less : deep->nodes;
     deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
@@ -123,7 +122,7 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Links each node of list `from` to the node of list `to` nearest in depth; both lists rise. */
+/* Links each node of list `from` to the nearest node of list `to`. Both lists are sorted. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -147,8 +146,7 @@ static void list_link(const struct umb__deep *deep, size_t from, size_t to, int 
     }
 }
 
-/* Makes all links. Links of texels without a neighbour on that side stay 0 and are never
- * followed. */
+/* Makes all links. Links to a side without a neighbour are 0 and are never followed. */
 static void links_make(struct umb__deep *deep)
 {
     const uint64_t used = deep->first[(size_t)deep->width * deep->height];
@@ -188,7 +186,7 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* Replaces the light left behind each node by the node's drop, from the end of each list on. */
+/* Replaces each node's transmittance by its drop, from the end of each list to the start. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;

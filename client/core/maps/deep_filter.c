@@ -34,8 +34,8 @@ uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, doubl
     return guess;
 }
 
-/* Position of a filter in one row of its window: a texel's list, and the number of its nodes nearer
- * than the receiver. */
+/* A filter's position in one row of its window: a texel's list, and the number of nodes in that
+ * list nearer than the receiver. */
 struct place {
     struct umb__deep_list list;
     uint32_t nearer;
@@ -48,8 +48,8 @@ static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, in
                                    (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Returns the light left at a position, in units of 2^-30: a whole number without an exponent,
- * which fades the last step in. */
+/* Returns the transmittance at a position, in units of 2^-30. An exponent fades the last step in;
+ * without one the result is a whole number. */
 static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double one = (double)UMB__DEEP_ONE;
@@ -66,7 +66,7 @@ static double place_value(const struct umb__deep *deep, const struct place *plac
     return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
 }
 
-/* Returns the target of the link of a position's node, in the next list. */
+/* Returns the number of the node in the next list to which a position's node is linked. */
 static uint32_t place_link(const struct place *place, int upper)
 {
     if (place->nearer == 0) {
@@ -78,7 +78,7 @@ static uint32_t place_link(const struct place *place, int upper)
     return upper ? node->upper : node->right;
 }
 
-/* Moves a position to the list of a neighbouring texel: by the link of its node, or by a search. */
+/* Moves a position to a neighbouring texel's list, by the link of its node or by a search. */
 static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
                        struct umb__deep_list list, double depth, struct place *to)
 {
@@ -104,8 +104,8 @@ static void place_prefetch(const struct umb__deep *deep, const struct place *pla
 }
 
 /*
- * Sums the light of a window's texels. Goes up the window's left column, then along all rows to the
- * right side by side: while one row waits for the memory of its next list, the others go on.
+ * Sums the transmittance of a window's texels. It starts with the left column and then steps all
+ * rows to the right together, so that while one row waits for memory, the others go on.
  */
 static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
@@ -133,9 +133,8 @@ static double window_sum(const struct umb__deep *deep, const struct window *w, d
     }
 }
 
-/* Returns the bits of the least float that is not below a depth. Floats from 0 on rise as their
- * bits do, so a float is nearer than the depth if and only if its bits are below the returned
- * ones. */
+/* Returns the bits of the least float that is not below a depth. Floats from 0 on are ordered as
+ * their bits are, so a float is nearer than the depth exactly if its bits are below the result. */
 static uint32_t bits_from(double depth)
 {
     uint32_t bits;
@@ -148,8 +147,9 @@ static uint32_t bits_from(double depth)
     return bits;
 }
 
-/* Returns the drop of a node if its depth's bits are below the limit, else 0. By a mask: about
- * half of the nodes are nearer, in no order that a branch could predict. */
+/* Returns the drop of a node if its depth's bits are below the limit, else 0. It uses a mask
+ * instead of a branch: about half of the nodes are nearer, in an order that no branch predictor
+ * learns. */
 static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t limit)
 {
     uint32_t bits;
@@ -157,8 +157,8 @@ static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t l
     return node->left & (0U - (uint32_t)(bits < limit));
 }
 
-/* Sums the light of a window from streams: all light minus the drops of nodes nearer than
- * `depth`. */
+/* Sums the transmittance of a window from streams: 1 for each texel, minus the drops of all nodes
+ * nearer than `depth`. */
 static double stream_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
     const struct umb__deep_node *nodes = (const struct umb__deep_node *)(const void *)deep->nodes;

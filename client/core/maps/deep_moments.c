@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Moments of translucent casters: a fixed number of filterable channels a texel instead of a deep
- * map's list. The bounds of moment_bound.h turn the channels into answers. There are two ways to
- * count absorption:
+ * map's list. The bounds of moment_bound.h turn the channels into answers. Absorption is counted in
+ * one of two ways:
  *
- * MOMENTS counts light. A fragment absorbs its alpha times the light left before it. Light that
+ * MOMENTS counts light. A fragment absorbs its alpha times the light that reaches it. Light that
  * passes all fragments counts as absorbed at the far end, behind all receivers. So each texel is a
  * distribution of depth, an opaque texel is that of a shadow map, and means over texels are those
  * of a filter. The answer is 1 minus the least share absorbed before the receiver: an upper bound.
@@ -14,11 +14,12 @@
  * since the absorbance of an opaque fragment would be infinite. Means over texels are means of
  * logarithms, so a filter over unlike texels answers too dark.
  *
- * Error of MOMENTS: `bias` (moment_bound.h). Error of ABSORBANCE, with channels off by e and a sum
- * s of shares: a mean of the normalised distribution is off by 2 e / s, for which `bias` is chosen.
- * So the share before a receiver is off by s * bias + e, the absorbance by that times `darkest`,
- * and the answer by no more than the absorbance, plus the limit of 2^-10. With a `moment_bias`
- * below what these errors need, answers are no bounds, and the slack is 1 or near it.
+ * The error of MOMENTS is `bias` (moment_bound.h). The error of ABSORBANCE, if channels are off by
+ * e and the shares add up to s: each mean of the normalised distribution is off by 2 e / s, and
+ * `bias` is chosen for that. The share before a receiver is then off by s * bias + e, and the
+ * absorbance by `darkest` times that. The answer is off by no more than the absorbance is, plus the
+ * limit of 2^-10. With a smaller `moment_bias` than these errors need, answers are no bounds, and
+ * the slack is 1 or near it.
  */
 #include "base/memory.h"
 #include "base/try.h"
@@ -53,8 +54,8 @@ static double chebyshev(uint32_t k, double d)
     return here;
 }
 
-/* Returns the least share before a receiver, plus the `overestimate` part of the share at its own
- * depth. */
+/* Returns the least share absorbed before a receiver, plus `overestimate` times the share that may
+ * be absorbed at the receiver's own depth. */
 static double share_before(const struct umb_map_settings *settings, const double *means,
                            double bias, double depth)
 {
@@ -169,16 +170,16 @@ static double absorbance_slack(const struct umb_map *map)
     const double e = umb__channel_error(settings), own = settings->moment_bias;
     double share = umb__moment_bias(settings->terms, 2.0 * e);
     if (own > 0.0) {
-        /* The setting suffices for texels whose shares add up to least_sum or more. With a smaller
-         * sum the whole of it may be wrong. */
+        /* The bias suffices for texels whose shares add up to least_sum or more. A smaller sum may
+         * be wrong as a whole. */
         const double least_sum = 4.0 * (double)settings->terms * 2.0 * e / own;
         share = own < umb__moment_bias(settings->terms, 0.0) ? 1.0 : fmax(own, least_sum);
     }
     return fmin(darkest * (share + e) + 0x1p-10, 1.0);
 }
 
-/* Lists the absorption of every texel's fragments, one list after another. Out: first: index of
- * each texel's list in `taken`. */
+/* Lists the absorption of every texel's fragments, list after list. Out: first: index in `taken` of
+ * each texel's list. */
 static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_map_fragments *in,
                                     uint64_t *first, struct umb__taken *taken,
                                     struct umb_error *error)

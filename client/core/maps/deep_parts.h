@@ -59,20 +59,20 @@ static inline const struct umb__deep_node *umb__deep_at(const struct umb__deep_l
     return (const struct umb__deep_node *)(const void *)(list->nodes + i * list->stride);
 }
 
-/* Return the number of nodes of a list nearer than depth: by binary search, or by a walk from a
- * guess of that number. */
+/* Return the number of a list's nodes nearer than depth: by bisection, or by a walk from a
+ * guess. */
 uint32_t umb__deep_search(const struct umb__deep_list *list, double depth);
 uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth);
 
-/* Checks fragments. Fails: E_ARGUMENT (`first` falls, 2^32 - 1 fragments or more in a texel, a
- * depth or alpha not 0..1). */
+/* Checks fragments. Fails: E_ARGUMENT (`first` that falls, 2^32 - 1 fragments or more in a texel, a
+ * depth or alpha outside 0..1). */
 UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
                                                  struct umb_error *error);
 
 /* Fills error with E_NO_MEMORY for `count` fragments, and returns that status. */
 enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error);
 
-/* Returns the number of fragments of the longest texel: room for umb__fragments_sort. */
+/* Returns the most fragments of a texel; umb__fragments_sort needs that much room. */
 uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels);
 
 /* Copies the fragments of one texel, sorted by depth, then by alpha, so that fragments in any order

@@ -27,7 +27,7 @@ enum sample_kind {
     SAMPLE_SNORM16,
 };
 
-/* Numbers of enum VkFormat, by kind of sample and number of channels (1, 2 or 4). */
+/* Numbers of enum VkFormat, by type of sample and number of channels (1, 2 or 4). */
 static const uint32_t vk_formats[][5] = {
     [SAMPLE_F32] = {[1] = 100, [2] = 103, [4] = 109},
     [SAMPLE_F16] = {[1] = 76, [2] = 83, [4] = 97},

@@ -65,8 +65,8 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
     return techniques[settings->technique]->check(settings, error);
 }
 
-/* Checks the frustum and the settings. In: translucent: 1 for umb_map_build_translucent, 0 for
- * umb_map_build, each of which builds other techniques. */
+/* Checks the frustum and the settings. In: translucent: 1 for the techniques of
+ * umb_map_build_translucent, 0 for those of umb_map_build. */
 static enum umb_status filtered_check(const struct umb_map_frustum *frustum,
                                       const struct umb_map_settings *settings, int translucent,
                                       struct umb_error *error)
@@ -111,7 +111,7 @@ static enum umb_status map_create(const struct umb_map_frustum *frustum,
     return UMB_OK;
 }
 
-/* Hands a built map to the caller, or destroys it if building failed; returns status. */
+/* Gives a built map to the caller, or destroys the map if the build failed. Returns status. */
 static enum umb_status map_give(struct umb_map *map, enum umb_status status, struct umb_map **out)
 {
     if (status == UMB_OK) {
@@ -340,7 +340,7 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
     double at[UMB__MAP_CHANNELS_MAX];
-    /* A filterable technique compares with one depth, so biases move the receiver. */
+    /* A filterable technique has one depth for the receiver, which the biases move. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {

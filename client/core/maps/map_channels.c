@@ -25,9 +25,9 @@ double umb__channel_mean(double exponent, const double *values, const double *we
     for (size_t i = 0; i < count; i++) {
         most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    /* The mean of logarithms. Every term is at most 1 and the greatest one is its full weight, so
-     * nothing overflows and the argument of log is large enough. A value without weight does not
-     * count in `most`; beside it all others might be subnormal. */
+    /* Computes the mean of logarithms without overflow: every term is at most 1, and the greatest
+     * term is its full weight, so the argument of log is large enough. A value without weight does
+     * not count in `most`: all others might be subnormal beside it. */
     for (size_t i = 0; i < count; i++) {
         sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
     }
@@ -129,7 +129,8 @@ static void plane_encode(struct plane *plane, const struct umb_map *map,
     }
 }
 
-/* Averages a box of `width` texels along one axis; texels outside the plane count as `beyond`. */
+/* Averages boxes of `width` texels along one axis of a plane. Texels outside the plane have the
+ * value `beyond`. */
 static void plane_blur(struct plane *plane, uint32_t width, int axis, double beyond)
 {
     double values[BLUR_MAX], weights[BLUR_MAX];
@@ -151,8 +152,8 @@ static void plane_blur(struct plane *plane, uint32_t width, int axis, double bey
     plane_swap(plane);
 }
 
-/* Halves both sides: each texel of the result is the mean of the 2 x 2 (or 2 x 1) that it
- * covers. */
+/* Halves both sides of an image. Each texel of the result is the mean of the 2 x 2 (or 2 x 1)
+ * texels below it. */
 static void plane_halve(struct plane *plane)
 {
     const uint32_t w = plane->width, h = plane->height;
@@ -274,7 +275,7 @@ enum umb_status umb__channels_init(struct umb__channels *channels, const struct 
     if (channels->access == UMB_MAP_MIPS &&
         !(is_power_of_two(channels->width) && is_power_of_two(channels->height))) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "settings.access: MIPS wants sides that are powers of two, not %u x %u",
+                        "settings.access: MIPS needs sides that are powers of two, not %u x %u",
                         channels->width, channels->height);
     }
     UMB__TRY(storage_make(channels, map, error));
@@ -356,8 +357,7 @@ static void trilinear(const struct umb__channels *channels, double x, double y, 
     }
 }
 
-/* A side of a box: the table rows around its lower and its upper end, and the weight of each
- * row. */
+/* One axis of a box: the table rows next to its two ends, and the weight of each row. */
 struct side {
     size_t low[2], high[2];
     double low_weight[2], high_weight[2];
@@ -379,8 +379,8 @@ static struct side side_make(double centre, double width, uint32_t end)
     return s;
 }
 
-/* Returns the exact sum of channel k over the texels [x0, x1) x [y0, y1); the difference of wrapped
- * sums wraps back into range. */
+/* Returns the exact sum of channel k over the texels [x0, x1) x [y0, y1). Table entries wrap
+ * around, but their difference is right again. */
 static double box_sum(const struct umb__channels *channels, const size_t x[2], const size_t y[2],
                       uint32_t k)
 {
@@ -393,8 +393,8 @@ static double box_sum(const struct umb__channels *channels, const size_t x[2], c
     return (double)(int64_t)sum;
 }
 
-/* Averages a box with real borders: the weighted mean of 16 boxes whose borders are the texel
- * borders around them. */
+/* Averages a box with real borders: the weighted mean of the 16 boxes whose borders are the nearest
+ * texel borders. */
 static void summed(const struct umb__channels *channels, double x, double y, double width,
                    double *out)
 {

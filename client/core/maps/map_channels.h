@@ -31,12 +31,12 @@ void umb__channels_finish(struct umb__channels *channels, const struct umb_map *
 void umb__channels_fetch(const struct umb__channels *channels, double x, double y, double level,
                          double width, double *out);
 
-/* Returns the mean of values with weights that add to 1, as a channel's exponent requires. In:
- * count: 1..64. */
+/* Returns the mean of values by weights whose sum is 1. A channel with an exponent is averaged as a
+ * logarithm. In: count: 1..64. */
 double umb__channel_mean(double exponent, const double *values, const double *weights,
                          size_t count);
 
-/* Returns the texels a side of a mip level: the side halved `level` times, at least 1. */
+/* Returns the texels a side of mip level `level`: `side` halved so many times, at least 1. */
 static inline uint32_t umb__level_side(uint32_t side, uint32_t level)
 {
     return side >> level > 0 ? side >> level : 1;

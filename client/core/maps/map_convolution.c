@@ -84,8 +84,8 @@ static double convolution_answer(const struct umb__map_query *query,
     return fmin(fmax(2.0 * sum, 0.0), 1.0);
 }
 
-/* Both channels of a term are off by `error` at most. So the series is off by the sum of 2 error *
- * 2 / w_k, and the answer by twice as much. */
+/* Returns the error of an answer if each channel is off by at most `error`. The series is then off
+ * by the sum of 2 error * 2 / w_k, and the answer by twice as much. */
 static double convolution_slack(const struct umb_map *map)
 {
     const double error = umb__channel_error(&map->settings);

@@ -34,7 +34,7 @@ double umb_map_exponent_limit(enum umb_map_format format, int moments)
         return 0.0;
     }
     /* The greatest channel is exp(moments c), since depth is at most 1. Its logarithm stays 0.1
-     * below that of the greatest number, so that rounding and filter weights stay inside. */
+     * below that of the format's greatest number, as room for rounding and filter weights. */
     const double most = format == UMB_MAP_F32 ? 3.402823e38 : UMB__HALF_MAX;
     return (log(most) - 0.1) / (double)moments;
 }
@@ -197,8 +197,8 @@ static double evsm_answer(const struct umb__map_query *query, const struct umb__
 static double evsm_slack(const struct umb_map *map)
 {
     (void)map;
-    /* The floor is twice the variance's error, so the error is at most half of the variance; times
-     * the bound's derivative p (1 - p), which is at most 1/4. */
+    /* The floor is twice the variance's error, so that error is at most half of the variance. The
+     * bound's derivative p (1 - p) is at most 1/4, and 1/2 times 1/4 is 0.125. */
     return 0.125;
 }
 

@@ -147,8 +147,8 @@ enum umb_status umb_map_frustum_point(const struct umb_map_frustum *frustum, dou
     if (frustum->projection == UMB_MAP_PARABOLOID) {
         return paraboloid_point(frustum, x, y, depth, world) ? UMB_OK : UMB_E_NOT_FOUND;
     }
-    /* The point is where three planes meet: (m0 - x m3).p = 0, (m1 - y m3).p = 0 and m2.p = depth,
-     * with mi row i of world_to_map. Solved by Cramer's rule. */
+    /* The point is the intersection of three planes, by Cramer's rule: (m0 - x m3).p = 0, (m1 - y
+     * m3).p = 0 and m2.p = depth. mi is row i of world_to_map. */
     const double(*m)[4] = frustum->world_to_map;
     const int affine = frustum->projection == UMB_MAP_AFFINE;
     const double at[3] = {x, y, depth};

@@ -21,8 +21,8 @@ static inline uint16_t umb__half_from(double value)
     int exponent = 0;
     (void)frexp(size, &exponent); /* size = f 2^exponent with f in [1/2, 1) */
     exponent = exponent < -13 || size == 0.0 ? -13 : exponent; /* Subnormals share one exponent */
-    /* Units of 2^(exponent - 11), at most 2048; a carry into the exponent's bits is right as it
-     * is. */
+    /* The size in units of 2^(exponent - 11), at most 2048. A size of 2048 carries into the
+     * exponent's bits, which is right. */
     const uint32_t units = (uint32_t)nearbyint(ldexp(size, 11 - exponent));
     return (uint16_t)(sign | (((uint32_t)(exponent + 13) << 10) + units));
 }

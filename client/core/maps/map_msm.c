@@ -71,7 +71,7 @@ static double msm_encode(const struct umb_map_settings *settings, uint32_t k, do
     }
 }
 
-/* Computes the moments b1..b4 from the channels, and moves them by the bias towards b*. */
+/* Computes the moments b1..b4 from the channels, moved towards b* by the share `bias`. */
 static void moments_of(const double *at, double bias, double b[4])
 {
     static const double inner[4] = {0.0, 0.375, 0.0, 0.28125};
@@ -84,7 +84,7 @@ static void moments_of(const double *at, double bias, double b[4])
     }
 }
 
-/* Solves B c = (1, t, t^2) by the factors L D L^T of B, with pivots (of D) of at least `least`. */
+/* Solves B c = (1, t, t^2) by B = L D L^T. The pivots in D are at least `least`. */
 static void hankel_solve(const double b[4], double t, double least, double c[3])
 {
     const double d22 = fmax(b[1] - b[0] * b[0], least);

@@ -19,9 +19,9 @@
 struct umb__technique;
 struct umb__deep;
 
-/* A layer of depths, as stored: IEEE singles, or 24- or 16-bit steps of 1/(2^b - 1), rounded to
- * nearest. The greatest value means "no caster"; a caster that would round up to it is stored one
- * step nearer. */
+/* A layer of depths as stored: floats, or 24- or 16-bit steps of 1/(2^b - 1), rounded to nearest.
+ * The greatest value means "no caster", so a caster that would be rounded to it is stored one step
+ * nearer. */
 struct umb__depths {
     enum umb_map_format format; /* F32, U24 or U16 */
     uint32_t width, height;
@@ -44,8 +44,8 @@ struct umb__channels {
 /* A place where a texel absorbs light: its depth and the share. */
 struct umb__taken {
     double depth; /* Depth, -1..1 */
-    double share; /* Share of the absorption as the technique counts it, 0..1; a texel's add up to
-                     at most 1 */
+    double share; /* Share of the absorption as the technique counts it, 0..1; the sum over a
+                     texel's places is at most 1 */
 };
 
 /* Input of a map's texels: depths, or lists of absorption. */
@@ -82,20 +82,20 @@ struct umb__technique {
     int filterable;
     /* Checks settings (format and access are known enums). */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
-    /* Filterable: returns the number of channels a texel, and fills in the exponents of channels
-     * that are stored as logarithms; the others are 0 before the call. */
+    /* Filterable: returns the number of channels a texel. Out: exponents of the channels that are
+     * stored as logarithms; all are 0 before the call. */
     uint32_t (*channels)(const struct umb_map_settings *settings, double *exponent);
-    /* Filterable: computes channel k of a depth (-1..1), whose surface gains gain[] of depth a
-     * texel. */
+    /* Filterable: computes channel k of a depth (-1..1). In: gain: depth that the surface gains a
+     * texel in x and in y. */
     double (*encode)(const struct umb_map_settings *settings, uint32_t k, double depth,
                      const double gain[2]);
-    /* Filterable maps of translucent casters have these two instead of encode. `weigh` turns
-     * fragments, sorted by depth, into places of absorption and returns their number, at most
-     * `count`. `encode_taken` computes channel k of such a list; an empty list absorbs nothing. */
+    /* Filterable, translucent casters: these two replace encode. `weigh` turns fragments, sorted by
+     * depth, into places of absorption, and returns their number, at most `count`. `encode_taken`
+     * computes channel k of such a list; an empty list absorbs nothing. */
     size_t (*weigh)(const struct umb_map_fragment *sorted, size_t count, struct umb__taken *taken);
     double (*encode_taken)(uint32_t k, const struct umb__taken *taken, size_t count);
-    /* Returns the visibility, 0..1, before `reduction`. Filterable: `at` are the averaged
-     * channels. */
+    /* Returns the visibility, 0..1, before `reduction`. In: at: the averaged channels of a
+     * filterable map. */
     double (*answer)(const struct umb__map_query *query, const struct umb__receiver *receiver,
                      const double *at);
     /* Returns the stated error of an answer by storage and arithmetic. */
@@ -149,8 +149,8 @@ static inline double umb__channel_error(const struct umb_map_settings *settings)
     return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
 }
 
-/* Checks that channels of -1..1 are stored as F32 or U16. In: channels: what messages call them.
- * Fails: E_UNSUPPORTED. */
+/* Checks that channels of -1..1 are stored as F32 or U16. In: channels: name of the channels in
+ * messages. Fails: E_UNSUPPORTED. */
 UMB_CHECKED static inline enum umb_status
 umb__check_plain_format(const struct umb_map_settings *settings, const char *channels,
                         struct umb_error *error)
@@ -182,7 +182,7 @@ static inline double umb__chebyshev(double variance, double distance, double con
     if (!(distance > 0.0)) {
         return 1.0;
     }
-    /* An infinite distance gives x / inf = 0, the right limit; the variance is finite. */
+    /* The variance is finite, so an infinite distance gives x / inf = 0, the right limit. */
     return variance / (variance + contrast * distance * distance);
 }
 
@@ -191,7 +191,7 @@ UMB_CHECKED enum umb_status umb__depths_init(struct umb__depths *depths, const s
                                              const float *layer, struct umb_error *error);
 void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map);
 
-/* Returns the depth of a texel; INFINITY without a caster, as beyond the border. */
+/* Returns the depth of a texel; INFINITY if it has no caster or lies beyond the border. */
 double umb__depth_at(const struct umb__depths *depths, int64_t x, int64_t y);
 
 /*

@@ -2,9 +2,9 @@
 /*
  * Shadow map, percentage closer filtering, percentage closer soft shadows.
  *
- * A box of n x n texels answers with an integer count: the same bits everywhere. A penumbra's box
- * has a real width: texels at its border count by the share of them that is covered, so that the
- * answer changes smoothly with the width.
+ * The answer of a box of n x n texels is an integer count, so it has the same bits everywhere. A
+ * penumbra's box has a real width: texels at its border count by the share of them that is covered,
+ * so that the answer changes smoothly with the width.
  * Sources: Williams 1978; Reeves, Salesin, Cook 1987; Fernando 2005.
  */
 #include <math.h>
@@ -129,9 +129,9 @@ double umb__penumbra_texels(const struct umb__map_query *query,
 }
 
 /*
- * Returns the depth up to which a texel of a penumbra lights the receiver: that of the receiver's
- * plane at the texel, where the plane rises towards the light. Elsewhere the receiver's own depth,
- * since space behind the receiver cannot block its light.
+ * Returns the depth up to which a texel of a penumbra lights the receiver. Where the receiver's
+ * plane rises towards the light, it is the plane's depth at the texel. Elsewhere it is the
+ * receiver's own depth, since space behind the receiver cannot block its light.
  */
 static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
                           int64_t x, int64_t y)
@@ -209,7 +209,7 @@ static enum umb_status pcf_check(const struct umb_map_settings *settings, struct
     return UMB_OK;
 }
 
-/* Counting is exact. Rounding of depths moves a shadow's boundary, which the bias covers. */
+/* Returns 0, since counting is exact. Rounding of depths only moves a shadow's boundary. */
 static double pcf_slack(const struct umb_map *map)
 {
     (void)map;

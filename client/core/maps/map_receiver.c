@@ -119,7 +119,7 @@ static void point_read(const struct umb_points *points, size_t index, double wor
     }
 }
 
-/* Reads a point's normal, scaled to unit length. Returns 0 if it has none. */
+/* Reads a point's normal, scaled to unit length. Returns 0 if the point has no normal. */
 static int normal_read(const struct umb_points *points, size_t index, double normal[3])
 {
     if (points->normals == NULL) {
@@ -168,8 +168,8 @@ static void plane_gain(const struct umb__map_point *point, const double normal[3
     gain[1] = umb__dot(point->gradient[2], v) / steep;
 }
 
-/* Returns the length in metres of the shift along the normal that clears half of a filter of
- * `width` texels. */
+/* Returns the distance in metres along the normal that frees half of a filter of `width` texels
+ * from self-shadowing. */
 static double normal_shift(const struct umb__map_point *point, const double normal[3], double width)
 {
     double sum = 0.0;

@@ -37,7 +37,7 @@ int umb__frustum_map(const struct umb_map_frustum *frustum, const double world[3
 UMB_CHECKED enum umb_status umb__frustum_check(const struct umb_map_frustum *frustum,
                                                struct umb_error *error);
 
-/* Makes the receiver of point `index`: reads the point, moves it by bias_normal, and maps it. */
+/* Makes the receiver of point `index`: the point, moved by bias_normal and mapped. */
 void umb__receiver_make(const struct umb_map_frustum *frustum, const struct umb_map_filter *filter,
                         const struct umb_points *points, size_t index,
                         struct umb__receiver *receiver);

@@ -14,17 +14,17 @@ struct umb__map_view {
     double near_m, far_m;               /* Distances along forward, 1e-30 <= near < far <= 1e30 */
 };
 
-/* Makes a camera's view. Fails: E_ARGUMENT (forward and up span no picture). */
+/* Makes a camera's view. Fails: E_ARGUMENT (forward and up that span no plane). */
 UMB_CHECKED enum umb_status umb__map_view_make(const struct umb_camera *camera,
                                                struct umb__map_view *view, struct umb_error *error);
 
-/* Does what umb_cascades_plan does, for a view whose numbers are checked. */
+/* Plans cascades as umb_cascades_plan does, for a view that has been checked. */
 UMB_CHECKED enum umb_status
 umb__cascades_plan(const struct umb__map_view *view, const double to_light[3],
                    const struct umb_box *scene, const struct umb_cascade_settings *settings,
                    struct umb_cascade_plan *plan, struct umb_error *error);
 
-/* Does what umb_derive does, with a view instead of settings->camera; NULL: without cascades. */
+/* Derives maps as umb_derive, from a view in place of settings->camera. NULL: no cascades. */
 UMB_CHECKED enum umb_status umb__derive(const struct umb_asset *asset,
                                         const struct umb_derive_settings *settings,
                                         const struct umb__map_view *view,

@@ -9,7 +9,7 @@
  * an occluder of another slice appears at one end of it.
  *
  * If both channels are off by e, the variance is off by at most e + 2 e + e^2, since |d| <= 1. The
- * floor of the variance is twice that, so that a plane, whose variance is 0, cannot flicker.
+ * floor of the variance is twice that error, so that a plane, whose variance is 0, cannot flicker.
  *
  * Sources: Donnelly, Lauritzen 2006 (moments, bound); Lauritzen 2007 (floor; second moment of a
  * plane in a texel, 0.25 (gx^2 + gy^2): a deviation of half a texel); Lauritzen, McCool 2008

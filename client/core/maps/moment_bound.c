@@ -26,8 +26,8 @@ double umb__moment_bias(uint32_t count, double e)
     return fmin(fmax(4.0 * (double)count * e, least[count / 2 - 2]), 1.0);
 }
 
-/* Computes the polynomials by the modified Chebyshev algorithm. Row k of it has the means of pk Tl
- * for l = k..2K - k, with Tl scaled to be monic. */
+/* Computes the polynomials by the modified Chebyshev algorithm. Row k holds the means of pk Tl for
+ * l = k..2K - k, where Tl is scaled to be monic. */
 static void polynomials_make(const double *means, uint32_t count, double bias,
                              struct polynomials *p)
 {
@@ -78,8 +78,8 @@ static double mass_at(const struct polynomials *p, double z)
     return 1.0 / sum;
 }
 
-/* Computes the coefficients c[0..K] of the powers of z in the kernel of t, times the squared norm
- * of pK. */
+/* Computes the coefficients c[0..K] of the polynomial in z that the kernel of t is, times the
+ * squared norm of pK. */
 static void kernel_make(const struct polynomials *p, double t, double *c)
 {
     double values[DEGREE_MAX + 1], power[DEGREE_MAX + 1][DEGREE_MAX + 1] = {{1.0}};
@@ -105,8 +105,8 @@ static double quotient(double above, double below)
                                            : copysign(FAR, above) * copysign(1.0, below);
 }
 
-/* Finds the roots of c0 + c1 z + c2 z^2, rising, without cancellation. They are real, up to
- * rounding. */
+/* Finds the roots of c0 + c1 z + c2 z^2 in rising order, without cancellation. The roots are real,
+ * up to rounding. */
 static void quadratic_roots(const double *c, double roots[2])
 {
     const double square = fmax(c[1] * c[1] - 4.0 * c[0] * c[2], 0.0);

@@ -38,8 +38,8 @@ struct umb__moment_bound {
     double at;     /* Greatest share that can lie at t; before + at is the greatest share up to t */
 };
 
-/* Returns the bias that `count` means with errors of up to `e` need; at least what the rounding of
- * doubles needs. */
+/* Returns the bias needed by `count` means with errors of up to `e`, and at least the bias that the
+ * rounding of doubles needs. */
 double umb__moment_bias(uint32_t count, double e);
 
 /*

@@ -14,7 +14,7 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Bytes kept free for the links of a new page and of the pages that it is the first to refer to. */
+/* Bytes reserved for links: of a new page, and of pages that it is the first to refer to. */
 #define ROOM_FOR_LINKS 4096U
 
 static enum umb_status no_memory(struct umb_error *error, const char *what)
@@ -32,7 +32,7 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
     return held->links;
 }
 
-/* Checks that the head has the required id, and that this is the id of its content. */
+/* Checks that the head has the required id, and that the head's content hashes to this id. */
 static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
                                 struct umb_error *error)
 {
@@ -49,7 +49,7 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
     return UMB_OK;
 }
 
-/* Makes room for all entries, and adds the first block if the front holds all of it. */
+/* Makes room for all entries. Adds the first block of entries if the front holds all of it. */
 static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
                                        struct umb_error *error)
 {
@@ -67,7 +67,7 @@ static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *fro
                : UMB_OK;
 }
 
-/* Finds the pages that hold roots, and records the nodes that must be in them. */
+/* Finds the pages of the roots, and records which nodes these pages must have. */
 static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error)
 {
     for (uint32_t i = 0; i < p->canonical.content.frustum_count; i++) {
@@ -192,7 +192,7 @@ enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_f
     return UMB_OK;
 }
 
-/* Arguments of check_link and note_link: a page whose links to other pages are visited. */
+/* Arguments of check_link and note_link: the page whose links to other pages are visited. */
 struct link_check {
     struct umb_partial *p;
     const struct umb__page *page;
@@ -200,7 +200,7 @@ struct link_check {
     struct umb_error *error;
 };
 
-/* Checks that the node which a link names can be in the page that it names. */
+/* Checks a link to another page: that page may have a node of this level at this position. */
 static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uint32_t position)
 {
     const struct link_check *c = user;
@@ -236,8 +236,8 @@ static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint
     return UMB_OK;
 }
 
-/* Checks that the page has the nodes to which other pages refer, and no more nodes than the asset:
- * a page has at most one copy of a node. */
+/* Checks that the page has the nodes to which other pages refer. Also checks that it has no more
+ * nodes than the asset: a page has at most one copy of a node. */
 static enum umb_status check_counts(const struct umb_partial *p, uint32_t number,
                                     const struct umb__page *page, struct umb_error *error)
 {
@@ -296,8 +296,8 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     return UMB_OK;
 }
 
-/* Proves a page, checks its links to and from other pages, and stores it. In: raw: room for the
- * page, uncompressed. */
+/* Proves a page by its hash, checks its links to and from other pages, and stores it. In: raw: room
+ * for the uncompressed page. */
 static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__page_entry *entry,
                                       const void *stored, uint8_t *raw, struct umb_error *error)
 {
@@ -334,12 +334,13 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
                         p->head.page_count);
     }
     if (!umb__partial_knows(p, page)) {
-        return umb_fail(error, UMB_E_STATE, "page %u of the file: block %u of the directory first",
-                        page, page / UMB__BLOCK_PAGES);
+        return umb_fail(error, UMB_E_STATE,
+                        "page %u of the file: block %u of the directory is missing; add it", page,
+                        page / UMB__BLOCK_PAGES);
     }
     const struct umb__page_entry entry = umb__directory_load(&p->head, page);
     if (p->pages[page].stored) {
-        return umb_fail(error, UMB_E_EXISTS, "page %u of the file: is here already", page);
+        return umb_fail(error, UMB_E_EXISTS, "page %u of the file: is held already", page);
     }
     if (size != entry.stored_length) {
         return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: %zu bytes came, it has %u",
@@ -378,7 +379,7 @@ enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, con
                         p->head.directory_count);
     }
     if (p->blocks[block]) {
-        return umb_fail(error, UMB_E_EXISTS, "directory: block %u is here already", block);
+        return umb_fail(error, UMB_E_EXISTS, "directory: block %u is held already", block);
     }
     if (size != umb__block_bytes(p->head.page_count, block)) {
         return umb_fail(error, UMB_E_CORRUPT, "directory: block %u: %zu bytes came, it has %u",

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * From the held pages to the lower and the upper asset of partial.h. The first step is a graph: the
- * octree of all held nodes, in which a child in a missing page is UMB__ABSENT | page. The second
- * step makes the lower and the upper octree, in which such a child is a uniform state, and their
- * mapped layouts. Both layouts share their bricks, which are the same.
+ * Builds the lower and the upper asset of partial.h from the held pages. The first step makes a
+ * graph: the octree of all held nodes, in which a child in a missing page is UMB__ABSENT | page.
+ * The second step makes the lower and the upper octree, in which such a child is a uniform state,
+ * and their mapped layouts. Both layouts share their bricks, which are the same.
  */
 #include <string.h>
 
@@ -21,8 +21,9 @@ static enum umb_status no_memory(struct umb_error *error)
 
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* The page is the last one whose first node of the level is not behind the node. Pages without
-     * nodes of the level have the same first number as the next page, and stand before it. */
+    /* The wanted page is the last one whose first node of the level is not behind the node. A page
+     * without nodes of the level has the same first number as the next page, and stands before that
+     * page. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;
@@ -60,7 +61,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
     return UMB_OK;
 }
 
-/* Allocates the arrays for the nodes; those for children follow when their number is known. */
+/* Allocates the arrays for nodes. Those for children are allocated when their sizes are known. */
 static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 {
     struct umb__octree *g = &p->graph;
@@ -84,16 +85,16 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 struct filling {
     struct umb_partial *p;
     uint8_t *raw; /* Room for the longest page, uncompressed */
-    /* Numbers in the graph of the nodes in other pages that a level of a page leads to, or
-     * UMB__ABSENT | page. */
+    /* Numbers in the graph of the nodes of other pages to which a page's level refers; UMB__ABSENT
+     * | page if that page is missing */
     uint32_t *others;
     uint64_t *leaves; /* Leaves of a page */
     size_t others_capacity, leaves_capacity;
     size_t children_capacity[UMB__LEVELS]; /* Capacities of the graph's children */
 };
 
-/* Finds the numbers of the nodes in other pages that level l of a page leads to. False: out of
- * memory. */
+/* Finds the graph's numbers of the nodes in other pages to which level l of a page refers. Returns
+ * false if out of memory. */
 static bool read_others(struct filling *f, const struct umb__page *page, uint32_t l)
 {
     const struct umb__held *pages = f->p->pages;
@@ -111,8 +112,8 @@ static bool read_others(struct filling *f, const struct umb__page *page, uint32_
     return true;
 }
 
-/* Adds one page's nodes of one level to the graph; pages come in order, so nodes are appended.
- * False: out of memory. */
+/* Appends one page's nodes of level l to the graph. Pages are appended in the order of the file.
+ * Returns false if out of memory. */
 static bool fill_level(struct filling *f, uint32_t number, const struct umb__page *page, uint32_t l)
 {
     struct umb__octree_level *level = &f->p->graph.level[l];
@@ -208,8 +209,9 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
     uint64_t totals[UMB__LEVELS];
     enum umb_status status = number_pages(p, totals);
     if (status != UMB_OK || !allocate_graph(p, totals)) {
-        return status == UMB_E_CORRUPT ? umb_fail(error, status, "pages: 2^31 nodes of one level")
-                                       : no_memory(error);
+        return status == UMB_E_CORRUPT
+                   ? umb_fail(error, status, "pages: one level has 2^31 nodes or more")
+                   : no_memory(error);
     }
     UMB__TRY(fill_graph(p, error));
     place_roots(p);
@@ -222,8 +224,8 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Makes one level of an octree from the graph's: absent children get `state`. False: out of
- * memory. */
+/* Makes one level of an octree from the graph's level; absent children get `state`. Returns false
+ * if out of memory. */
 static bool settle_level(struct umb_partial *p, const struct umb__octree_level *from,
                          enum umb__node_state state, struct umb__octree_level *to)
 {
@@ -255,8 +257,8 @@ static bool settle_level(struct umb_partial *p, const struct umb__octree_level *
     return true;
 }
 
-/* Lays the graph out for queries, with `state` instead of absent children. In: bricks: bricks that
- * the layout takes over; NULL for a layout that will share them. */
+/* Makes the mapped layout of the graph, with `state` in place of absent children. In: bricks: the
+ * layout takes them over; NULL for a layout that will share the other's bricks. */
 static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state,
                                uint64_t (*bricks)[8], struct umb__mapped *mapped,
                                struct umb_error *error)
@@ -286,7 +288,7 @@ static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state
     return status == UMB_OK ? UMB_OK : no_memory(error);
 }
 
-/* Makes an asset for queries of a layout; the partial asset keeps owning content and id. */
+/* Makes an asset for queries from a layout. The partial asset still owns content and id. */
 static void init_view(const struct umb_partial *p, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* An allocator with a budget. Each block begins with its size, which takes 16 bytes to keep the
- * alignment. */
+/* An allocator with a budget. The size of each block is stored before it, in 16 bytes, which keep
+ * the block aligned. */
 #include <string.h>
 
 #include "base/memory.h"

@@ -9,7 +9,7 @@
 
 #define UMB__LEVELS (UMB_LEVEL_MAX + 1)
 
-/* Flag of a child of the graph in a missing page; the other bits are the page's number. */
+/* Flag of a graph's child that is in a missing page; the other bits are the page's number. */
 #define UMB__ABSENT 0x80000000U
 
 /* Facts about a page's nodes, level by level. */
@@ -78,9 +78,9 @@ struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);
 /* Frees the last build. */
 void umb__partial_unbuild(struct umb_partial *p);
 
-/* Returns the held page of the least benefit, the last in the file among equal ones; UINT32_MAX:
- * none is held. Cost: logarithmic, except for the first call after benefits have changed
- * (heap_fresh false), which is linear. */
+/* Returns the held page of the least benefit; among equal ones the last in the file; UINT32_MAX if
+ * none is held. Cost: logarithmic; linear in the first call after a change of benefits (heap_fresh
+ * false). */
 uint32_t umb__partial_worst(struct umb_partial *p);
 
 /* Adds a page that has arrived to the heap of umb__partial_worst. */
@@ -102,7 +102,7 @@ UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page,
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
     uint32_t level; /* Level of the largest missing cube; 0: none is missing */
-    /* Lit share of the node above that cube; mixed and absent children count half */
+    /* Lit share of the node above the largest missing cube; mixed and absent children count half */
     double occupancy;
 };
 

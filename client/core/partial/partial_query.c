@@ -29,7 +29,7 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Looks the window of point i up in the graph. Out: error_m: error_m of struct
+/* Looks up the window of point i in the graph. Out: error_m: as error_m of struct
  * umb_partial_answers. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
@@ -47,8 +47,8 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
         high[axis] = clamp_voxel(floor(voxel[axis]) + reach, size);
     }
     const struct umb__lack lack = umb__partial_look(b->p, frustum, low, high, b->want);
-    /* The window crosses all missing cubes at one depth, so the cube with the most voxels a side
-     * has the widest edge. */
+    /* All missing cubes of the window lie at one depth, so the cube of the highest level has the
+     * longest edge. */
     umb__space_init(&space, &b->p->canonical.content, frustum, &no_view);
     *error_m = umb__space_edge(&space, lack.level, low[2] >> lack.level << lack.level);
     return lack;

@@ -101,7 +101,7 @@ static enum umb_status add_blocks(struct umb_partial *p, struct saved *s, struct
     return UMB_OK;
 }
 
-/* Adds the pages of a file; beyond the memory budget the rest stays missing. */
+/* Adds the pages of a partial file. Pages beyond the memory budget stay missing. */
 static enum umb_status add_pages(struct umb_partial *p, struct saved *s, struct umb_error *error)
 {
     for (uint32_t i = 0; i < s->pages; i++) {

@@ -137,8 +137,8 @@ static void init_perspective(struct umb__space *s, const struct umb_frustum_info
  * Returns the largest distance in metres of a point's look-up from the point: the bias, half the
  * width of the window, and a voxel for rounding down. The automatic bias (umbrage/query.h) is at
  * most (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along a normal n, or (2 taps + 1) / (2 sqrt(3)) voxels
- * of depth without a normal. Where a point passes between the faces of a perspective light it moves
- * at most twice as far.
+ * of depth without a normal. A point that moves from one face of a perspective light to another
+ * moves at most twice as far.
  */
 static double margin_of(const struct umb__space *s, double taps)
 {
@@ -189,8 +189,8 @@ static void corner(const struct umb__space *s, const double v[3], double world[3
     }
 }
 
-/* Computes the world box around a cube of voxels and the margin. The last layer of voxels answers
- * for all space behind it, so its cubes are extended by four frusta. */
+/* Computes the world box around a cube of voxels, extended by the margin. The last layer of voxels
+ * answers for all space behind the frustum, so a cube in that layer is extended by four frusta. */
 static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_t at[3],
                        double low[3], double high[3])
 {

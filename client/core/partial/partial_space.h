@@ -38,7 +38,7 @@ struct umb__seen_cube {
     double edge_m, distance_m; /* Longest edge, and distance from the eye, metres */
 };
 
-/* Checks a view and makes its planes. Fails: E_ARGUMENT, naming the field. */
+/* Checks a view and computes its planes. Fails: E_ARGUMENT, naming the field. */
 UMB_CHECKED enum umb_status umb__sight_init(struct umb__sight *sight,
                                             const struct umb_partial_view *view,
                                             struct umb_error *error);
@@ -47,12 +47,13 @@ UMB_CHECKED enum umb_status umb__sight_init(struct umb__sight *sight,
 void umb__space_init(struct umb__space *space, const struct umb__content *content, uint32_t frustum,
                      const struct umb_partial_view *view);
 
-/* Returns the longest edge in metres of a cube of voxels whose first voxel is at depth z; in a
- * perspective frustum, of the cube's far side. Space behind the last voxel counts as the last
- * voxel. */
+/* Returns the longest edge in metres of a cube of voxels whose first voxel is at depth z. In a
+ * perspective frustum it is an edge of the cube's far side. Space behind the last voxel counts as
+ * the last voxel. */
 double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t z);
 
-/* Judges a cube of 1 << level voxels a side. In: x, y, z: first voxel of the cube. */
+/* Returns whether a cube of 1 << level voxels a side may matter to the view, and its apparent size.
+ * In: x, y, z: first voxel of the cube. */
 struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
                                       const struct umb__space *space, uint32_t level, uint32_t x,
                                       uint32_t y, uint32_t z);

@@ -5,7 +5,7 @@
  * page is never worth less than a page below it. A node of which a whole cube was visited is not
  * walked again for a smaller benefit, since everything below the node was found.
  *
- * The graph shares nodes, so the tree that it stands for may be larger by any factor, and the walk
+ * The graph shares nodes, so its unfolded tree may be larger by any factor. Therefore the walk
  * counts the cubes that it visits. Assets of scenes take up to 11 cubes for each node held. At
  * STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the graph, from
  * the top down and each node once, wants everything below the marked nodes. The result may have too
@@ -40,7 +40,7 @@ enum {
     STEPS_MIN = 1024,
 };
 
-/* Benefit given to what lies below a root that the walk does not reach; any value would do. */
+/* Benefit of everything below a root that the walk does not reach; any positive value would do. */
 #define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
@@ -58,8 +58,8 @@ static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
                          cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
 }
 
-/* Marks a node below which everything is wanted, unless it is marked with at least this benefit.
- * A marked node's benefit is negated in `seen`. */
+/* Marks a node so that everything below it is wanted, unless it is already marked with this benefit
+ * or a greater one. The benefit of a marked node is negated in `seen`. */
 static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double benefit)
 {
     float *seen = &p->seen[level][node];
@@ -78,8 +78,8 @@ static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, doub
     }
 }
 
-/* Wants everything below the marked nodes: each node once, from the top down. A child has half the
- * edge, so a quarter of the benefit. */
+/* Gives a benefit to everything below the marked nodes, each node once, from the top down. A child
+ * has half the edge of its parent, so a quarter of its parent's benefit. */
 static void want_marked(struct umb_partial *p)
 {
     for (uint32_t l = UMB_LEVEL_MAX; l > UMB_LEVEL_BRICK; l--) {
@@ -118,9 +118,9 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     }
     const bool absent = (cube->child & UMB__ABSENT) != 0;
     if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
-        /* A walk from another cube of this node has found everything below it. With max_error_rad a
-         * cube that appears larger may need finer cells; without, only a benefit more than four
-         * times as great is worth a second walk. */
+        /* An earlier walk from another cube of this node found everything below the node. With
+         * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
+         * more than four times as great is worth a second walk. */
         float *best = &p->seen[cube->level][cube->child];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {
@@ -212,8 +212,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     return UMB_OK;
 }
 
-/* Returns the benefit per stored byte of a missing page; 0 for a page that is held or does not
- * matter. */
+/* Returns the benefit per stored byte of a missing page; 0: a held page, or no benefit. */
 static double worth(const struct umb_partial *p, uint32_t page)
 {
     const struct umb__held *held = &p->pages[page];

@@ -5,8 +5,8 @@
  */
 #include "partial/partial_parts.h"
 
-/* Returns true if page a is dropped before page b: the page of less benefit, or the later one of
- * equal pages. */
+/* Returns true if page a is dropped before page b: a has less benefit, or the same benefit and a
+ * later place in the file. */
 static bool is_worse(const struct umb_partial *p, uint32_t a, uint32_t b)
 {
     const double x = p->pages[a].benefit, y = p->pages[b].benefit;

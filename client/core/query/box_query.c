@@ -3,10 +3,10 @@
  * Counts the lit voxels of a box. The descent counts cubes inside the box whole, and skips cubes
  * outside.
  *
- * A box in world space is three slabs min <= w < max, where w is linear in the voxel's index. Its
- * value in doubles is ((o + ex x) + ey y) + ez z. Rounding keeps each of these operations monotone,
- * so over a cube of voxels the computed w has its exact extremes at two corners. The test of a cube
- * therefore needs no margin, and agrees with tests of all its voxels.
+ * A box in world space is three slabs min <= w < max, where w is linear in the voxel's index. In
+ * doubles w is computed as ((o + ex x) + ey y) + ez z. Rounding keeps each of these operations
+ * monotone, so over a cube of voxels the computed w has its exact extremes at two corners. The test
+ * of a cube therefore needs no margin, and agrees with tests of all its voxels.
  */
 #include "query/volume_parts.h"
 
@@ -33,7 +33,7 @@ struct count {
 
 #define CUT_STEPS 64 /* Number of steps of a brick whose voxels are tested one by one */
 
-/* Adds steps to the current box. Returns false if the box is to be left. */
+/* Adds steps to the box, and asks the watch when due. Returns false if the box is given up. */
 static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
@@ -66,7 +66,8 @@ static inline double centre(const struct count *count, unsigned axis, const int3
     return w + count->origin[axis];
 }
 
-/* Returns how much of the voxels low..high (inclusive) lies inside a slab of the world box. */
+/* Returns whether all, some or none of the voxels low..high (inclusive) lie inside a slab of the
+ * world box. */
 static enum cover slab_cover(const struct count *count, unsigned axis, const int32_t low[3],
                              const int32_t high[3])
 {
@@ -116,8 +117,8 @@ static void range_masks(const struct range *range, const struct cube *brick, uin
     }
 }
 
-/* Removes the voxels whose centre is outside a slab of the world box. A row of eight voxels goes
- * through the operations of centre(), in the same order. */
+/* Removes the voxels whose centre is outside a slab of the world box. The centres are computed
+ * eight at a time, by the operations of centre() in the same order. */
 static void slab_masks(const struct count *count, unsigned axis, const struct cube *brick,
                        uint64_t inside[8])
 {
@@ -144,7 +145,7 @@ static void slab_masks(const struct count *count, unsigned axis, const struct cu
     }
 }
 
-/* Counts a brick, or a uniform cube of its size (masks NULL), that the box's faces cut. */
+/* Counts a brick that the box's faces cut. In: masks: NULL for a uniform cube of a brick's size. */
 static void count_cut_brick(struct count *count, const struct cube *brick, const uint64_t *masks,
                             bool lit)
 {
@@ -174,7 +175,7 @@ static void count_whole_brick(struct count *count, const uint64_t masks[8])
     count->answer->voxels += 512;
 }
 
-/* Counts a uniform cube. Where faces of the box cut it, it is halved, down to bricks. */
+/* Counts a uniform cube. A cube that the box's faces cut is halved, down to bricks. */
 static void count_uniform(struct count *count, const struct cube *cube, bool lit, enum cover cover)
 {
     if (cover == COVER_ALL) {
@@ -199,7 +200,8 @@ static void count_uniform(struct count *count, const struct cube *cube, bool lit
     }
 }
 
-/* Counts the voxels below a link. In: cover: how much of the cube the box covers; not none. */
+/* Counts the voxels of a cube that `link` describes. In: cover: how much of the cube the box
+ * covers, not none. */
 static void count_link(struct count *count, const struct cube *cube, struct umb__link link,
                        enum cover cover)
 {
@@ -274,7 +276,7 @@ static struct count begin_count(const struct umb__tree *tree, const struct umb_b
                           .watch = watch};
 }
 
-/* Counts the range's voxels, or those in the world box, if there is one. */
+/* Counts the voxels of the range; if there is a world box, only those inside that box. */
 static enum umb_status count_box(struct count *count, struct umb_box_answer *answer, size_t box,
                                  struct umb_error *error)
 {
@@ -301,8 +303,8 @@ static int32_t clamp(double value, int32_t size)
     return value >= size ? size : value > 0 ? (int32_t)value : 0;
 }
 
-/* Returns the voxels whose centre may lie in a world box: those around its corners, and one more on
- * each side for the rounding of both transforms. */
+/* Returns a range of voxels that contains all with a centre in a world box: the voxels between the
+ * box's corners, and one more on each side for the rounding of both transforms. */
 static struct range range_around(const struct umb__volume *v, const struct umb_box *box)
 {
     struct range range;

@@ -48,8 +48,8 @@ struct spot {
     double step_m; /* Metres along the light a voxel of depth */
 };
 
-/* Places a point under a spot or point light, in the face along whose axis p is farthest. Metres
- * along its ray are to its distance as W is to its own. */
+/* Places a point under a spot or point light in the face along whose axis p is farthest. Along the
+ * ray of the point, distances in metres are proportional to W. */
 static struct spot spot_of(const struct umb__volume *v, const double p[3])
 {
     struct spot spot = {.at = {-1, -1, 0}};

@@ -15,7 +15,7 @@ static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, 
     }
 }
 
-/* Walks the centre tap from the grid to the node that settles its state. */
+/* Walks from the grid to the node that settles the centre tap, and records each step. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
     const struct umb__tree tree = umb__tree_of(q);
@@ -85,7 +85,7 @@ static void add_normal(const struct umb__query *q, const struct umb_points *one,
     }
 }
 
-/* Runs a stage of the query for one point; fills in its answer and reads. */
+/* Runs a stage of the query for one point. Out: the answer and the reads of that stage. */
 static struct umb_query_stats answer_one(const struct umb__query *query, umb__kernel *run,
                                          const struct umb_points *one, struct umb_explanation *e)
 {
@@ -134,7 +134,8 @@ static void explain_parallel(const struct umb__query *q, const struct umb_points
     e->filter = q->filter;
     add_normal(q, &one, e);
     for (unsigned axis = 0; axis < 2; axis++) {
-        /* A place beyond any frustum, where a double or its floor would not fit. */
+        /* The position is clamped to values beyond any frustum, because the floor of larger doubles
+         * would not fit. */
         e->window[axis] = (int64_t)floor(fmax(-1e9, fmin(1e9, e->voxel[axis]))) - q->taps / 2;
     }
     if (q->level > 0) {

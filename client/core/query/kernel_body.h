@@ -2,16 +2,16 @@
 /*
  * The body of a query kernel; included by kernel_base.c, kernel_avx2.c and kernel_avx512.c, which
  * name the function (UMB__KERNEL). Kernels for vector instructions also name the steps that are
- * hand-written with them; else the steps are those in C, listed below. No guard: each includes it
- * once.
+ * hand-written with them; else the steps are those in C, listed below. There is no include guard:
+ * each file includes this one once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. One bit a point says whether its look-up
  * goes on. A stage visits the set bits and makes the next stage's word without branching on data.
- * So no branch is mispredicted; a walk point by point mispredicts one or two. Each stage prefetches
- * the reads of the next, so a block waits for memory once a stage; a walk waits once a point and
- * stage (figures: docs/explained/performance.md). Points in one brick share a look-up
- * (kernel_runs.h).
+ * So no branch is mispredicted; a walk point by point would mispredict one or two branches a point.
+ * Each stage prefetches the reads of the next, so a block waits for memory once a stage; a walk
+ * waits once a point and stage (figures: docs/explained/performance.md). Points in one brick share
+ * a look-up (kernel_runs.h).
  *
  * One tap is kernel_points.h, a window kernel_windows.h.
  */

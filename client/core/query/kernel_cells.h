@@ -4,9 +4,8 @@
 /* The level-5 cells (32 voxels) of a block's windows, and their nodes. */
 #include "query/kernel_parts.h"
 
-/* Lists the level-5 cells that the windows touch. If cells may be shared, consecutive windows that
- * begin in one cell share a slot: its cells are written again for each window, with those that any
- * of them touches. */
+/* Lists the level-5 cells that the windows touch. With `share`, consecutive windows that begin in
+ * one cell use the same slot, which then lists all cells that any of these windows touches. */
 UMB__INLINE uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
                                 bool share, struct umb__cells *cells)
 {
@@ -40,7 +39,7 @@ UMB__INLINE uint32_t list_cells(const struct umb__query *q, const struct umb__bl
     return count;
 }
 
-/* Finds the node of every listed cell, or the uniform node that represents it. */
+/* Finds the node of every listed cell. A uniform cell gets the constant node of its state. */
 static void find_cells(const struct umb__query *q, const struct umb__block *block, uint32_t count,
                        struct umb__cells *cells, struct umb_query_stats *stats)
 {
@@ -98,9 +97,9 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
 #define KNOWN_LOG2  8U
 #define KNOWN_CELLS (1U << KNOWN_LOG2)
 
-/* A cache of cells found for earlier blocks, each at the place that its key gives. Key 0: empty,
- * and the other fields are undefined. steps: nodes that the search visited, counted at every
- * use. */
+/* A cache of the nodes of cells found for earlier blocks; a hash of the key gives the place. Key 0
+ * marks an empty place. steps: nodes that the search read, which also count when the cache
+ * answers. */
 struct known_cells {
     uint64_t key[KNOWN_CELLS];
     const uint64_t *node[KNOWN_CELLS];
@@ -121,14 +120,15 @@ static inline uint64_t cell_key(struct umb__voxel corner)
     return (uint64_t)1 << 63 | z << 40 | y << 20 | x;
 }
 
-/* Returns the place of a key: the highest bits of a product with 2^64 over the golden ratio. */
+/* Returns a key's place in the cache: the highest bits of its product with 2^64 over the golden
+ * ratio. */
 static inline uint32_t known_place(uint64_t key)
 {
     return (uint32_t)(key * UINT64_C(0x9e3779b97f4a7c15) >> (64 - KNOWN_LOG2));
 }
 
-/* Finds the nodes of listed cells as find_cells does, through the cache. For pictures, where a
- * block needs many of the cells of the blocks before. */
+/* Finds the nodes of listed cells as find_cells does, but first in the cache. For pictures, in
+ * which neighbouring blocks need many of the same cells. */
 static void find_new_cells(const struct umb__query *q, const struct umb__block *block,
                            uint32_t count, struct umb__cells *cells, struct known_cells *known,
                            struct umb_query_stats *stats)

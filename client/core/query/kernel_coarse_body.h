@@ -2,11 +2,12 @@
 /*
  * The body of the coarse kernel: look-ups that stop at cells of 1 << level voxels
  * (umb_query_settings .level). Included by kernel_coarse.c and kernel_coarse_avx2.c, which name the
- * function (UMB__COARSE), and may name how points are placed. No guard: each includes it once.
+ * function (UMB__COARSE), and may name how points are placed. There is no include guard: each file
+ * includes this one once.
  *
  * As in kernel_body.h a block of 64 points goes stage by stage: place, grid, one stage for each
- * level of wide nodes above the wanted one. Nodes that are then still mixed answer one half; no
- * brick is read. Answers are counted in halves: 0, 1 or 2.
+ * level of wide nodes above the wanted one. Points whose node is still mixed then get the answer
+ * one half; no brick is read. Answers are counted in halves: 0, 1 or 2.
  */
 #include "query/kernel_parts.h"
 
@@ -18,7 +19,7 @@
 
 #define HALVES 2U
 
-/* Reads the cells of the grid. Settled points leave todo, the others keep their node's number. */
+/* Reads the grid's cells. Points in uniform cells leave `todo`; others get a node's number. */
 static void coarse_grid(const struct umb__query *q, struct umb__block *block,
                         uint32_t number[UMB__BLOCK])
 {
@@ -38,7 +39,7 @@ static void coarse_grid(const struct umb__query *q, struct umb__block *block,
     block->todo = mixed;
 }
 
-/* Reads one level of wide nodes: their children of `level` around the points. */
+/* Reads one level of wide nodes: for each point the child of `level` that contains the point. */
 static void coarse_step(const struct umb__query *q, struct umb__block *block, uint32_t level,
                         uint32_t number[UMB__BLOCK])
 {

@@ -6,14 +6,14 @@
  * bricks, level by level.
  *
  * A list holds the points that are not settled yet, and a stage overwrites it with the next stage's
- * list. It writes every point at the list's end and advances the end if the point goes on, so
- * nothing branches on data. Values that depend on a point's position are computed for the whole
- * block first, in loops that compilers vectorise.
+ * list. The stage writes every point at the list's end and advances the end only if the point goes
+ * on, so no branch depends on data. Values that depend on a point's position are computed for the
+ * whole block first, in loops that compilers vectorise.
  *
  * A level takes two stages: "look" reads the nodes to find the places of the children's numbers,
- * and "ask" prefetches the nodes that these numbers name. The first computes, the second waits,
- * since a core has some ten outstanding cache misses at most. So two blocks descend at a time:
- * while one asks, point by point, the other looks.
+ * and "ask" prefetches the nodes that these numbers name. "Look" computes and "ask" waits, since a
+ * core has some ten outstanding cache misses at most. So two blocks descend at a time: while one
+ * asks, point by point, the other looks.
  */
 #include "query/kernel_parts.h"
 
@@ -51,15 +51,15 @@ static inline void umb__begin_descents(const struct umb__query *q, void *values,
     descents->none.level = UMB_LEVEL_BRICK;
 }
 
-/* Number of points of a block, rounded up to whole vectors; all stages fill that many. */
+/* Returns a block's number of points, rounded up to whole vectors, which all stages fill. */
 static inline uint32_t umb__padded(const struct umb__block *block)
 {
     return (block->size + 7) & ~7U;
 }
 
-/* Takes the piece that point i has reached: a settled value, or a node or brick, which is
- * prefetched at once. A loop of prefetches alone would be slower: a core has some ten outstanding
- * misses at most, and can compute the next points while it waits. */
+/* Enters the piece that point i has reached. A uniform piece settles the point; the node or brick
+ * of a mixed piece is prefetched at once. A loop of prefetches alone would be slower: a core has
+ * some ten outstanding misses at most, and can compute the next points while it waits. */
 static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint32_t value,
                                     struct umb__descent *points)
 {
@@ -72,8 +72,9 @@ static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint
     UMB__PREFETCH(q->column_level > UMB_LEVEL_BRICK ? q->nodes + asked : q->bricks[asked]);
 }
 
-/* Leads points from their columns to pieces, and to the nodes or bricks that these name. Points
- * without a look-up are at voxel 0, 0, 0 and go with the others; their reads are discarded. */
+/* Finds the piece of each point in the point's column, and the node or brick that the piece names.
+ * Points without a look-up are at voxel 0, 0, 0 and go with the others; their reads are
+ * discarded. */
 static inline void umb__enter_columns(const struct umb__query *q, struct umb__descent *points)
 {
     const struct umb__block *block = &points->block;
@@ -107,10 +108,11 @@ static inline void umb__enter_columns(const struct umb__query *q, struct umb__de
 }
 
 /*
- * Looks into the node of point k of the list; returns the list's new end. With the masks shifted so
- * that the child's bit is the highest, that bit is its state, and the number of remaining bits is
- * the place of its number in the list. If the child is not mixed, the read is within the node and
- * discarded. above: children behind the point's own, 63 - bit.
+ * Looks into the node of point k of the list, for the child that contains the point. Returns the
+ * list's new end. The masks are shifted until the child's bit is the highest one. That bit is then
+ * the child's state, and the number of bits left in `mixed` gives the place of the child's number
+ * in the node. For a child that is not mixed the read stays within the node and is discarded.
+ * above: number of children behind the point's child, 63 - bit.
  */
 static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent *points,
                                  const uint32_t above[UMB__BLOCK], uint32_t k, uint32_t left)
@@ -126,14 +128,14 @@ static inline uint32_t umb__look(const struct umb__query *q, struct umb__descent
     return left + (uint32_t)(mixed >> 63);
 }
 
-/* Reads the node's or brick's number of point k of the list, and prefetches it. */
+/* Reads the number of the node or brick below point k of the list, and prefetches it. */
 static inline void umb__ask(const struct umb__query *q, struct umb__descent *points, uint32_t k)
 {
     const uint32_t number = points->number[k] = *points->child[k];
     UMB__PREFETCH(points->level > UMB_LEVEL_BRICK ? q->nodes + number : q->bricks[number]);
 }
 
-/* Advances both blocks: one asks, the other looks, from then on at the next level. */
+/* Advances both blocks by a stage: one asks, while the other looks at its next level. */
 static inline void umb__step_both(const struct umb__query *q, struct umb__descent *asks,
                                   struct umb__descent *looks, struct umb_query_stats *stats)
 {
@@ -181,7 +183,7 @@ static inline void umb__arrive(const struct umb__descents *descents, struct umb_
     umb__store_block(descents->query, &points->block, points->first, descents->values);
 }
 
-/* Lane by lane, which compilers vectorise; they would copy the structure word by word. */
+/* Copies a block lane by lane, in vectors. Compilers would copy the structure word by word. */
 static inline void umb__copy_block(const struct umb__block *from, struct umb__block *to)
 {
     to->size = from->size;
@@ -194,9 +196,10 @@ static inline void umb__copy_block(const struct umb__block *from, struct umb__bl
     }
 }
 
-/* Starts the descent of a copy of the block, and finishes the one before. first: of its points in
- * the batch. This and the next function are not inlined, and the block is copied: where points
- * share their descent, the loop over blocks is faster without knowledge of them. */
+/* Starts the descent of a copy of the block, and finishes the descent of the block before. first:
+ * index in the batch of the block's first point. This function and the next are not inlined, and
+ * the block is copied, because the loop over blocks whose points share their descent is then
+ * faster. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
                                                    const struct umb__block *block, size_t first,
                                                    struct umb_query_stats *stats)

@@ -6,13 +6,14 @@
  * Level 0 of a point is its window of `taps` texels, as without a footprint. Level k > 0 is the
  * mean of one-tap look-ups spread over a square of its surface, 2^k windows wide: the plane through
  * the point across its normal, lifted towards the light by half the square's side where the bias is
- * automatic. A footprint between the widths of two levels is their linear interpolation, so that an
- * answer is continuous in it: with f1 < f2 answers differ by at most 2 (f2 - f1) / f1.
+ * automatic. The answer of a footprint between the widths of two levels is interpolated linearly,
+ * so that answers are continuous: for footprints f1 < f2 they differ by at most 2 (f2 - f1) / f1.
  *
- * Why a plane: a wider window, coarser voxels (MRAA) or occupancies of nodes (VOAA) as in Sintorn
- * et al. 2014, section 5, all lie at one depth. They need a bias as long as they are wide, which is
- * most of their error (figures: docs/results/techniques.md). The lift replaces that bias. It goes
- * along the light, so no edge is displaced, and clears the surface's relief within a pixel.
+ * Why a plane: a wider window, coarser voxels (MRAA) and occupancies of nodes (VOAA), as in Sintorn
+ * et al. 2014, section 5, all lie at one depth. They need a bias as long as their width, and most
+ * of their error comes from that bias (figures: docs/results/techniques.md). The lift replaces that
+ * bias. It goes along the light, so no edge is displaced, and clears the surface's relief within a
+ * pixel.
  */
 #include "query/perspective.h"
 #include "query/slice_count.h"
@@ -23,8 +24,8 @@
 #define SAMPLES 32U /* Look-ups of a level: a rank-1 lattice over the square ... */
 #define STRIDE  25U /* ... whose generator meets edges of all directions best */
 
-/* Least cosine between a normal and the direction to the eye; below it a pixel's patch grows no
- * longer. */
+/* Least cosine between a normal and the direction to the eye. At smaller cosines a pixel's patch of
+ * surface keeps its length. */
 #define GRAZING 0.0625
 
 /* A point, its surface and its light. */
@@ -150,7 +151,7 @@ static void look_up(const struct umb__query *one, const struct receiver *r, doub
     }
 }
 
-/* Returns the answer of a receiver whose window has the answer `window`. */
+/* Returns the answer of a receiver. In: window: answer of the receiver's window. */
 static double answer(const struct umb__query *q, const struct umb__query *one,
                      const struct receiver *r, double side, double window,
                      struct umb_query_stats *stats)

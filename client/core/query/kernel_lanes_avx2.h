@@ -28,8 +28,8 @@ static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lane
     return (unsigned)_mm256_movemask_pd(_mm256_or_pd(_mm256_or_pd(a, b), c));
 }
 
-/* Takes coordinates apart: from x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3. Blends and converting loads
- * are cheaper than moves between lanes, of which there are three. */
+/* Separates the coordinates of four points: from x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3 to x, y and
+ * z. Blends and converting loads are cheaper than moves between lanes, of which there are three. */
 static inline void umb__separate_axes(__m256d a, __m256d b, __m256d c, umb__lanes axis[3])
 {
     __m256d xyxy = _mm256_blend_pd(a, b, 0xc);

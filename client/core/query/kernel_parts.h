@@ -11,7 +11,8 @@
 
 /* A block of points, as it passes through the stages. */
 struct umb__block {
-    uint32_t size; /* points, at most UMB__BLOCK */
+    uint32_t size; /* First texel of each point's window, inside the frustum; 0, 0, 0 for points
+                      without a look-up. Arrays begin at cache lines. */
     uint64_t todo; /* Bit i: point i still needs its look-up */
     /* First texel of the window, which lies in the frustum; 0, 0, 0 for points without a look-up.
      * Arrays begin at cache lines. */
@@ -22,7 +23,7 @@ struct umb__block {
     uint32_t lit[UMB__BLOCK + UMB__BEHIND];
 };
 
-/* The level-5 cells of a block's windows: slot 4 * of[point] + right + 2 * down. */
+/* The level-5 cells that a block's windows touch, in slots 4 * of[point] + right + 2 * down. */
 struct umb__cells {
     uint8_t of[UMB__BLOCK];               /* By window: the window whose slots it uses, its own or
                                              that of an earlier one in the same cell */
@@ -71,15 +72,15 @@ static inline unsigned umb__child_bit(int32_t x, int32_t y, int32_t z, uint32_t 
            ((uint32_t)z >> level & 3) << 4;
 }
 
-/* Returns a if `which` is 1, b if 0. It is arithmetic, because compilers turn conditions into
- * branches, which unpredictable data make slow. */
+/* Returns a if `which` is 1, b if 0. It computes the result, because compilers turn conditions into
+ * branches, which are slow on unpredictable data. */
 static inline uint64_t umb__select(uint64_t which, uint64_t a, uint64_t b)
 {
     return b ^ ((a ^ b) & (0 - which));
 }
 
-/* Returns the place of the number of the child at `bit` if it is mixed; else any place within the
- * node. */
+/* Returns the place in a node of the number of the child at `bit`. If that child is not mixed,
+ * returns any place within the node. */
 static inline const uint32_t *umb__child_place(const uint64_t *node, unsigned bit)
 {
     uint64_t below = ((uint64_t)1 << bit) - 1;
@@ -103,7 +104,8 @@ static inline struct umb__voxel umb__cell_corner(const struct umb__block *block,
     };
 }
 
-/* Bit k is set if the texels first .. first + reach touch brick k of two cells side by side. */
+/* Returns the bricks on an axis that the texels first .. first + reach touch. Bit k is brick k of
+ * two cells side by side. */
 static inline uint32_t umb__brick_range(uint32_t first, uint32_t reach)
 {
     uint32_t low = first >> 3 & 3, high = ((first + reach) >> 3) - (first >> 3) + low;
@@ -124,14 +126,14 @@ static inline uint64_t umb__spread(uint32_t bits)
     return (high >> 7 & UMB__EVERY_BYTE) * 0xff;
 }
 
-/* Returns whether the stages may answer whole windows of this query: see kernel_body.h. */
+/* Returns whether the stages of kernel_body.h can answer whole windows of this query. */
 static inline bool umb__stages_fit(const struct umb__query *q)
 {
     return q->taps == 1 || q->log2_size - q->grid_log2 >= UMB__SHARE_LEVEL;
 }
 
-/* Places one point. A point that needs no look-up, or one that no stage supports, is settled at
- * once. */
+/* Places one point. A point that needs no look-up, or whose look-up no stage supports, gets its
+ * answer at once. */
 static inline void umb__place_point(const struct umb__query *q, const struct umb_points *points,
                                     size_t index, struct umb__block *block, uint32_t i,
                                     struct umb_query_stats *stats)
@@ -156,8 +158,8 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
     }
 }
 
-/* Sets the missing points of a block's last eight lanes to voxel 0, 0, 0: stages take eight at a
- * time. */
+/* Sets the lanes without a point among a block's last eight to voxel 0, 0, 0, since stages take
+ * eight lanes at a time. */
 static inline void umb__pad_block(struct umb__block *block)
 {
     for (uint32_t i = block->size; i % 8 != 0; i++) {
@@ -179,7 +181,7 @@ static inline void umb__placer_init(const struct umb__query *q, const struct umb
     placer->points = points;
 }
 
-/* Places points index .. as lanes low .. high - 1 of a block whose todo has none of them yet. */
+/* Places the points from `index` on as lanes low .. high - 1, which are not yet in `todo`. */
 static inline void umb__place_points(const struct umb__placer *placer, size_t index,
                                      struct umb__block *block, uint32_t low, uint32_t high,
                                      struct umb_query_stats *stats)
@@ -226,8 +228,8 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
     block->todo = mixed;
 }
 
-/* Stores answers as floats. Callers give constants where they can: the length of whole blocks, and
- * a total of 1, which needs no division. */
+/* Stores answers as floats. Callers pass constants where they can: the length of whole blocks, and
+ * a total of 1, which saves the division. */
 UMB__INLINE void umb__store_floats(const struct umb__block *block, uint32_t count, float total,
                                    uint8_t *to)
 {

@@ -2,43 +2,46 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_PLACE_AVX512_H
 /*
- * Places a block sixteen points at a time with AVX-512. It uses fixed point where that provably
- * gives the voxels of kernel_place_lanes.h, and kernel_place_lanes.h elsewhere.
+ * Places a block sixteen points at a time with AVX-512. Fixed point is used where it provably gives
+ * the same voxels as kernel_place_lanes.h, which places all other points.
  *
- * Doubles from 2^20 to 2^21 have units of 2^-32. So the sum of a voxel coordinate and 2^20 has the
- * voxel's index in the upper half of its bits, below a constant, and the fraction in the lower
- * half. Conversions and most comparisons are then free. Three fused multiply-adds a coordinate make
- * the sum from the point as given. The constant that they start from includes the batch's origin
- * and the bias. This is not the sum that umb__to_voxel makes, with its roundings, but near it. Let
- * a point be as near as `reach` says: no sum of the absolute values of what is added up is above
- * 2^20.
- *  - umb__to_voxel rounds each of its terms six times at most (twice the position, once the
- * product, three times their sum), by 2^-53 of 2^20, half a unit, in the worst case: 3 units.
- *  - The constant rounds each of its terms five times at most, and 2^20 is added: 3 units.
+ * Fixed point: doubles from 2^20 to 2^21 have units of 2^-32. In the sum of 2^20 and a voxel
+ * coordinate, the upper half of the bits is a constant plus the voxel's index, and the lower half
+ * is the fraction. Conversions and most comparisons are then free. Three fused multiply-adds a
+ * coordinate make the sum. They start from a constant that includes 2^20, the batch's origin and
+ * the bias.
+ *
+ * Error: this sum differs from that of umb__to_voxel by roundings only. For points within `reach`
+ * the absolute values of all terms add up to at most 2^20. The roundings, in units of 2^-32:
+ *  - umb__to_voxel rounds each term at most six times: twice the position, once the product, three
+ *    times the sum. Each time it is by at most 2^-53 of 2^20, half a unit: 3 units.
+ *  - The constant rounds each term at most five times, and 2^20 is added: 3 units.
  *  - Each of the three additions rounds a number below 2^21: 1.5 units.
- * So the two differ by less than UMB__FIXED_SLACK units, which is added, too. If the fraction is
- * not below twice that, then the sum that umb__to_voxel makes has the same floor, and is no
- * integer; if moreover the index is inside the frustum, then so is the point. A window begins so
- * many texels before the point's as half of it has, and is inside if its ends are. A block with a
- * doubtful point is placed again; one coordinate in 2^27 is doubtful.
  *
- * Points with normals are moved along them, by lengths that are computed in floats, u = 2^-24, and
- * added as voxels. Let the square of the normal, n.n, be between 1/4 and 4; A be
- * the sum of |m_k| of an axis, S that of all components of the voxel's three edges, those of x and
- * y times the taps, both sums of absolute values, N the greatest of |n_k|, and `longest` the length
- * UMB__BIAS_SLACK S / 2, or that which is given. The automatic bias is the normal times longest N /
- * n.n at most.
- *  - A product of the normal and an edge or a row takes a rounding of each constant, one product
- * and two fused ones: 4 u of the sum of its terms. Three of them are added: 6 u of N S.
- *  - The constant that multiplies it is rounded, so is the product: 8 u; n.n has 3 u, the quotient
- * one more: 12 u of longest N / n.n. A given length takes less, with the root of n.n.
- *  - The product with a row adds 4 u and its own: 17 u of longest A N N / n.n, which is no more
- * than 17 u of longest A. So the slack grows by 32 u longest A, some 2^-17 of a voxel as a rule,
- * and is rounded up to a power of two, for which the test of fractions is one of bits; umb__move's
- * own roundings, in doubles, are lost in the difference. A normal faces away if its product with
- * the light's direction is not negative: where that in floats is within 8 u D N of zero, D being
- * the sum of |d_k|, which is twice what the same count gives, the product is made in doubles as
- * umb__move makes it.
+ * Test: the two sums differ by less than UMB__FIXED_SLACK units, which are added to the constant.
+ * If the fraction is at least twice that, the sum of umb__to_voxel has the same floor and is no
+ * integer. If the index is also inside the frustum, so is the point. A window begins taps / 2
+ * texels before the point's texel, and is inside if both its ends are. A block with a doubtful
+ * point is placed again; one coordinate in 2^27 is doubtful.
+ *
+ * Normals: points are moved along their normals n by lengths computed in floats (u = 2^-24), added
+ * as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the sum of |m_k| over
+ * an axis's row m. S is the sum of |e_k| over the voxel's three edges e, those of x and y times the
+ * taps. `longest` is UMB__BIAS_SLACK S / 2, or the given length. The automatic bias is at most the
+ * normal times longest N / n.n. The roundings:
+ *  - The product of the normal and an edge or a row rounds each constant, one product and two fused
+ *    ones: 4 u of the sum of its terms. Three of these products are added: 6 u of N S.
+ *  - The factor of that sum is rounded, and so is the product: 8 u. n.n has 3 u and the quotient
+ *    one more: 12 u of longest N / n.n. A given length, which takes the root of n.n, has less.
+ *  - The product with a row adds 4 u and its own rounding: 17 u of longest A N N / n.n, which is at
+ *    most 17 u of longest A.
+ * So the slack grows by 32 u longest A, usually some 2^-17 of a voxel. It is rounded up to a power
+ * of two, so that fractions are tested by their bits. The roundings of umb__move, in doubles, are
+ * far below the difference of 32 u and 17 u.
+ *
+ * Facing away: a normal faces away if its product with the light's direction d is not negative.
+ * With D the sum of |d_k|, the product in floats is off by at most 4 u D N. Within 8 u D N of zero
+ * it is computed again in doubles, as in umb__move.
  */
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
@@ -75,7 +78,7 @@ static inline float umb__float_of(double value)
     return (float)fmax(fmin(value, 1e30), -1e30);
 }
 
-/* Sets up the constants for points with normals; returns the length that no bias exceeds. */
+/* Sets up the constants for points with normals. Returns the greatest length of a bias. */
 static inline double umb__wide_mover_init(const struct umb__query *q,
                                           struct umb__wide_placer *placer)
 {
@@ -109,7 +112,7 @@ static inline int32_t umb__wide_slack(double voxels)
     return slack;
 }
 
-/* Sets up one axis: the sum to which products with a point are added, and the reach of a point. */
+/* Sets up one axis: the constant that the sums start from, and the reach of points. */
 static inline double umb__wide_base(const struct umb__query *q, const struct umb_points *points,
                                     unsigned axis, double longest, double *most)
 {
@@ -183,7 +186,8 @@ static inline __m512i umb__mixed_back(void)
     return _mm512_setr_epi32(0, 3, 6, 9, 12, 15, 2, 5, 8, 11, 14, 1, 4, 7, 10, 13);
 }
 
-/* Takes forty-eight floats x0 y0 z0 x1 .. apart; the lanes are as said above. */
+/* Separates the coordinates of sixteen points x0 y0 z0 x1 .. in floats, into the lanes of
+ * umb__mixed(). */
 static inline void umb__split_floats(const uint8_t *at, __m512 axis[3])
 {
     const __mmask16 first = 0x9249, second = 0x2492, third = 0x4924; /* Every third lane */
@@ -214,7 +218,7 @@ static inline void umb__widen(__m512 floats, __m512d *low, __m512d *high)
     *high = _mm512_cvtps_pd(_mm256_load_ps(eights + 8));
 }
 
-/* Returns the greater absolute value of two numbers, or of one and none. */
+/* Mode of _mm512_range for the greater absolute value; if one is NaN, the other counts. */
 #define UMB__GREATER_LENGTH 0xb
 
 static inline void umb__sixteen_f32(const struct umb__wide_placer *placer, const uint8_t *at,
@@ -258,7 +262,7 @@ static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
     return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], v[0] * w[0]));
 }
 
-/* Steps along the normals, in voxels, of the first and the last eight of sixteen points. */
+/* Steps along the normals, in voxels: of the first and the last eight of sixteen points. */
 struct umb__sixteen_steps {
     __m512d low[3], high[3];
     __mmask16 usable; /* Points whose normal the argument above covers */
@@ -308,8 +312,8 @@ UMB__INLINE void umb__step_sixteen(const struct umb__wide_placer *placer, const 
     }
 }
 
-/* Computes voxel coordinates of eight points, in fixed point as said above; returns the least
- * fractions. step: NULL for points without normals. */
+/* Computes the voxel coordinates of eight points in fixed point (see the file's first comment).
+ * Returns the least fractions. step: NULL for points without normals. */
 static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m512d p[3],
                                const __m512d step[3], __m512i fixed[3])
 {
@@ -326,8 +330,8 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
     return _mm512_min_epu32(_mm512_min_epu32(fixed[0], fixed[1]), fixed[2]);
 }
 
-/* Result so far of the test whether all of a block's points are placed: their voxels sure and
- * inside the frustum. */
+/* Result so far of the test whether all points of a block are placed: with certain voxels, inside
+ * the frustum. */
 struct umb__placed {
     __m512i least;  /* fractions, in the lanes of even number */
     __m512i ends;   /* bits that any index has */
@@ -404,8 +408,8 @@ struct umb__wide_form {
     bool f32, normals, windows;
 };
 
-/* Places a whole block; false if another function must place it. Points with a look-up have no
- * answer yet. */
+/* Places a whole block. Returns false if the block needs another function. Points with a look-up
+ * have no answer yet. */
 UMB__INLINE bool umb__place_sixteens(const struct umb__wide_placer *placer, size_t first,
                                      struct umb__wide_form form, struct umb__block *block,
                                      struct umb_query_stats *stats)

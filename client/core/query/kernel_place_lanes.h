@@ -7,8 +7,8 @@
  * every voxel index is the same. If one of eight points is not clearly inside the frustum, all
  * eight go point by point.
  *
- * kernel_lanes_avx2.h (four lanes) or kernel_lanes_avx512.h (eight) defines the lanes, vectors that
- * take the operators of C; one of them is included before.
+ * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes)
+ * or kernel_lanes_avx512.h (eight) before this one.
  */
 #include "query/kernel_parts.h"
 
@@ -56,8 +56,8 @@ static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes 
     return v[0] * w[0] + v[1] * w[1] + v[2] * w[2];
 }
 
-/* The form of a batch, as constants where it is used. `still`: points are relative to the asset's
- * origin and have no bias, so they are transformed directly. */
+/* The form of a batch; callers pass constants. `still`: points are relative to the asset's origin
+ * and have no bias, so they are transformed directly. */
 struct umb__form {
     bool f32, normals, still;
 };
@@ -73,7 +73,7 @@ static inline void umb__load_lanes(const struct umb_points *points, size_t i, bo
     }
 }
 
-/* Does what umb__move does for points with normals; returns the lanes whose normal faces away. */
+/* Moves points with normals as umb__move does. Returns the lanes whose normal faces away. */
 static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
                                        umb__lanes p[3])
 {
@@ -103,7 +103,7 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
 }
 
-/* Texels, a point a lane, and a bit for each point that is negative or faces away. */
+/* First texels of windows, a point a lane, and bits of points negative or facing away. */
 struct umb__placed_lanes {
     umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
     unsigned negative, away;
@@ -146,9 +146,10 @@ static inline void umb__clear_lanes(__m256i v[3], unsigned away)
 
 /*
  * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
- * look-up in the low byte, in the next those that face away. If these are not all eight, some point
- * is neither clearly inside nor faces away, and the lanes are unspecified. A window lies inside if
- * neither of its ends has a bit from the frustum's size up.
+ * look-up in the low byte, and those that face away in the next byte. If these are not all eight,
+ * some point is neither clearly inside nor faces away, and the lanes are unspecified. A window lies
+ * inside if both its ends are below the frustum's size, a power of two, which a test of bits
+ * proves.
  */
 UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, size_t index,
                                       struct umb__form form, struct umb__block *block, uint32_t i)
@@ -185,7 +186,7 @@ UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, siz
     return look | away << 8;
 }
 
-/* Places whole eights again, point by point: those with a point in `others`. */
+/* Places groups of eight points again, point by point: those with a point in `others`. */
 static inline void umb__place_again(const struct umb__lane_placer *placer, size_t first,
                                     uint64_t others, struct umb__block *block,
                                     struct umb_query_stats *stats)
@@ -199,8 +200,8 @@ static inline void umb__place_again(const struct umb__lane_placer *placer, size_
     }
 }
 
-/* Places the eights of a block. Points that need their own path are rare, so the loop has no call
- * and keeps its constants in registers. */
+/* Places a block by groups of eight points. Points that need their own path are rare, so the loop
+ * has no call and keeps its constants in registers. */
 UMB__INLINE void umb__place_eights(const struct umb__lane_placer *placer, size_t first,
                                    struct umb__form form, struct umb__block *block,
                                    struct umb_query_stats *stats)

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_POINTS_H
-/* Answers one tap: points that share bricks by runs (kernel_runs.h), scattered ones by a descent
- * for each point (kernel_descent.h). */
+/* Answers queries of one tap. Points that share bricks are answered by runs (kernel_runs.h),
+ * scattered points by a descent for each (kernel_descent.h). */
 #include "query/kernel_descent.h"
 #include "query/kernel_runs.h"
 
-/* Whether heads are merged to stand for several runs, if the kernel has that step. */
+/* Lets one head stand for several runs, if the kernel has that step. */
 #ifndef UMB__MERGE_HEADS
 #define UMB__MERGE_HEADS(spread, heads, runs) ((void)(spread))
 #define UMB__RUNS_OF(runs, heads)             ((void)(runs), umb__count_bits(heads))
@@ -23,8 +23,8 @@ struct umb__cube {
 struct umb__common {
     bool found;            /* Else every point begins at its column */
     struct umb__cube cube; /* around all of them */
-    struct umb__cube last; /* Smallest cube with a node around the last block that had one; level 0:
-                              none yet */
+    struct umb__cube last; /* Smallest cube with a node around the last block that had such a cube;
+                              level 0: none yet */
 };
 
 /* Settles a whole block. */
@@ -35,9 +35,9 @@ static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
     }
 }
 
-/* Returns where the descent of a block begins whose points share a cube of the columns' level: at
- * the cube of the last block, if they are in that one, too. A uniform cube has its state as number,
- * others have theirs plus UMB__CELL_FIRST. */
+/* Returns the cube at which the descent of a block begins. Its points share a cube of the columns'
+ * level; if they are all in the cube of the last block, the descent begins there. number: the state
+ * of a uniform cube, or UMB__CELL_FIRST plus the number of a node or brick. */
 static inline struct umb__cube umb__begin_together(const struct umb__query *q,
                                                    const struct umb__block *block, uint32_t spread,
                                                    const struct umb__cube *last)
@@ -58,8 +58,8 @@ static inline struct umb__cube umb__begin_together(const struct umb__query *q,
     return cube;
 }
 
-/* Descends with the first point while all others are in the same cubes. Answers the block and
- * returns true if one of these cubes is uniform. Nodes are counted from the column on, wherever the
+/* Descends from cube to cube as long as one cube contains all points of the block. If a cube is
+ * uniform, answers the block and returns true. Nodes are counted from the column on, wherever the
  * descent began, so that counts do not depend on how a batch is cut. */
 static inline bool umb__descend_together(const struct umb__query *q, struct umb__block *block,
                                          uint32_t spread, struct umb__common *common,
@@ -94,19 +94,19 @@ static inline bool umb__descend_together(const struct umb__query *q, struct umb_
     return false;
 }
 
-/* Node or brick of a mixed cube, or the uniform one that represents a uniform cube. */
+/* Returns the node or brick of a mixed cube, or the constant one of a uniform cube's state. */
 static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
                                           uint64_t number, uint64_t lit)
 {
-    /* As integers, since a uniform cube may have any number, and there may be no nodes at all. */
+    /* Addresses are computed as integers: a uniform cube may have any number, and there may be no
+     * nodes at all. */
     const uintptr_t inner = brick ? (uintptr_t)q->bricks + number * sizeof *q->bricks
                                   : (uintptr_t)q->nodes + number * sizeof *q->nodes;
     const uint64_t *const uniform = brick ? umb__uniform_bricks[lit] : umb__uniform_nodes + 2 * lit;
     return (const uint64_t *)umb__select(mixed, inner, (uintptr_t)uniform);
 }
 
-/* Leads heads from their columns to their nodes or bricks. Returns the heads that are not
- * settled. */
+/* Finds the nodes or bricks of heads in their columns. Returns the heads that are not settled. */
 UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct umb__block *heads,
                                       bool brick, const uint64_t *at[UMB__BLOCK])
 {
@@ -128,7 +128,7 @@ UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct u
     return unsettled & heads->todo;
 }
 
-/* Leads heads from their nodes to the children of `level`, as umb__enter_children does. */
+/* Finds the children of `level` of the heads' nodes, as umb__enter_children does for points. */
 UMB__INLINE uint64_t umb__step_heads(const struct umb__query *q, const struct umb__block *heads,
                                      uint32_t level, bool brick, const uint64_t *at[UMB__BLOCK])
 {
@@ -148,9 +148,9 @@ UMB__INLINE uint64_t umb__step_heads(const struct umb__query *q, const struct um
 }
 
 /*
- * Finds the brick of every head, a uniform one where the head is settled above. Heads are few: all
- * descend all levels, eight at a time. A settled head descends through a uniform node, so that no
- * branch depends on it.
+ * Finds the brick of every head. A head that is settled above the bricks gets a uniform brick.
+ * Heads are few: all descend all levels, eight at a time. A settled head descends through a uniform
+ * node, so that no branch depends on it.
  */
 static inline void umb__find_bricks_of(const struct umb__query *q, const struct umb__block *heads,
                                        const struct umb__runs *runs,
@@ -179,7 +179,7 @@ static inline void umb__find_bricks_of(const struct umb__query *q, const struct 
     stats->bricks += UMB__RUNS_OF(runs, unsettled);
 }
 
-/* Answers a block whose points share bricks: only the heads of its runs descend. */
+/* Answers a block whose points share bricks. Only the heads of the block's runs descend. */
 static inline void umb__count_runs(const struct umb__query *q, struct umb__block *block,
                                    uint64_t starts, uint32_t spread,
                                    const struct umb__common *common, struct umb_query_stats *stats)
@@ -193,8 +193,8 @@ static inline void umb__count_runs(const struct umb__query *q, struct umb__block
     UMB__READ_RUNS(block, &heads, &runs, brick);
 }
 
-/* Answers a block and returns true, unless its points are scattered. common: all zero before the
- * first block, and kept from block to block. */
+/* Answers a block and returns true; returns false if the block's points are scattered. common: all
+ * zero before the first block, then passed from block to block. */
 static inline bool umb__count_points(const struct umb__query *q, struct umb__block *block,
                                      struct umb__common *common, struct umb_query_stats *stats)
 {
@@ -215,8 +215,8 @@ static inline bool umb__count_points(const struct umb__query *q, struct umb__blo
     return true;
 }
 
-/* Answers a block: at once, or during the descent of later ones. first: of its points in the batch,
- * whose answers are stored in their order. */
+/* Answers a block at once, or starts a descent that ends with later blocks. first: index in the
+ * batch of the block's first point. Answers are stored in the points' order. */
 static inline void umb__answer_points(const struct umb__query *q, struct umb__block *block,
                                       size_t first, void *values, struct umb__common *common,
                                       struct umb__descents *descents, struct umb_query_stats *stats)

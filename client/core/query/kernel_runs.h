@@ -4,10 +4,11 @@
 /*
  * Runs: neighbouring points that share a look-up. Where pixels are denser than voxels, most points
  * of a picture are in the brick of the point before. So a block is cut into runs of points in one
- * brick. The first point of a run, its head, is looked up for all of them, and its brick answers
- * each point. A block of heads is a block like any other, and the stages treat it so.
+ * brick. Only the first point of a run, the head, is looked up, and the head's brick answers all
+ * points of the run. The heads form a block, which goes through the stages like any other.
  *
- * The runs of a window's block: windows that begin in one brick touch the same bricks, or fewer.
+ * For windows, a run is a sequence of windows that begin in one brick: they touch the same bricks,
+ * or fewer.
  */
 #include "query/kernel_parts.h"
 
@@ -32,7 +33,7 @@ static const uint64_t umb__uniform_bricks[2][8] = {
 struct umb__closeness {
     uint64_t changes; /* Bit i: point i is in another brick than the point before */
     uint32_t spread;  /* Bits in which a coordinate of any point differs from the point before;
-                         UINT32_MAX if the block is not full or not all are to be looked up */
+                         UINT32_MAX if the block is not full or some point has no look-up */
 };
 
 static inline struct umb__closeness umb__compare_points(const struct umb__block *block)
@@ -49,16 +50,16 @@ static inline struct umb__closeness umb__compare_points(const struct umb__block 
     return close;
 }
 
-/* Returns a word whose bit i is set if a run begins with point i. Points without a look-up have
- * runs of their own. */
+/* Returns a word whose bit i is set if a run begins at point i. Points with and without a look-up
+ * are never in one run. */
 static inline uint64_t umb__run_starts(const struct umb__block *block, uint64_t changes)
 {
     uint64_t inside = UINT64_MAX >> (UMB__BLOCK - block->size);
     return (1 | changes | (block->todo ^ block->todo << 1)) & inside;
 }
 
-/* Makes the block of heads. A head for several points takes the last place of its brick where a
- * window may begin, so that it touches all bricks that any of them touches. */
+/* Makes the block of heads. The head of several windows begins at the last texel of its brick at
+ * which a window may begin, so that it touches all bricks that any of these windows touches. */
 static inline void umb__take_heads(const struct umb__query *q, const struct umb__block *block,
                                    uint64_t starts, struct umb__block *heads,
                                    struct umb__runs *runs)
@@ -95,7 +96,7 @@ static inline void umb__read_brick(struct umb__block *block, const uint64_t bric
     }
 }
 
-/* One tap: answers the points of all runs from the bricks of their heads. */
+/* Answers the points of all runs from the bricks of their heads, for one tap. */
 static inline void umb__read_runs(struct umb__block *block, const struct umb__block *heads,
                                   const struct umb__runs *runs,
                                   const uint64_t *const brick[UMB__BLOCK])

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX2_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX2_H
-/* The steps of kernel_runs.h eight points at a time with AVX2; the same integers. */
+/* The steps of kernel_runs.h with AVX2, for eight points at a time. The integers are the same as in
+ * C. */
 #include <immintrin.h>
 #include "query/kernel_runs.h"
 
@@ -34,7 +35,8 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
         ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
 }
 
-/* Half a brick each: words of 32 bits are two a slice, the lower for y & 4 == 0. */
+/* A brick in two registers, each with four slices. A slice is two words of 32 bits, the lower one
+ * for y & 4 == 0. */
 struct umb__brick_halves {
     __m256i low, high;
 };
@@ -53,7 +55,7 @@ static inline void umb__read_eight(struct umb__block *block, uint32_t i,
     const __m256i seven = _mm256_set1_epi32(7);
     __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
     __m256i z = umb__load_eight(block->z + i);
-    /* The lowest three bits choose within half a brick, the highest one the half. */
+    /* The low three bits choose the word within a half, and the fourth bit the half. */
     __m256i which = _mm256_add_epi32(z, z) | (_mm256_srli_epi32(y, 2) & one);
     __m256 word =
         _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.low, which)),

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX512_H
-/* The steps of kernel_runs.h sixteen points at a time with AVX-512, without a branch on the length
- * of runs; the same integers. */
+/* The steps of kernel_runs.h with AVX-512, for sixteen points at a time. They give the same
+ * integers as those in C, and no branch depends on the length of runs. */
 #include <immintrin.h>
 #include "query/kernel_runs.h"
 
@@ -11,8 +11,8 @@ static inline __m512i umb__load_sixteen(const int32_t *at)
     return _mm512_loadu_si512(at);
 }
 
-/* Returns the bits in which each of sixteen points differs on an axis from the one before. *before:
- * the sixteen before, then these. */
+/* Returns the bits in which each of sixteen points differs on an axis from the point before it. In
+ * and out: before: the sixteen coordinates before these; then these. */
 static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
 {
     const __m512i here = umb__load_sixteen(axis);
@@ -21,8 +21,9 @@ static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
     return here ^ one_back;
 }
 
-/* The first point has none before it and is compared with the sixteenth. Every run begins with a
- * change there, and these bits differ somewhere in the block anyway. */
+/* The first point of a block has no point before it and is compared with point 15. That is
+ * harmless: a run begins at the first point anyway, and the bits of this difference occur elsewhere
+ * in the block. */
 static inline struct umb__closeness umb__compare_points_avx512(const struct umb__block *block)
 {
     const __m512i place = _mm512_set1_epi32(~7);
@@ -60,16 +61,15 @@ static inline void umb__append_heads(struct umb__block *heads, __mmask16 wanted,
     heads->size += umb__count_bits(wanted);
 }
 
-/* Appends to `count` of sixteen values the selected ones of another sixteen. */
+/* Appends the selected values of `from` to the first `count` values of `to`. */
 static inline __m512i umb__append_wanted(__m512i to, uint32_t count, __mmask16 wanted, __m512i from)
 {
     return _mm512_mask_expand_epi32(to, (__mmask16)(0xffffU << count),
                                     _mm512_maskz_compress_epi32(wanted, from));
 }
 
-/* Stores up to sixteen heads, with zeros behind them, a vector each. One store makes each vector,
- * since a load of a vector that several stores have made waits until all of them are in the
- * cache. */
+/* Stores up to sixteen heads as one vector for each axis, with zeros behind them. One store writes
+ * each vector: a later load would wait if several stores had written it. */
 static inline void umb__take_few_heads(const struct umb__block *block, uint64_t starts,
                                        struct umb__block *heads)
 {
@@ -116,8 +116,8 @@ static inline void umb__take_heads_avx512(const struct umb__query *q,
     runs->merged = false;
 }
 
-/* Returns a number for the brick of each of sixteen voxels; equal numbers are equal bricks if the
- * block's spread is below. */
+/* Returns a key for the brick of each of sixteen voxels. Equal keys mean equal bricks if the
+ * block's spread is below UMB__KEYS_SPREAD. */
 #define UMB__KEYS_SPREAD (1U << 13)
 
 static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
@@ -130,9 +130,10 @@ static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
 }
 
 /*
- * Lets one head stand for all runs among sixteen that are in one brick, as where the border of two
- * bricks crosses several rows of a picture. Up to eight heads descend at once, merged or not.
- * spread: of the block's points, all of which have a look-up if it is not UINT32_MAX.
+ * Lets one head stand for all runs among sixteen that are in one brick. Such runs occur where the
+ * border of two bricks crosses several rows of a picture. Eight heads or fewer are not merged,
+ * since eight descend at once anyway. spread: spread of the block; unless it is UINT32_MAX, all
+ * points have a look-up.
  */
 static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
                                     struct umb__runs *runs)
@@ -147,7 +148,7 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
         const __m512i z = umb__load_sixteen(heads->z + i);
         const uint32_t left = runs->count - i;
         const __mmask16 there = (__mmask16)(left < 16 ? (1U << left) - 1 : 0xffff);
-        /* Bits: those before each that are equal; the lowest is the first of all. */
+        /* For each key, bits of the equal keys before it; the lowest is the first of them. */
         const __m512i equal = _mm512_maskz_conflict_epi32(there, umb__brick_keys(x, y, z));
         const __mmask16 other = _mm512_test_epi32_mask(equal, equal);
         const __mmask16 alone = (__mmask16)(there & ~other);
@@ -180,8 +181,8 @@ static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_
     return umb__count_bits(bits & (uint32_t)(((uint64_t)1 << runs->count) - 1));
 }
 
-/* Gives each of eight points the number of its run, a byte each. *before: number of the run before,
- * then of the last. */
+/* Returns the number of the run of each of eight points, a byte each. In and out: before: number of
+ * the run before these points; then that of the last point. */
 static inline uint64_t umb__number_eight(uint64_t starts, uint64_t *before)
 {
     /* A product with ones in all bytes: the sum of all bytes up to each. */
@@ -200,7 +201,7 @@ static inline void umb__number_runs(uint64_t starts, __m512i run[UMB__BLOCK / 16
     }
 }
 
-/* Finds the words of 32 bits that hold the points in their bricks, and their bits. */
+/* Word of 32 bits in the brick, and bit in that word, of each of sixteen points. */
 struct umb__brick_places {
     __m512i word, bit;
 };
@@ -229,7 +230,7 @@ static inline void umb__read_brick_avx512(struct umb__block *block, const uint64
     }
 }
 
-/* Words of 32 bits of eight bricks, in registers: two a slice, the lower for y & 4 == 0. */
+/* Eight bricks in registers. A slice is two words of 32 bits, the lower for y & 4 == 0. */
 struct umb__eight_bricks {
     __m512i brick[8];
 };
@@ -260,8 +261,8 @@ static inline __m512i umb__pick_words(const struct umb__eight_bricks *from, __m5
     return _mm512_mask_blend_epi32(high, low_half, high_half);
 }
 
-/* Answers a full block, whatever its size: the lanes without points read the last run's brick, and
- * their answers are discarded. */
+/* Answers all lanes of a block, whatever its size. Lanes without points read the last run's brick,
+ * and their answers are discarded. */
 static inline void umb__read_runs_avx512(struct umb__block *block, const struct umb__block *heads,
                                          const struct umb__runs *runs,
                                          const uint64_t *const brick[UMB__BLOCK])
@@ -299,7 +300,7 @@ static inline __m256i umb__load_eight(const int32_t at[8])
     return _mm256_load_si256((const __m256i *)(const void *)at);
 }
 
-/* Finds the children of `level` around eight heads: 63 - umb__child_bit. */
+/* Finds the children of `level` that contain eight heads, as 63 - umb__child_bit. */
 static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t h, uint32_t level)
 {
     const __m128i shift = _mm_cvtsi32_si128((int)level);
@@ -327,9 +328,9 @@ static inline __m512i umb__load_masks(const uint64_t *const node[4])
     return _mm512_inserti64x2(masks, umb__load_pair(node[3]), 3);
 }
 
-/* Returns the states of a child of each of eight nodes: bits 0, 2 .. mixed, bits 1, 3 .. lit. They
- * are loaded from the nodes again: a load of a vector that several stores have made waits until all
- * of them are in the cache. */
+/* Returns the states of one child of each of eight nodes: even bits say mixed, odd bits lit. The
+ * masks are loaded from the nodes again, because a load of a vector waits if several stores have
+ * written it. */
 static inline uint32_t umb__child_states(const uint64_t *const node[8], __m256i above)
 {
     const __m512i wide = _mm512_cvtepu32_epi64(above);
@@ -342,7 +343,8 @@ static inline uint32_t umb__child_states(const uint64_t *const node[8], __m256i 
     return (uint32_t)_mm512_movepi64_mask(low) | (uint32_t)_mm512_movepi64_mask(high) << 8;
 }
 
-/* Loads the numbers of these children; where one is not mixed, the read is within the node. */
+/* Loads the numbers of one child of each of eight nodes. For a child that is not mixed, the read
+ * stays within the node. */
 static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i above)
 {
     uint32_t by[8] __attribute__((aligned(32))), number[8];
@@ -357,8 +359,8 @@ static inline __m512i umb__child_numbers(const uint64_t *const node[8], __m256i 
 }
 
 /*
- * umb__step_heads, eight heads at a time; a child's state selects the results for all of them at
- * once.
+ * Does what umb__step_heads does, eight heads at a time. The results of all eight are selected at
+ * once by their children's states.
  */
 UMB__INLINE uint64_t umb__step_heads_avx512(const struct umb__query *q,
                                             const struct umb__block *heads, uint32_t level,

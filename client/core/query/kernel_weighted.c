@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Filters that weigh the texels of a window by their distance to the centre on both axes: tent and
- * Gaussian. Such weights are sums of boxes: a row weighs the sum of its popcounts under nested
- * masks, those within 0, 1, 2 ... texels of the centre, each times a whole number. The window's
- * texels are gathered once, as rows of bits, brick by brick. So a filter costs one gather and a few
- * counts in registers, not one box for each mask. All sums are of integers: the same bits on all
- * machines.
+ * Gaussian. Such weights are sums of boxes: the weight of a row is a sum of popcounts under nested
+ * masks (0, 1, 2 ... texels around the centre), each times a whole number. The window's texels are
+ * gathered once, as rows of bits, brick by brick. So a filter costs one gather and a few counts in
+ * registers, not one box for each mask. All sums are of integers: the same bits on all machines.
  */
 #include "query/stages.h"
 
@@ -46,14 +45,13 @@ static void add_square(const struct umb__place *place, const struct umb__window 
         if (place->brick) {
             row = place->brick[w->z & 7] >> (8 * (y & 7)) & 0xffU;
         }
-        /* Texels before the window's first are cut off at the right, those behind its last
-         * later. */
+        /* Texels before the window's first one are cut off here, those behind it later. */
         rows->bits[y - w->y0] |= bx < w->x0 ? row >> (w->x0 - bx) : row << (bx - w->x0);
     }
 }
 
-/* Gathers the texels of the clipped window, its first one at bit 0 of row 0. `first`: the place of
- * that one. */
+/* Gathers the texels of the clipped window, the first one at bit 0 of row 0. In: first: place of
+ * the first texel. */
 static void gather(const struct umb__tree *tree, const struct umb__window *w,
                    struct umb__place first, struct umb_volume_stats *read, struct rows *rows)
 {
@@ -69,7 +67,7 @@ static void gather(const struct umb__tree *tree, const struct umb__window *w,
     }
 }
 
-/* Moves clipped rows to their place in the whole window; texels outside the frustum are lit. */
+/* Moves clipped rows to their place in the whole window. Texels outside the frustum become lit. */
 static void place_rows(const struct umb__query *q, const double v[3], const struct umb__window *w,
                        const struct rows *clipped, struct rows *whole)
 {
@@ -84,7 +82,8 @@ static void place_rows(const struct umb__query *q, const double v[3], const stru
     }
 }
 
-/* Returns the sum of the weights of the lit texels. In: row: that of all texels of a row. */
+/* Returns the sum of the weights of the lit texels. In: row: sum of the weights of all texels of a
+ * row. */
 UMB__INLINE uint32_t weigh(const struct umb__query *q, const struct rows *rows,
                            const uint16_t *weights, uint32_t row)
 {
@@ -140,7 +139,8 @@ UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], cons
     return lit;
 }
 
-/* Answers a batch. In: weights: by distance, 0 behind the last; row: the sum of those of a row. */
+/* Answers a batch. In: weights: weight by distance in texels, 0 behind the last. row: sum of the
+ * weights of a row. */
 static void run(const struct umb__query *query, const struct umb_points *points, size_t first,
                 size_t count, const uint16_t *weights, uint32_t row, struct umb_answers *answers)
 {

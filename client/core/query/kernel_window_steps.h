@@ -4,14 +4,14 @@
 /* Steps of kernel_windows.h that are hand-written with vector instructions. */
 #include "query/kernel_runs.h"
 
-/* Texels of a slice that lie in a window which begins at texel 0..7 of its first brick: of bricks 0
- * to 2 from there, by columns and by rows. */
+/* Masks of the texels of a slice that lie in a window, by columns and by rows. The window begins at
+ * texel 0..7 of its first brick; mask k is for the k-th brick from there. */
 struct umb__window_masks {
     _Alignas(64) uint64_t columns[3][8];
     uint64_t rows[3][8];
-    /* With AVX-512 alone. Bricks touched by a window that begins at texel 0..31 of a cell: a bit
-     * for each of sixteen bricks of that cell, of the one to its right and of the two below, each
-     * twice; by columns and by rows. */
+    /* Only with AVX-512: masks of the bricks that a window touches, by columns and by rows. The
+     * window begins at texel 0..31 of a cell. There is a bit for each of sixteen bricks of that
+     * cell, of the cell to the right and of the two cells below, each twice. */
     uint64_t cell_columns[32][8], cell_rows[32][8];
 };
 
@@ -26,9 +26,9 @@ static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks
     }
 }
 
-/* Bit 0: one of the bricks that a window touches is mixed, bit 1: one is lit, bit 2: one is
- * shadowed; mixed bricks may be either. at: the window's first texel; corner: the nodes of its
- * cells. */
+/* Returns the states of the bricks that a window touches. Bit 0: one is mixed; bit 1: one is lit;
+ * bit 2: one is shadowed. Mixed bricks may set bit 1 or 2, too. at: the window's first texel;
+ * corner: the nodes of its cells. */
 UMB__INLINE uint32_t umb__touched_states(const struct umb__window_masks *masks,
                                          struct umb__voxel at, uint32_t reach,
                                          const uint64_t *const corner[4])
@@ -50,8 +50,8 @@ UMB__INLINE uint32_t umb__touched_states(const struct umb__window_masks *masks,
     return (uint32_t)(mixed != 0) | (uint32_t)(lit != 0) << 1 | (uint32_t)(shadowed != 0) << 2;
 }
 
-/* Stores the answers of windows whose heads are settled. Eight are written at a time; later runs
- * overwrite the excess, except windows that needed no look-up. */
+/* Stores the answers of windows whose heads are settled. Eight are written at a time: later runs
+ * overwrite the excess, and windows that needed no look-up get their answers back. */
 static inline void umb__spread_settled(struct umb__block *block, const struct umb__block *heads,
                                        uint64_t settled, const struct umb__runs *runs)
 {
@@ -74,8 +74,8 @@ static inline void umb__spread_settled(struct umb__block *block, const struct um
     }
 }
 
-/* Windows: adds up the lit texels of the points of all runs whose heads are given, from the slices
- * of the bricks that each head touches, `side` each way: brick[16 * head ..]. */
+/* Adds up the lit texels of the windows of all runs whose heads are given. In: side: bricks on each
+ * axis that a head touches. brick: [16 * head ..] those bricks. */
 UMB__INLINE void umb__count_windows(const struct umb__window_masks *masks, struct umb__block *block,
                                     uint64_t heads, const struct umb__runs *runs, uint32_t side,
                                     const uint64_t *const *brick)

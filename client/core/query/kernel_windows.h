@@ -13,7 +13,7 @@
 #include "query/kernel_cells.h"
 #include "query/kernel_window_steps.h"
 
-/* Settles windows whose bricks are all lit or all shadowed; the others stay in the list. */
+/* Settles windows whose bricks are all lit or all shadowed. The other windows stay in `todo`. */
 static void settle_slabs(const struct umb__query *q, const struct umb__window_masks *masks,
                          struct umb__block *block, const struct umb__cells *cells)
 {
@@ -31,7 +31,8 @@ static void settle_slabs(const struct umb__query *q, const struct umb__window_ma
     block->todo = unsettled;
 }
 
-/* Finds all bricks that the windows touch, `side` each way; slot 16 * point + brick. */
+/* Finds all bricks that the windows touch. In: side: bricks on each axis. Out: brick: [16 * point
+ * ..] the bricks of a window. */
 UMB__INLINE void find_bricks(const struct umb__query *q, const struct umb__block *block,
                              const struct umb__cells *cells, uint32_t side, const uint64_t **brick,
                              struct umb_query_stats *stats)
@@ -72,8 +73,8 @@ UMB__INLINE void find_bricks(const struct umb__query *q, const struct umb__block
     56U /* As UMB__RUNS_MAX; the descent of a window costs more than a
                                  point's */
 
-/* Number of blocks for which the two stages that settle windows early are skipped, because they
- * settled almost nothing. */
+/* Number of blocks for which each of the two stages that settle windows early is still skipped,
+ * after it settled almost nothing. */
 struct idle_stages {
     uint32_t grid, slabs;
 };
@@ -85,7 +86,7 @@ static bool stage_is_due(uint32_t *idle)
     return *idle == 0;
 }
 
-/* Skips a stage for `blocks` blocks if it settled at most `few` windows. */
+/* Returns for how many blocks to skip a stage; 0 if it settled more than `few` windows. */
 static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
     bool idle = before != 0 && umb__count_bits(before & ~after) <= few;

@@ -87,7 +87,7 @@ static inline __m512i umb__count_bytes(__m512i words)
     return _mm512_add_epi8(_mm512_shuffle_epi8(of, words & low), _mm512_shuffle_epi8(of, high));
 }
 
-/* Returns the lit texels of the windows i .. i + 7, which begin in one brick. */
+/* Returns the lit texels of windows i .. i + 7. In: windows that begin in one brick. */
 UMB__INLINE __m256i umb__count_eight(const struct umb__window_masks *masks,
                                      const struct umb__block *block, uint32_t i, uint32_t side,
                                      const __m512i brick[9])
@@ -110,7 +110,8 @@ UMB__INLINE __m256i umb__count_eight(const struct umb__window_masks *masks,
     return _mm512_cvtepi64_epi32(_mm512_sad_epu8(lit, _mm512_setzero_si512()));
 }
 
-/* umb__count_windows, eight windows of a run at a time; runs of one point are counted singly. */
+/* Does what umb__count_windows does, eight windows of a run at a time. If every run has one point,
+ * it counts singly. */
 UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks,
                                            struct umb__block *block, uint64_t heads,
                                            const struct umb__runs *runs, uint32_t side,

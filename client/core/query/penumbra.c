@@ -5,8 +5,8 @@
  * the width of the penumbra, and a box of that width at the receiver's depth gives the answer.
  *
  * Columns are those of open bakes: lit down to their first occluder, then shadowed. Under the
- * closed rule the occluder depth map has the first occluders (format/occluder_depth.h), and a
- * single voxel proves nothing about its column.
+ * closed rule the occluder depth map gives the first occluders (format/occluder_depth.h), because a
+ * single voxel then proves nothing about the rest of its column.
  *
  * The box lies at one depth, and a sloping receiver would shadow itself under it. So the box is
  * moved towards the light until the receiver's plane is behind all of it. The move is along the
@@ -24,8 +24,8 @@
 /* Width of the box with the area of a disc of radius 1: sqrt(pi). */
 #define BOX_OF_DISC 1.7724538509055161
 
-/* Least distance in voxels of a blocker, since a receiver at the centre of its own blocker would
- * divide by zero. */
+/* Least distance in voxels of a blocker. A receiver at the centre of its own blocker has distance
+ * 0, which would be a divisor. */
 #define GAP_MIN 0x1p-20
 
 struct search {
@@ -38,8 +38,8 @@ struct search {
     struct umb_volume_stats read;
 };
 
-/* Finds by bisection the first shadowed voxel of a column whose voxel `high` is shadowed. It ends
- * on any tree, since the range shrinks. */
+/* Finds the first shadowed voxel of a column by bisection. In: high: a shadowed voxel. The search
+ * ends on any tree, because the range shrinks. */
 static uint32_t first_shadowed(struct search *s, uint32_t x, uint32_t y, uint32_t high)
 {
     uint32_t low = 0, probe = s->last < high ? s->last : high / 2;
@@ -61,7 +61,7 @@ static uint32_t first_shadowed(struct search *s, uint32_t x, uint32_t y, uint32_
     return high;
 }
 
-/* Finds a column's first occluder if it is not deeper than voxel `limit`. */
+/* Finds a column's first occluder, if it is at voxel `limit` or before. */
 static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limit, uint32_t *depth)
 {
     const struct umb__query *q = s->q;
@@ -78,15 +78,14 @@ static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limi
     return true;
 }
 
-/* Returns the last voxel whose centre is at least `gap` before the receiver; below 0 if there is
- * none. */
+/* Returns the last voxel whose centre is at least `gap` before the receiver; below 0: none. */
 static double limit_of(const struct search *s, double gap)
 {
     const double size = (double)((uint32_t)1 << s->q->log2_size);
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Returns the depth over which the cone grows to that many texels on an axis. */
+/* Returns the depth in voxels over which the cone grows to texel `texel` on an axis. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;
@@ -123,8 +122,8 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
     }
 }
 
-/* Returns whether no voxel within the ring's part of the cone blocks, in any column up to `outer`
- * texels away: where columns stay shadowed, one slice proves it. */
+/* Returns whether no column up to `outer` texels away has a blocker at voxel `limit` or before.
+ * Where columns stay shadowed, one slice proves that. */
 static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_query_stats *stats)
 {
     const struct umb__slice slice = {&s->tree, stats, (int64_t)limit};
@@ -139,10 +138,10 @@ static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_q
  * A column blocks if its first shadowed voxel's centre lies inside the cone, widened by half a
  * texel: |x + 1/2 - v.x| - 1/2 <= reach.x * (v.z - centre), and the same in y. Columns are sampled
  * in square rings around the receiver's, at distances 0, 1, 2, 3..4, 5..8, 9..16 ... texels; the
- * ring that ends at 4 * s takes every s-th texel, 56 of them. A sample at distance g of depth (at
- * least 2^-20 voxels) that stands for s * s texels covers s * s / g^2 of the light's disc; the mean
- * gap weighs by that. Open frusta cost a few node reads for each ring without occluders, which one
- * slice proves.
+ * ring that ends at 4 * s takes every s-th texel, 56 of them. A sample at depth distance g (at
+ * least 2^-20 voxels) that stands for s * s texels covers s * s / g^2 of the light's disc, and has
+ * this weight in the mean distance. In open frusta one slice proves that a ring has no occluders,
+ * for a few node reads.
  *
  * Returns the depth in voxels between receiver and blockers; 0 if nothing blocks.
  */
@@ -159,7 +158,7 @@ static double blocker_gap(const struct umb__query *q, const double v[3],
     add_sample(&s, s.x, s.y, 1);
     for (int64_t outer = 1; outer <= REACH_MAX; outer *= 2) {
         const int64_t inner = outer / 2, stride = outer > 4 ? outer / 4 : 1;
-        /* The nearest texel of the ring is at least `inner` away from the receiver's own. */
+        /* All texels of the ring are at least `inner` away from the receiver's own texel. */
         const double limit = limit_of(&s, (double)inner / reach);
         if (!(limit >= 0)) {
             break; /* the cone ends before */
@@ -173,17 +172,18 @@ static double blocker_gap(const struct umb__query *q, const double v[3],
     return s.cover > 0 ? s.gaps / s.cover : 0;
 }
 
-/* Bound of positions: beyond it they are lit, and far from the limits of int64_t; also used for
- * NaN. */
+/* Greatest coordinate in voxels that is looked up. Points beyond it, or with NaN, are lit; the
+ * limit is far below that of int64_t. */
 #define FAR_VOXELS 0x1p30
 
-/* Slope of the receiver: voxels of depth over a texel, the worst on each axis. */
+/* Slope of the receiver: voxels of depth that its plane rises over a texel on each axis, in the
+ * worst direction. */
 struct slope {
     double x, y;
 };
 
-/* The plane n.p = const rises by -n.ex / n.ez voxels a texel. Without a normal, and where the bias
- * is the caller's: (1,1,1) in voxels, and none. */
+/* Returns the slope of a point. The plane n.p = const rises by -n.ex / n.ez voxels a texel. A point
+ * without a normal has the normal (1,1,1) in voxels. The slope is 0 if the bias is the caller's. */
 static struct slope slope_of(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
     double n[3], along[3];
@@ -198,22 +198,23 @@ static struct slope slope_of(const struct umb__query *q, const struct umb_points
     return known ? (struct slope){along[0] / along[2], along[1] / along[2]} : (struct slope){1, 1};
 }
 
-/* Returns the texels across a light's cone after a gap of depth, at least the query's taps. */
+/* Returns the width in texels of the box for a gap of depth between receiver and blocker, at least
+ * the query's taps. */
 static double width_of(const struct umb__query *q, unsigned axis, double gap)
 {
     const double width = BOX_OF_DISC * q->reach[axis] * gap;
     return fmax((double)q->taps, fmin(width, UMB_PENUMBRA_TAPS_MAX));
 }
 
-/* Makes the box around a receiver behind a gap, and the depth of its slice. */
+/* Makes the box for a gap between receiver and blocker. Out: z: depth of the box's slice. */
 static struct umb__real_box box_of(const struct umb__query *q, const double v[3],
                                    struct slope slope, double gap, int64_t *z)
 {
     const struct umb__real_box box = {(int64_t)floor(v[0]), (int64_t)floor(v[1]),
                                       width_of(q, 0, gap), width_of(q, 1, gap)};
     const double taps = (double)q->taps;
-    /* The move off the surface was made for `taps`. A box covers in part one texel more than its
-     * width on either side. */
+    /* The move off the surface was made for `taps` texels. A box partly covers one texel more than
+     * its width on either side. */
     double lift =
         gap > 0 ? 0.5 * (slope.x * (box.width + 2.0 - taps) + slope.y * (box.height + 2.0 - taps))
                 : 0;
@@ -222,8 +223,8 @@ static struct umb__real_box box_of(const struct umb__query *q, const double v[3]
     return box;
 }
 
-/* Returns whether the receiver is in full shadow for any blocker: so is then the widest box at the
- * depth nearest to the light. Only where columns stay shadowed. */
+/* Returns whether the receiver is in full shadow whatever the blocker: if the widest box, at the
+ * depth nearest to the light, has no lit texel. Only where columns stay shadowed. */
 static bool is_umbra(const struct umb__query *q, const double v[3], struct slope slope,
                      const struct umb__tree *tree, struct umb_query_stats *stats)
 {
@@ -302,8 +303,8 @@ static enum umb_status check(const struct umb__plan *plan, struct umb_error *err
     return UMB_OK;
 }
 
-/* Computes the tangent of 0..1/2 as a continued fraction (Lambert 1761). It gives the same bits on
- * all machines, which libm does not promise. */
+/* Computes the tangent of 0..1/2 as a continued fraction (Lambert 1761), which gives the same bits
+ * on all machines. libm does not promise that. */
 static double tangent(double x)
 {
     double rest = 17;

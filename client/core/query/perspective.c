@@ -17,7 +17,7 @@ static double row(const struct umb_frustum_info *face, unsigned i, const double 
     return umb__affine(face->world_to_voxel[i], p);
 }
 
-/* Returns the face along whose axis p is farthest; 0 if p is behind all of them. */
+/* Returns the face along whose axis p is farthest; 0 if p lies behind the light for all faces. */
 static uint32_t face_of(const struct umb__query *q, const double p[3], double *w)
 {
     uint32_t best = 0;
@@ -36,10 +36,10 @@ static uint32_t face_of(const struct umb__query *q, const double p[3], double *w
  * Returns the metres along the unit normal n that keep the plane of the surface behind the whole
  * window.
  *
- * In the moved point's slice of depth, one voxel across is W times step[0] or step[1] (exactly: a
- * plane across the axis), one along the ray (p - position) / W times the slice's thickness, which
- * leans by half the window's width over all its texels. The move itself changes W by s times n's
- * part along the axis: hence the division.
+ * In the moved point's slice of depth, which is a plane across the axis, a voxel is exactly W times
+ * step[0] or step[1] wide. Along the ray it is (p - position) / W times the slice's thickness, and
+ * over all texels of the window the ray leans by half the window's width. The move by s changes W
+ * by s times the part of n along the axis: hence the division.
  */
 static double bias_auto(const struct umb__query *q, const struct umb_frustum_info *face,
                         const double from_light[3], const double n[3], double w)
@@ -160,7 +160,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     for (unsigned axis = 0; axis < 3; axis++) {
         direction[axis] = has_normal ? n[axis] : distance > 0 ? -from_light[axis] / distance : 0;
     }
-    /* Where the move leads into another face, that face's voxel size counts as well. */
+    /* If the move leads into another face, the bias must suffice for that face's voxels, too. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {
         double bias = has_normal ? bias_length(q, s->face, from_light, n, w)
                                  : bias_to_light(q, s->face, distance, w);
@@ -257,8 +257,8 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     answers.stats.points = stats->points;
     *stats = answers.stats;
     for (size_t i = 0; i < found; i++) {
-        /* The float is the nearest to lit / total. total is at most 289, so this returns lit
-         * exactly. */
+        /* The float is the one nearest to lit / total, and total is at most 289, so the product
+         * rounds to lit exactly. */
         double total = (double)(q->taps * q->taps);
         chunk->lit[places[i]] = (uint32_t)((double)values[i] * total + 0.5);
     }

@@ -4,7 +4,7 @@
 /*
  * Spot and point lights. Points are moved off their surface, assigned to the face that covers them,
  * and transformed to its voxel space. There the kernels of parallel light answer, as if voxel space
- * were the world. So one look-up with its kernels serves every kind of light.
+ * were the world. So the same kernels serve every kind of light.
  *
  * A point belongs to the face along whose axis it is farthest from the light. Faces overlap by a
  * guard band (bake/analysis/perspective_frame.h), so that no window is cut at a face's edge.
@@ -32,16 +32,17 @@ void umb__perspective_map(const struct umb__query *query, const struct umb_point
 void umb__perspective_face(const struct umb__query *query, uint32_t face,
                            struct umb__query *face_query);
 
-/* Computes the voxel-space position at which point i is looked up under any light, and the frustum.
- * Returns false if its normal faces away; voxel may then not be set. */
+/* Computes the position in voxel space at which point i is looked up, under a light of any kind.
+ * Out: frustum: number of the frustum. Returns false if the point's normal faces away; voxel may
+ * then not be set. */
 bool umb__look_up_at(const struct umb__query *query, const struct umb_points *points, size_t i,
                      double voxel[3], uint32_t *frustum);
 
 /* Returns the mean edge in metres of a face's voxels at p, relative to the asset's origin. */
 double umb__perspective_edge_m(const struct umb__query *query, uint32_t face, const double p[3]);
 
-/* Returns the mean edge of a texel across the light at p, metres relative to the asset's origin; 0
- * or below where no face covers p. */
+/* Returns the mean edge in metres of a texel across the light at p; 0 or below if no face covers p.
+ * In: p: metres relative to the asset's origin. */
 double umb__perspective_texel_m(const struct umb__query *query, const double p[3]);
 
 #endif

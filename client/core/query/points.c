@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Batches of points and their answers: the check before a run, sizes, sums of counts. */
+/* Checks batches of points, computes sizes of answers, and adds up counts. */
 #include <float.h>
 #include <math.h>
 
@@ -7,9 +7,9 @@
 #include "query/query_parts.h"
 
 /*
- * Returns 1 if none of CHECK_WORDS numbers is infinite or NaN: adding one to the exponent's lowest
- * bit then never reaches the sign bit. It has no branch and a fixed length, so compilers vectorise
- * it.
+ * Returns 1 if none of CHECK_WORDS numbers is infinite or NaN. For finite numbers, adding one to
+ * the exponent's lowest bit never changes the sign bit. The loop has no branch and a fixed length,
+ * so compilers vectorise it.
  */
 #define CHECK_WORDS 96 /* divides into whole points */
 

@@ -16,8 +16,8 @@
 
 #define FEW 512U /* Number of points up to which a change of the processor's clock does not pay */
 
-/* Wide vectors lower the processor's clock. For all but short batches they pay, since points are
- * placed in fixed point (kernel_place_avx512.h). */
+/* Runs short batches with AVX2 and others with AVX-512. Wide vectors lower the processor's clock,
+ * but pay for longer batches, because points are placed in fixed point (kernel_place_avx512.h). */
 void umb__run_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
                    size_t count, struct umb_answers *answers)
 {
@@ -78,7 +78,7 @@ static bool is_parallel(const struct umb__plan *plan)
 }
 
 /*
- * Sets up the bias of a directional light. The automatic one takes its length from voxel_step,
+ * Sets up the bias of a directional light. The automatic bias takes its length from voxel_step,
  * which for coarse look-ups is twice a cell's edges: s >= |n.ex| + |n.ey| + |n.ez| for cells e. The
  * whole cell around the moved point then lies on the light's side of the surface's plane, wherever
  * in the cell the point is.

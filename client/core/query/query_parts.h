@@ -16,7 +16,7 @@
 #include "query/voxel_tree.h"
 #include "umbrage/query.h"
 
-/* Functions whose constant arguments must reach the code around the call. */
+/* Inlines a function always, so that the constants in its arguments are known in its body. */
 #define UMB__INLINE static inline __attribute__((always_inline))
 
 struct umb__query;
@@ -61,12 +61,12 @@ struct umb__query {
     const uint32_t *occluder_depth; /* Occluder depth map; NULL: columns stay shadowed */
     uint32_t occluder_depth_root;   /* Root of the frustum in that map */
     /* Footprints (kernel_footprint.c). */
-    double footprint_m;        /* Footprint in metres of points without one of their own, where
+    double footprint_m;        /* Footprint in metres of points that have none of their own; used if
                                   pixel_rad is 0 */
     double eye[3], pixel_rad;  /* Eye relative to the asset's origin, and the angle of its pixels */
     double texel_m;            /* Mean edge of a texel of parallel light, metres */
     double sample_no_normal_m; /* Bias no_normal_m of a query of one tap */
-    /* Spot and point lights (perspective.h); the fields about one frustum are then not set. */
+    /* Spot and point lights (perspective.h). For these the fields about one frustum are not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     uint32_t face_count;                  /* Number of faces; 0: a directional light */
@@ -100,7 +100,7 @@ struct umb__window {
     bool all_lit;     /* no look-up needed: 1 */
 };
 
-/* Edges in voxels that the automatic bias of coarse look-ups uses: those of two cells. */
+/* Returns the edge in voxels that the automatic bias of coarse look-ups uses: two cells. */
 static inline double umb__coarse_steps(const struct umb__query *q)
 {
     return 2.0 * (double)((uint32_t)1 << q->level);
@@ -159,10 +159,10 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 /*
  * Moves point i off its surface. Returns false if its normal faces away from the light.
  *
- * With unit normal n the plane of the surface stays on the far side of the whole window if the
- * point moves by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n: the window's voxel centres lie
- * within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z ez) is
- * linear. s n = n * (unnormalised sum) / |n|^2, so no root is taken.
+ * Along the unit normal n the point moves by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2. Then the
+ * plane of the surface stays on the far side of the whole window: the centres of the window's
+ * voxels lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey
+ * + z ez) is linear. s n = n * (sum for the unscaled normal) / |n|^2, so no root is taken.
  */
 static inline bool umb__move(const struct umb__query *q, const struct umb_points *points, size_t i,
                              double p[3])
@@ -242,7 +242,7 @@ static inline int32_t umb__clip(double v, int32_t half, int32_t size, int32_t *l
     return *high >= *low ? *high - *low + 1 : 0;
 }
 
-/* Turns a voxel-space position into the window to look up; counts what is outside. */
+/* Computes the window of a voxel-space position. Counts the point in stats if it is outside. */
 static inline struct umb__window umb__window_at(const struct umb__query *q, const double v[3],
                                                 struct umb_query_stats *stats)
 {
@@ -284,8 +284,8 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
         ((uint8_t *)values)[i] = (uint8_t)((2 * 255 * lit + total) / (2 * total));
         break;
     case UMB_ANSWER_BIT: {
-        /* The first point of a byte also clears the seven bits behind it, which may be beyond the
-         * batch: old bits of the caller's memory are never answered. */
+        /* The first point of a byte also clears the bits of the seven points after it. These may
+         * lie beyond the batch, so bits of the caller's memory never appear as answers. */
         uint8_t *byte = (uint8_t *)values + i / 8;
         unsigned before = *byte & ((1U << (i % 8)) - 1U);
         *byte = (uint8_t)(before | (unsigned)(lit * 2 >= total) << (i % 8));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures, see umbrage/picture.h: from depths to points, and packed answers. Unchanged bytes XOR
- * to zeros, which zstd compresses to almost nothing. */
+/* Pictures (umbrage/picture.h): computes points from depths, and packs answers. The XOR of
+ * unchanged bytes is zero, which zstd compresses to almost nothing. */
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>

@@ -2,9 +2,9 @@
 /*
  * The stage of assets baked under the static rule. The answers of the other stages stay as they
  * are. Points whose look-up lies in no cell that holds receivers (format/receiver_mask.h) are
- * counted as undefined. Not counted are points shadowed by their normal, points before the first
- * voxel, and points beyond the frustum in x or y: the last count as outside, though a window may
- * reach into it.
+ * counted as undefined. Three kinds of points are not counted: points shadowed by their normal,
+ * points before the first voxel, and points beyond the frustum in x or y. The last kind counts as
+ * outside, even if the point's window reaches into the frustum.
  */
 #include "format/receiver_mask.h"
 #include "query/stages.h"

@@ -5,14 +5,14 @@
  *
  * Under a spot or point light a segment is cut where it passes from one face to another, by the
  * rule for points (perspective.h), and at the near plane of a face's frustum. Each piece is a line
- * of its own. The distances W along the faces' axes are linear along the segment. The largest of
- * them is the upper envelope of lines: each face has at most one piece, and later faces have
- * greater slopes, so that the cutting ends.
+ * of its own. For each face, the distance W along its axis is linear along the segment. At each
+ * parameter the face with the largest W answers. The largest W is the upper envelope of lines, so
+ * each face has at most one piece, later faces have greater slopes, and the cutting ends.
  */
 #include "base/reserved.h"
 #include "query/segment_walk.h"
 
-/* A segment in one face: X, Y and W at parameter 0, and their change up to 1. */
+/* A segment in one face: X, Y and W at parameter 0, and their changes up to parameter 1. */
 struct sight {
     double at[3], gain[3];
 };
@@ -93,7 +93,8 @@ static void walk_piece(const struct umb__volume *volume, uint32_t face, const st
     }
 }
 
-/* Walks a segment under a spot or point light. In: p: its ends, minus the asset's origin. */
+/* Walks a segment under a spot or point light. In: p: the segment's two ends, minus the asset's
+ * origin. */
 static void walk_faces(const struct umb__volume *volume, const double p[2][3],
                        struct umb__intervals *out)
 {

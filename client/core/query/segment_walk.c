@@ -3,7 +3,7 @@
  * See segment_walk.h: from cube to cube through the tree, from voxel to voxel within bricks.
  *
  * One expression, crossing() below, gives the parameter at which the line crosses the plane k of an
- * axis. It does not depend on the steps before (nothing is summed up), and rounding keeps it
+ * axis. The value does not depend on earlier steps (nothing is summed up), and rounding keeps it
  * monotone in k. So the line leaves a cube of any size exactly where it leaves the cube's last
  * voxel, and the walk equals a march through all voxels bit for bit, for any tree.
  *
@@ -62,8 +62,8 @@ static inline bool has_reached(const struct umb__axis *axis, int32_t voxel, doub
 /*
  * Returns the index of the voxel that holds t: `from` or a later one, inside the frustum.
  *
- * start + t * slope is off by less than a voxel unless the coordinates are beyond 2^50; then, and
- * where it rounds to the wrong side of a plane, bisection finds the voxel by the crossings alone.
+ * start + t * slope is off by less than a voxel unless the coordinates are beyond 2^50. If it is
+ * off by more, or on the wrong side of a plane, bisection finds the voxel by the crossings alone.
  */
 static int32_t voxel_at(const struct umb__axis *axis, double t, int32_t from)
 {
@@ -220,7 +220,8 @@ static void clip_axis(const struct umb__axis *axis, double *t, double *end)
     *end = fmin(*end, leaving(axis, 0, axis->last));
 }
 
-/* Returns the first voxel that holds t >= 0 on an axis; t is inside the frustum there. */
+/* Returns the first voxel on an axis that holds t >= 0. In: t: a parameter at which the line is
+ * inside the frustum on this axis. */
 static int32_t first_voxel(const struct umb__axis *axis, double t)
 {
     if (axis->step == 0) {

@@ -4,11 +4,11 @@
 /*
  * The walk of one line through one frustum, and the intervals that it makes.
  *
- * The line has a parameter s from 0 to 1 in which it crosses plane k of each axis at
- * (place(k) - start) * (1 / slope), where place never falls as k rises. For parallel light s is the
- * segment's own parameter and place(k) = k. Seen from a spot or point light a segment stays one
- * across the light, and the inverse of its distance W along the axis is linear in s; depth is
- * linear in W, so that there place(k) = -1 / (scale k + offset).
+ * The line has a parameter s from 0 to 1 in which it crosses plane k of each axis at (place(k) -
+ * start) * (1 / slope), where place never falls as k rises. For parallel light s is the segment's
+ * own parameter and place(k) = k. Seen from a spot or point light, a segment is a straight line
+ * across the light, and 1 / W, where W is the distance along the axis, is linear in s. Depth is
+ * linear in W, so on the depth axis place(k) = -1 / (scale k + offset).
  *
  *     struct umb__intervals out = ...;
  *     umb__walk_line(&tree, axes, &line, &out);       for each line of a segment, in order
@@ -27,14 +27,14 @@ struct umb__axis {
     double scale, offset; /* place(k) = -1 / (scale k + offset); scale 0: place(k) = k */
 };
 
-/* Part of a segment that a line covers, by the segment's parameter, and the W of the line's ends.
- * Parallel light: from 0 to 1, and both W are 1. */
+/* Part of a segment that a line covers, as parameters of the segment, and W at the line's two ends.
+ * For parallel light the part is 0 to 1, and both W are 1. */
 struct umb__line {
     double from, to;
     double near_w, far_w;
 };
 
-/* Result of the lines of a segment; zero it, except answer, kept, kept_max and stats. */
+/* Lit intervals of one segment's lines. Zero it, then set answer, kept, kept_max and stats. */
 struct umb__intervals {
     struct umb_segment_answer *answer;
     struct umb_interval *kept;
@@ -44,11 +44,11 @@ struct umb__intervals {
     double since; /* Parameter of the segment at which the open interval begins */
 };
 
-/* Makes an axis of parallel light, or across a face; start: place at 0, slope: places from 0 to
- * 1. */
+/* Makes an axis of parallel light, or an axis across a face. In: start: place of the line at
+ * parameter 0. slope: places that the line crosses from parameter 0 to 1. */
 struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, bool endless);
 
-/* Walks a line through a frustum. Space outside of it, and before its first voxel, is lit. */
+/* Walks a line through a frustum. Space beside the frustum, and before its first voxel, is lit. */
 void umb__walk_line(const struct umb__tree *tree, const struct umb__axis axes[3],
                     const struct umb__line *line, struct umb__intervals *intervals);
 

@@ -21,8 +21,8 @@ struct setting {
     } kind;
     double most;
     const char *unit;
-    size_t taken_by; /* Offset of the flag in struct umb_filter_info of the filters that take the
-                        setting; 0: all do */
+    size_t taken_by; /* Offset in struct umb_filter_info of the flag of filters that take the
+                        setting; 0: all filters take it */
 };
 
 static const struct setting SETTINGS[] = {
@@ -43,7 +43,7 @@ static bool is_taken(const struct setting *row, enum umb_filter filter)
     return flag != 0;
 }
 
-/* Checks one setting against its range, and against the filter if that need not take it. */
+/* Checks that one setting is in range and, if it is given, that the filter takes it. */
 static enum umb_status check_setting(const struct umb_query_settings *settings,
                                      const struct setting *row, struct umb_error *error)
 {
@@ -95,8 +95,7 @@ static enum umb_status check_light(const struct umb__plan *plan, struct umb_erro
                     plan->filter->any_light ? "footprint_m" : "filter", settings->light);
 }
 
-/* Checks coarse look-ups: one tap of parallel light, and a level that every layout of the file
- * has. */
+/* Checks coarse look-ups: one tap, parallel light, and a level that every layout has. */
 static enum umb_status check_level(const struct umb__plan *plan, struct umb_error *error)
 {
     const struct umb_query_settings *settings = plan->settings;
@@ -123,8 +122,8 @@ static enum umb_status check_level(const struct umb__plan *plan, struct umb_erro
                                      settings->level, beside);
 }
 
-/* Refuses what reads around the window. Under the static rule only the voxels of windows of points
- * on surfaces are defined. */
+/* Refuses filters and levels that read outside the window. Under the static rule only voxels in
+ * windows of points on surfaces are defined. */
 static enum umb_status check_static(const struct umb__plan *plan, struct umb_error *error)
 {
     const int is_window = plan->filter->info.is_window;

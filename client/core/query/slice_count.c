@@ -8,8 +8,8 @@ struct square {
     uint32_t level;
 };
 
-/* Two column ranges and two row ranges. Each of their four products is a window to count; range 0
- * contains range 1. */
+/* Two ranges of columns and two of rows; range 0 contains range 1. Each of the four products of
+ * columns and rows is a window to count. */
 struct ranges {
     int32_t x0[2], x1[2], y0[2], y1[2];
 };
@@ -64,7 +64,7 @@ static void add_brick(struct count *c, const struct square *s, uint32_t number)
     }
 }
 
-/* Adds the lit texels of a brick or a uniform square. Returns false: the walk goes on. */
+/* Adds the lit texels of a brick or a uniform square. Returns false, so that the walk goes on. */
 static bool add_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (link.mixed) {
@@ -75,7 +75,7 @@ static bool add_leaf(struct count *c, const struct square *s, struct umb__link l
     return false;
 }
 
-/* Returns whether a brick or a uniform square has the wanted state, which ends the walk. */
+/* Returns true, which ends the walk, if a brick or a uniform square has the wanted state. */
 static bool find_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (!link.mixed) {
@@ -156,8 +156,8 @@ bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, b
     return (cut && lit) || walk(&c);
 }
 
-/* One axis of a box: the texels covered wholly, those covered at all, and the part of the
- * latter. */
+/* One axis of a box: the texels covered wholly, the texels covered at all, and the covered part of
+ * the outer ones. */
 struct span {
     int64_t low[2], high[2]; /* First and last texel; 0: covered at all, 1: covered wholly */
     double weight[2];        /* Weights of the two windows; their sum is 1 */

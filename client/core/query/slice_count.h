@@ -17,7 +17,8 @@ struct umb__texels {
 struct umb__slice {
     const struct umb__tree *tree;
     struct umb_query_stats *stats; /* Counts of nodes and bricks, added to */
-    int64_t z; /* Depth of the slice in voxels; below 0: all lit; behind the last: the last */
+    int64_t z; /* Depth of the slice in voxels; below 0 all is lit; beyond the frustum it counts as
+                  the last voxel */
 };
 
 /* A box of real width in texels, around the middle of a texel. */
@@ -26,19 +27,19 @@ struct umb__real_box {
     double width, height; /* Size in texels, at least 1 */
 };
 
-/* Returns whether a texel of the rectangle has the state; beyond the frustum all are lit. Stops at
- * the first such texel. */
+/* Returns whether a texel of the rectangle has state `lit`. Texels beyond the frustum are lit. The
+ * search stops at the first such texel. */
 bool umb__slice_has(const struct umb__slice *slice, struct umb__texels texels, bool lit);
 
 /*
- * Returns the lit share of a box, 0..1; partly covered texels count by their covered part.
- * Continuous in width and height; for odd widths the plain n x m box. Beyond the frustum all is
- * lit.
+ * Returns the lit share of a box, 0..1. Partly covered texels count by their covered part, so the
+ * share is continuous in width and height. A box of odd size is a plain n x m box. Texels beyond
+ * the frustum are lit.
  */
 double umb__slice_share(const struct umb__slice *slice, const struct umb__real_box *box);
 
-/* Stores a share as umb_answer_format says. Bytes and bits are those of the float that it rounds
- * to: stages pass floats on, and the result must not depend on which stages ran. */
+/* Stores a share in an answer format. Bytes and bits are computed from the share rounded to a
+ * float, because stages pass floats on and the result must not depend on which stages ran. */
 void umb__store_share(void *values, enum umb_answer_format format, size_t i, double share);
 
 #endif

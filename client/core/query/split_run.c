@@ -4,14 +4,14 @@
 #include "query/stages.h"
 
 /*
- * Slices take some 0.2 to 0.5 ms each: long compared with handing one out, short compared with the
- * wait for the last. All are multiples of 512 points, whose answers fill whole cache lines in every
- * format.
+ * A slice takes some 0.2 to 0.5 ms: long compared with the time to hand it to a thread, yet short,
+ * because all threads wait for the last slice. The number of points is a multiple of 512, so that
+ * answers fill whole cache lines in every format.
  */
 #define SLICE_POINTS 8192U
 
-/* Number of points of a block of several lights: 12 KiB as doubles and 6 KiB of normals stay in
- * half of an L1 cache. */
+/* Number of points in a block for several lights. Their 12 KiB of doubles and 6 KiB of normals stay
+ * in half of an L1 cache. */
 #define BLOCK 512U
 
 size_t umb_query_slice(const struct umb_query *query)

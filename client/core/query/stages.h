@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_QUERY_STAGES_H
 #define UMBRAGE_CORE_QUERY_STAGES_H
 /*
- * What a query is made of: a filter, and the stages that answer a batch. filter.c lists the
- * filters, query.c the stages in their order.
+ * The parts of a query: a filter, and the stages that answer a batch. filter.c lists the filters,
+ * query.c the stages in their order.
  *
  * A stage answers a batch by calling the stage inside it; the innermost one is a kernel. Preparing
  * a query sets up the stages that apply, from the kernel outwards, so that a stage that does not
@@ -27,14 +27,14 @@ struct umb__filter {
     struct umb_filter_info info;
     bool any_light;      /* True: spot and point lights take it, too */
     const char *partial; /* Reason for which partial assets refuse it; NULL: they take it */
-    /* Check of the settings that only this filter takes; NULL: it takes none. */
+    /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
     umb__kernel *kernel; /* Kernel; NULL: that of windows */
-    /* Function that sets up what only this filter has, after all stages; NULL: nothing. */
+    /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (batch.c) */
-    /* Number of look-ups of one tap that cost as much as a point, beside those of its window; and
-     * in addition for each radian of the light's extent. */
+    /* Cost of a point without its window, in look-ups of one tap; and the cost added for each
+     * radian of the light's extent */
     double work, work_radian;
 };
 
@@ -57,28 +57,28 @@ UMB_CHECKED enum umb_status umb__plan_make(const struct umb_asset *asset,
                                            const struct umb_query_settings *settings,
                                            struct umb__plan *plan, struct umb_error *error);
 
-/* Returns the bias towards the light, in metres, of points without a normal in a window of `taps`
- * texels. In: q: with its bias, which counts unless the mode is automatic. */
+/* Returns the bias towards the light, in metres, of points without a normal, for a window of `taps`
+ * texels. In: q: the query with its bias, which is returned unless the mode is automatic. */
 static inline double umb__no_normal_m(const struct umb__plan *plan, const struct umb__query *q,
                                       int32_t taps)
 {
     if (plan->settings->bias_mode != UMB_BIAS_AUTO) {
         return q->no_normal_m;
     }
-    /* The normal (1,1,1)/sqrt(3) in voxels needs (2 taps + 1) / (2 sqrt(3)) voxels. */
+    /* In voxels, the normal (1,1,1)/sqrt(3) needs a bias of (2 taps + 1) / (2 sqrt(3)). */
     return UMB__BIAS_SLACK * (2.0 * taps + 1.0) / (2.0 * sqrt(3.0)) *
            umb__length(plan->frustum->voxel_step[2]);
 }
 
-/* Width in voxels of the widest texel of a light's transmittance maps; 0: no caster of the light is
- * translucent. */
+/* Returns the width in voxels of the widest texel of a light's transmittance maps; 0 if no caster
+ * of the light is translucent. */
 int32_t umb__transmittance_texel(const struct umb_asset *asset, const struct umb_light_info *light);
 
 /* Returns the transmittance of translucent casters for point i, 0..1. */
 double umb__transmittance_at(const struct umb__query *query, const struct umb_points *points,
                              size_t i);
 
-/* Returns whether point i is undefined under the static rule. In: query: with the stage of the
+/* Returns whether point i is undefined under the static rule. In: query: one with the stage of the
  * receiver mask. */
 bool umb__receiver_mask_is_undefined(const struct umb__query *query,
                                      const struct umb_points *points, size_t i);

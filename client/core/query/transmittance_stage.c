@@ -3,11 +3,11 @@
  * The stage of translucent casters: multiplies the answers for opaque casters by the transmittance
  * of deep maps (format/transmittance.h).
  *
- * Transmittance is a mean over a box of voxels around the point's at its depth, each voxel with the
- * value of its texel. The box is as wide as the window of opaque casters, and at least one texel
- * and a voxel, so that it changes from texel to texel without a step. A texel's list was made along
- * its middle, so the automatic bias adds half a texel to the box. All sums are of integers: the
- * same bits on all machines.
+ * Transmittance is the mean over a box of voxels around the point's voxel, at one depth; each voxel
+ * has the value of its texel. The box is as wide as the window of opaque casters, and at least one
+ * texel and a voxel, so that it changes from texel to texel without a step. A texel's list was made
+ * along its middle, so the automatic bias adds half a texel to the box. All sums are of integers:
+ * the same bits on all machines.
  */
 #include "query/perspective.h"
 #include "query/slice_count.h"
@@ -15,7 +15,7 @@
 
 #define CHUNK 256 /* points at a time: a multiple of 8, for bits */
 
-/* Clips a box of `taps` voxels around v to an axis of `size`; false: nothing is left. */
+/* Clips a box of `taps` voxels around v to an axis of `size` voxels. False: nothing is left. */
 static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32_t *high)
 {
     const double first = floor(v) - taps / 2, last = floor(v) + taps / 2;
@@ -27,8 +27,8 @@ static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32
     return true;
 }
 
-/* Returns the light that point i loses, in units of which *all is the whole light. In: wide: with
- * the bias of this stage. */
+/* Returns the light that point i loses. Out: all: the whole light in the same unit. In: wide: the
+ * query with the bias of this stage. */
 static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *points, size_t i,
                         uint64_t *all)
 {
@@ -52,8 +52,8 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* Makes the query that moves points for the boxes of this stage. Boxes are of voxels, even where
- * look-ups stop at a level. */
+/* Makes the query that moves points for the boxes of this stage. Boxes have voxels, even if
+ * look-ups stop at a coarser level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;

@@ -8,8 +8,7 @@
 
 struct umb__volume {
     struct umb__tree tree; /* Tree of the first frustum */
-    /* Faces of spot and point lights; the fields about one frustum below are then the first
-     * one's. */
+    /* Faces of spot and point lights. The fields about a frustum are those of the first. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     const uint32_t *grid;                 /* Grid section of the asset */
@@ -49,7 +48,8 @@ static inline struct umb__tree umb__volume_tree(const struct umb__volume *volume
     return tree;
 }
 
-/* Depth z of a face is linear in its W: W = scale z + offset. A scale of 0: it is not linear. */
+/* Computes the linear relation of depth z and W in a face: W = scale z + offset. A scale of 0 means
+ * that it is not linear. */
 static inline void umb__face_depth(const struct umb_frustum_info *face, double *scale,
                                    double *offset)
 {
@@ -59,7 +59,8 @@ static inline void umb__face_depth(const struct umb_frustum_info *face, double *
     *offset = w[3] - *scale * z[3];
 }
 
-/* Returns W at a face's near plane; a tiny number where that is at the light or behind it. */
+/* Returns W at a face's near plane. If that plane is at the light or behind it, returns a tiny
+ * positive number. */
 static inline double umb__face_first_w(const struct umb_frustum_info *face)
 {
     double scale, offset;
@@ -68,7 +69,7 @@ static inline double umb__face_first_w(const struct umb_frustum_info *face)
     return offset > least ? offset : least;
 }
 
-/* Transforms p, which is world minus the asset's origin, under a directional light. */
+/* Transforms p to voxel space under a directional light. In: p: metres from the asset's origin. */
 static inline void umb__volume_to_voxel(const struct umb__volume *volume, const double p[3],
                                         double v[3])
 {

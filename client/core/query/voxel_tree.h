@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_CORE_QUERY_VOXEL_TREE_H
 #define UMBRAGE_CORE_QUERY_VOXEL_TREE_H
 /*
- * One frustum of the mapped layout, read voxel by voxel: the place of a voxel, and the extent of
- * its state. For volume queries and explanations; the kernels for points have their own descent.
- * The layout is in format/view.h.
+ * Reads one frustum of the mapped layout by voxels: finds a voxel, and the cube around it that has
+ * one state. Volume queries and explanations use this; the kernels for points have their own
+ * descent. The layout is in format/view.h.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -19,7 +19,7 @@ struct umb__tree {
     uint32_t grid_log2; /* The grid has 1 << grid_log2 cells a side */
 };
 
-/* The largest aligned cube of one state around a voxel, or the voxel's brick. */
+/* A place in the tree: the largest aligned uniform cube around a voxel, or its brick. */
 struct umb__place {
     const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
     uint32_t level;        /* Level of the cube, which is 1 << level voxels wide; 3 for a brick */
@@ -48,7 +48,7 @@ struct umb__rectangle {
     int32_t x0, x1, y0, y1;
 };
 
-/* Returns the bits of the 8x8 slice whose first texel is (x, y) that lie in the rectangle. */
+/* Returns the bits of an 8x8 slice's texels in the rectangle. In: x, y: the slice's first texel. */
 static inline uint64_t umb__slice_mask(int32_t x, int32_t y, const struct umb__rectangle *in)
 {
     const int32_t left = umb__max(in->x0 - x, 0), right = umb__min(in->x1 - x, 7);
@@ -79,7 +79,7 @@ static inline struct umb__link umb__tree_cell(const struct umb__tree *tree, uint
     return (struct umb__link){true, false, value - UMB__CELL_FIRST};
 }
 
-/* Reads child 0..63 of the wide node at word `number`: x + 4 * y + 16 * z. */
+/* Reads a child of the wide node at word `number`. In: child: x + 4 * y + 16 * z, 0..63. */
 static inline struct umb__link umb__tree_child(const struct umb__tree *tree, uint32_t number,
                                                unsigned child)
 {

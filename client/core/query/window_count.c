@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One window, cell by cell: for windows cut off by the frustum's edge and frusta whose grid leads
- * straight to bricks. The kernels answer all others, many at a time (kernel_body.h).
+ * Counts one window, cell by cell. It is used for windows cut off by the frustum's edge, and for
+ * frusta whose grid has bricks directly below it. The kernels answer all others, many at a time
+ * (kernel_body.h).
  */
 #include "query/query_parts.h"
 
@@ -21,8 +22,8 @@ static struct umb__link descend(const struct umb__tree *tree, int32_t x, int32_t
     return link;
 }
 
-/* Returns the lit texels of the window's part in a brick, or in a uniform cube of `side` voxels, at
- * (x, y). */
+/* Returns the lit texels of the window within a brick, or a uniform cube of `side` voxels, that
+ * begins at (x, y). */
 static uint32_t count_leaf(const struct umb__tree *tree, struct umb__link link,
                            const struct umb__window *w, int32_t x, int32_t y, int32_t side,
                            struct umb_query_stats *stats)
@@ -38,7 +39,7 @@ static uint32_t count_leaf(const struct umb__tree *tree, struct umb__link link,
     return link.lit ? (uint32_t)(width * height) : 0;
 }
 
-/* Returns the lit texels of the window's part in the level-5 node at (cx, cy). */
+/* Returns the lit texels of the window within the level-5 node at (cx, cy). */
 static uint32_t count_node(const struct umb__tree *tree, uint32_t number,
                            const struct umb__window *w, int32_t cx, int32_t cy,
                            struct umb_query_stats *stats)

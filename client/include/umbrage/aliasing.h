@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_ALIASING_H
 #define UMBRAGE_ALIASING_H
 /*
- * Aliasing of a shadow map: how well its texels fit the pixels of a camera, at a point of a
+ * Aliasing of a shadow map: how well the map's texels fit a camera's pixels at a point of a
  * surface.
  *
  * A texel covers a patch of the surface, and the patch covers a few pixels or a part of one. Texel
@@ -31,9 +31,9 @@ struct umb_aliasing {
     double most;     /* Pixels that a texel covers in its longest direction */
     double least;    /* Pixels that a texel covers across that direction */
     double along[2]; /* Pixels that a step of one texel in x, and in y, covers: Lloyd's m */
-    /* The two factors of dp/ds. perspective: pixels a metre at the point's distance times metres a
-     * texel. projection: cos a / cos b, where a and b are the angles between the normal and the
-     * directions to the camera and to the light. */
+    /* The two factors of dp/ds. perspective: pixels a metre at the point's distance, times metres a
+     * texel. projection: cos a / cos b, where a is the angle between the normal and the direction
+     * to the camera, b that between the normal and the direction to the light. */
     double perspective, projection;
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };

@@ -21,8 +21,8 @@ extern "C" {
 
 struct umb_alloc {
     /* Works as realloc: (NULL, n) allocates; (p, 0) frees and returns NULL; NULL means failure,
-     * with the old block unchanged. Aligned as by malloc. Called on the thread that calls the
-     * library. */
+     * with the old block unchanged. Blocks are aligned as by malloc. Runs on the thread that calls
+     * the library. */
     void *(*resize)(void *user, void *block, size_t bytes);
     void *user; /* First argument of `resize` */
 };

@@ -54,10 +54,10 @@ struct umb_asset; /* opaque */
 /* How much of a file is checked when it opens. */
 enum umb_trust {
     UMB_TRUST_NOTHING = 0, /* Default: all checksums and the whole structure are checked */
-    /* For a file that has passed a full check and that no other user can write to. Mapped: checks
-     * the head, the canonical block, and the lengths of sections, grids and levels, but not the
-     * numbers in grids and nodes: queries of a file altered since may read anywhere. Packed:
-     * leaves out the checksums of the pages and checks everything else. */
+    /* For a file that has passed a full check and that no other user can write to. Mapped files:
+     * checks the head, the canonical block, and the lengths of sections, grids and levels, but not
+     * the numbers in grids and nodes; queries of a file that was changed since may read any memory.
+     * Packed files: checks all but the checksums of the pages. */
     UMB_TRUST_VALIDATED,
 };
 
@@ -103,7 +103,7 @@ struct umb_frustum_info {
      * z is linear along the axis. Directional lights: W = 1. Spot and point lights: W is the
      * distance from the light along the frustum's axis, metres; points with W <= 0 are outside. */
     double world_to_voxel[4][4];
-    /* Row i: world vector of one voxel along voxel axis i, metres. In a perspective frustum the
+    /* Row i: world vector in metres of one voxel along voxel axis i. In a perspective frustum the
      * rows of x and y hold where W = 1 and grow with W; the row of z runs along the frustum's
      * axis. */
     double voxel_step[3][3];
@@ -184,8 +184,8 @@ umb_asset_get_light(const struct umb_asset *asset, uint32_t index, struct umb_li
 UMB_API UMB_CHECKED enum umb_status
 umb_asset_get_frustum(const struct umb_asset *asset, uint32_t index, struct umb_frustum_info *info);
 
-/* Fills in the edges of a voxel along x, y and z, metres. In a perspective frustum, whose voxels
- * grow with the distance from the light: the edges of the farthest voxels. */
+/* Fills in the edges of a voxel along x, y and z, metres. In a perspective frustum voxels grow with
+ * the distance from the light; the edges are then those of the farthest voxels. */
 UMB_API void umb_frustum_voxel_edges(const struct umb_frustum_info *frustum, double edges[3]);
 
 /* Writes an id as 64 lower-case hexadecimal digits and a NUL. */

@@ -37,9 +37,9 @@ extern "C" {
 #define UMB_CASCADES_MAX 8
 
 enum umb_cascade_fit {
-    UMB_CASCADE_SLICE = 0, /* Sphere around the slice, for any scene. Its size stays when the camera
-                              turns. Its texels stay on a grid of the world when the camera moves
-                              (texel snapping), so that shadows do not swim */
+    UMB_CASCADE_SLICE = 0, /* Sphere around the slice, for any scene. The sphere's size stays when
+                              the camera turns, and the texels stay on a grid of the world when the
+                              camera moves (texel snapping), so that shadows do not swim */
     UMB_CASCADE_SCENE,     /* Intersection of slice and scene: finer texels, but they move with the
                               camera and the scene */
     UMB_CASCADE_LISPSM, /* Intersection of slice and scene, warped so that texels are finer near the
@@ -56,7 +56,7 @@ struct umb_cascade_settings {
 };
 
 struct umb_cascade_plan {
-    double eye[3], forward[3]; /* Camera's position and unit direction of view: splits are distances
+    double eye[3], forward[3]; /* Camera's position and unit direction of view; splits are distances
                                   from `eye` along `forward` */
     uint32_t count;
     double blend;

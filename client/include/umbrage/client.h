@@ -18,10 +18,10 @@
  *
  * Retries: a call that the server has not begun is sent again at once. A call whose connection was
  * lost, or that the server refused with UNAVAILABLE or with retry pushback ("retry after"), is sent
- * again after a pause. This is safe, because queries change nothing. A call is retried at most
- * max_retries times, within its deadline, and not while most calls fail. A server that was
- * connected before and is gone (restarted) is awaited for at most connect_timeout_ms. A server
- * that was never reached fails the call at once.
+ * again after a pause. Repeating a query is safe, because queries change nothing. A call is retried
+ * at most max_retries times, within its deadline, and not while most calls fail. A server that was
+ * connected before and is gone (restarted) is awaited for at most connect_timeout_ms. A server that
+ * was never reached fails the call at once.
  *
  * Several servers: "tcp:a:7420,tcp:b:7420" are replicas with the same assets, 64 at most. Each
  * asset has its own order of the replicas (rendezvous hashing), the same for every client. A call
@@ -69,14 +69,15 @@ struct umb_client_stream; /* opaque */
 struct umb_client_options {
     uint32_t connect_timeout_ms; /* Wait for the server's first frame or PING reply; 0 = 5000 */
     uint32_t call_timeout_ms;    /* Deadline of a call, sent as grpc-timeout; 0 = 60000 */
-    uint32_t stall_timeout_ms;   /* Wait of calls with many messages (fetch, submission) until the
-                                    next one, and a second more in all for each KiB; 0 = 120000 */
-    uint32_t keepalive_ms;       /* Silence of a server that owes answers before the client sends a
-                                    PING; 0 = 10000 */
+    uint32_t stall_timeout_ms;   /* Wait for the next message in calls with many messages (fetch,
+                                    submission), and a second more in all for each KiB; 0 =
+                                    120000 */
+    uint32_t keepalive_ms;       /* Silence, of a server that owes answers, after which the client
+                                    sends a PING; 0 = 10000 */
     uint32_t max_retries;        /* Retries of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */
     uint32_t max_calls;          /* Calls under way and waiting; 0 = 1024; beyond: E_BUSY */
-    uint64_t max_request_bytes;  /* Bytes of the requests of these calls together; 0 = 256 MiB;
-                                    beyond: E_BUSY. A call alone may have more */
+    uint64_t max_request_bytes;  /* Bytes of the requests of all calls under way and waiting; 0 =
+                                    256 MiB; beyond: E_BUSY. A single call may have more */
     uint64_t max_reply_bytes;    /* Bytes of one reply; 0 = 64 MiB, at most 4 GiB */
     umb_log_fn log;              /* Log callback, called on the client's thread; NULL = silent */
     void *log_user;              /* First argument of `log` */
@@ -94,17 +95,17 @@ struct umb_client_options {
 struct umb_client_query_request {
     const char *asset; /* Name, or id in hexadecimal: 1 to 255 bytes of UTF-8 */
     struct umb_query_settings settings;
-    /* Dial by which the server chooses taps and level, which must be 0 in `settings`; zeroed: none.
-     * budget_ns is time of one of the server's cores, which the server calibrates on points like
-     * these. */
+    /* Dial by which the server chooses taps and level, which must then be 0 in `settings`; zeroed:
+     * no dial. budget_ns counts on one of the server's cores, which the server calibrates on points
+     * like these. */
     struct umb_dial dial;
     struct umb_points points; /* Batch of points; only the server checks that they are finite */
     /* Depth picture with a point for each pixel (umbrage/picture.h), instead of `points`, whose
      * count and positions are then ignored. NULL: points. */
     const struct umb_picture *picture;
     int pack; /* 1: answers travel packed; the client unpacks them */
-    /* With pack: answers to an earlier packed query of the same stream, as many bytes as this
-     * query's. A server that still has them sends only the changes. Copied. NULL: none. */
+    /* With pack: answers to an earlier packed query of the same stream, of the same length as this
+     * query's. A server that still has these answers sends only the changes. Copied; NULL: none. */
     const void *base;
     int want_stats;                   /* 1: the reply carries stats; else 0 */
     uint32_t timeout_ms;              /* Deadline of this call; 0 = the client's */
@@ -118,9 +119,9 @@ struct umb_client_query_reply {
     uint8_t asset_id[UMB_ID_BYTES]; /* Id of the asset that answered */
     struct umb_query_stats stats;   /* Counts of the run; 0 without want_stats */
     uint64_t nanoseconds;           /* CPU time on the server; 0 without want_stats */
-    /* Settings that answered, with want_stats, and their accuracy and cost as in struct
-     * umb_curve_row. 0 if the server does not say; the last two also if the asset carries no
-     * accuracy curve. */
+    /* Settings that answered, if want_stats is set, and their accuracy and cost as in struct
+     * umb_curve_row. All are 0 if the server does not say; accuracy and cost also if the asset has
+     * no accuracy curve. */
     uint32_t level, taps;
     double bound_m, visibility_error, lines;
     double expected_ns;    /* Expected nanoseconds a point, with a budget and stats; else 0 */
@@ -145,9 +146,9 @@ struct umb_client_light {
     int closed;                 /* 1: baked under the closed rule */
     size_t curve_count;         /* Number of rows; 0: the asset or the server gives no curve */
     struct umb_curve_row curve[UMB_CURVE_ROWS_MAX];
-    /* Nanoseconds a point of each row on one of the server's cores: scattered_ns for points all
-     * over the scene, coherent_ns for points next to each other. 0 until a query with points of
-     * that kind has had a budget. */
+    /* Nanoseconds a point of each row on one of the server's cores. scattered_ns is for points all
+     * over the scene, coherent_ns for points next to each other. 0 until the first query with a
+     * budget and points of that kind. */
     double scattered_ns[UMB_CURVE_ROWS_MAX], coherent_ns[UMB_CURVE_ROWS_MAX];
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };

@@ -51,18 +51,18 @@ UMB_API uint32_t umb_level_max(uint32_t log2_size);
 UMB_API double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint32_t level,
                                    uint32_t taps);
 
-/* Returns the bound in metres of settings that umb_query_prepare accepts, with their bias: the
- * largest of the light's frusta. 0 if the asset has no such light, and for penumbras and
- * footprints: their width differs from point to point, and no bound is stated. */
+/* Returns the bound in metres of settings with their bias: the largest of all frusta of the light.
+ * In: settings that umb_query_prepare accepts. Returns 0 if the asset has no such light. Returns 0
+ * for penumbras and footprints: their width differs from point to point, so no bound is stated. */
 UMB_API double umb_query_bound_m(const struct umb_asset *asset,
                                  const struct umb_query_settings *settings);
 
 /* One setting of a light, with its accuracy and cost. */
 struct umb_curve_row {
     uint32_t level, taps;
-    double bound_m; /* Bound with automatic bias, metres; follows from the frusta, not stored */
-    /* Root mean square difference of the answer, 0..1, when the point is moved by up to half a
-     * voxel across the light; of coarse rows, the difference from a full look-up. */
+    double bound_m; /* Bound with automatic bias, metres; computed from the frusta, not stored */
+    /* Root mean square difference of the answer, 0..1, when the point moves by up to half a voxel
+     * across the light. For coarse rows, the difference from a full look-up. */
     double visibility_error;
     double nodes;         /* Mixed octree nodes above bricks on a point's path, on average */
     double lines;         /* Cache lines that a point reads: grid, wide nodes, bricks; on average */
@@ -88,8 +88,9 @@ struct umb_calibration {
 
 /*
  * Measures the costs of a light's curve on this machine, for points spread over the scene and one
- * idle core. It queries points of its own, scattered ones and ones where the light first meets a
- * caster, and interpolates between the two kinds to the counts of the curve's points.
+ * idle core. The function queries two kinds of points of its own: scattered ones, and ones where
+ * the light first meets a caster. It interpolates between the two kinds by the counts of the
+ * curve's points.
  *
  * In:    now_s: a clock in seconds that does not go back.
  * Out:   calibration: costs that do not fall where the counts of the curve rise.

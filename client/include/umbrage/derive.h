@@ -46,8 +46,8 @@ extern "C" {
 struct umb_derive_settings {
     uint32_t light;         /* Index of the light */
     uint32_t width, height; /* Texels, 1..16384; powers of two with mips; equal for cascades */
-    /* Rectangle x0 y0 x1 y1 in voxels of the light's frustum. It may reach beyond the frustum,
-     * where nothing casts. All 0: the whole frustum. Not for cascades. */
+    /* Rectangle x0 y0 x1 y1 in voxels of the light's frustum. The rectangle may reach beyond the
+     * frustum, where nothing casts shadows. All 0: the whole frustum. Not for cascades. */
     double rect[4];
     /* Settings of the maps. technique: PCF (depth), VSM, ESM, EVSM or MSM; format: F32, F16 or U16;
      * access: BASE or MIPS. Exponents: 0 = as large as the format allows, at most 80 for ESM, 40
@@ -55,7 +55,8 @@ struct umb_derive_settings {
      */
     struct umb_map_settings map;
     const struct umb_camera *camera; /* View that the cascades divide; not read without cascades */
-    /* Cascades; count 0: one map, of rect. Their `resolution` is not read: each has `width`. */
+    /* Cascades of one camera; count 0: one map, of rect. The field `resolution` is not read: each
+     * cascade has `width`. */
     struct umb_cascade_settings cascades;
     int (*cancelled)(void *user); /* Called for each row; nonzero stops. May be NULL */
     void *cancel_user;            /* First argument of `cancelled` */

@@ -39,13 +39,14 @@ struct umb_sink {
 
 /* A SHA-256 implementation. */
 struct umb_sha256 {
-    /* Writes the digest of the concatenation of part_count parts. All zeros if it could not be made
-     * (out of memory), which counts as E_NO_MEMORY: no input is known to have that digest. */
+    /* Writes the digest of the concatenation of part_count parts. Writes zeros if the digest could
+     * not be made (out of memory), which counts as E_NO_MEMORY: no input is known to have that
+     * digest. */
     void (*digest)(void *user, const void *const *parts, const size_t *sizes, size_t part_count,
                    uint8_t out[UMB_ID_BYTES]);
     void *user; /* First argument of both functions */
-    /* Writes digests[i] of message i for `count` messages at once, equal to those of `digest`.
-     * NULL: messages are hashed one by one. */
+    /* Writes digests[i] of message i for `count` messages at once, equal to the results of
+     * `digest`. NULL: messages are hashed one by one. */
     void (*digest_many)(void *user, const uint8_t *const *messages, const size_t *sizes,
                         size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 };

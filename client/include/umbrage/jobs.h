@@ -71,7 +71,7 @@ struct umb_job_status {
     uint64_t done, total;     /* Units of the phase; total 0 = not known */
     double rate;              /* Units a second */
     int64_t left_ms;          /* Time that the phase still takes; -1 = not known */
-    /* Tiles of a watched job's last try; total 0 = not known; found: kept from earlier bakes */
+    /* Tiles of a watched job's last try; total 0 = not known; found: taken from earlier bakes */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* Lines of text, borrowed during the callback; NULL in lists */
     uint64_t reserved[8];       /* Zero: room for later versions (umbrage/version.h) */
@@ -95,8 +95,8 @@ struct umb_job_submission {
     const struct umb_job_setting *settings;
     size_t setting_count;
     int priority; /* Order among the owner's jobs, -10..10; higher first */
-    /* Progress: called with the bytes sent so far and in all. May be NULL. Runs on the client's
-     * thread. */
+    /* Called with the number of bytes sent so far and in all, to show progress. May be NULL. Runs
+     * on the client's thread. */
     void (*sent)(void *user, uint64_t done, uint64_t total);
     void *user;
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */

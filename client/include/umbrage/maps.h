@@ -82,7 +82,7 @@ enum umb_map_access {
     UMB_MAP_SAT,      /* Summed-area tables, 64-bit integers: any box of real width, exact sums */
 };
 
-/* Relation of an answer to the share of the filter's texels that let light through. */
+/* Relation of an answer to the true share of the filter's texels that let light through. */
 enum umb_map_bound {
     UMB_MAP_EXACT = 0,   /* Equal to that share */
     UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed) */
@@ -96,10 +96,10 @@ enum umb_map_projection {
 };
 
 /*
- * Projection of a map. With p = (world - origin, 1) and row i of world_to_map as mi:
+ * Projection of a map. Let p = (world - origin, 1), and mi row i of world_to_map.
  * AFFINE and PERSPECTIVE: x = (m0.p)/(m3.p), y = (m1.p)/(m3.p), depth = m2.p, where m3.p > 0.
  * PARABOLOID: (X, Y, Z) = m0..2.p in metres, r = |XYZ|; x = (1 + X/(r+Z)) width/2, y from Y and
- * height in the same way; depth = (r - near_m) / depth_m; only Z >= 0.
+ * height in the same way; depth = (r - near_m) / depth_m; only where Z >= 0.
  */
 struct umb_map_frustum {
     enum umb_map_projection projection;
@@ -117,9 +117,9 @@ struct umb_map_frustum {
 /* A layer: the depth of the first caster that the light meets through the centre of each texel. */
 struct umb_map_layer {
     const float *depth;   /* float[height][width], 0..1, 1 = no caster */
-    const float *slope;   /* float[height][width][2]: change of the surface's depth per texel in x
-                             and in y, finite. NULL: the smaller of the differences to both
-                             neighbours */
+    const float *slope;   /* float[height][width][2]: change of the surface's depth from texel to
+                             texel in x and in y, finite. NULL: each change is the smaller
+                             difference to the two neighbours */
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -128,21 +128,21 @@ struct umb_map_settings {
     enum umb_map_format format;
     enum umb_map_access access; /* Not for PCF */
     uint32_t blur;              /* Width of a separable box over the texels, odd, 1..63; 0 = 1 */
-    double min_variance;        /* VSM, LVSM, EVSM: least variance, depth squared, 0..1; raised to
-                                   the least that the format's rounding needs */
+    double min_variance;        /* VSM, LVSM, EVSM: least variance, 0..1, in squared depth; raised
+                                   to the least that the format's rounding needs */
     int depth_plane;            /* VSM, LVSM: 1 adds the second moment of the slope in a texel */
     double exponent;            /* ESM, EVSM: c > 0 of exp(c depth) */
     double negative_exponent;   /* EVSM: c of -exp(-c depth), 0 = one warp only */
     int linear;                 /* ESM, EVSM: 1 stores exponentials, as a GPU does, which bounds the
                                    exponent; 0 stores logarithms */
     double moment_bias;         /* MSM, MOMENTS, ABSORBANCE: bias of the moments, 0..1; 0 = the
-                                   least that the format needs. With less, answers are no bounds,
-                                   and `slack` is 1 or near it */
+                                   least that the format needs. With a smaller bias answers are no
+                                   bounds, and `slack` is 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
-    double overestimate;        /* MOMENTS, ABSORBANCE: of the light that may be absorbed at the
-                                   receiver's own depth, the share, 0..1, that counts as absorbed.
-                                   0: answers are upper bounds of the light */
+    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of the light that may be
+                                   absorbed at the receiver's own depth which counts as absorbed. 0:
+                                   answers are upper bounds of the light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
     uint64_t reserved[4];       /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -162,11 +162,11 @@ struct umb_map_filter {
      * filter (its width in texels in x and in y); 1 is exactly enough for a plane not to shadow
      * itself. A penumbra follows the plane from texel to texel instead, and needs 1. */
     double bias_slope;
-    /* Normal bias, 0..100: a multiple as bias_slope, but the point is moved along its normal. */
+    /* Normal bias, 0..100, in the same unit as bias_slope; the point is moved along its normal. */
     double bias_normal;
-    /* Size of the light: radians of its diameter if directional, else metres. If above 0, the
-     * filter is as wide as the penumbra, at least 1 texel and at most `width`. PCF of a box, and
-     * VSM with SAT. */
+    /* Size of the light: diameter in radians if directional, else in metres. Above 0 the filter is
+     * as wide as the penumbra, at least 1 texel and at most `width`. Only for PCF with a box, and
+     * for VSM with SAT. */
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
@@ -206,20 +206,20 @@ enum umb_map_deep_way {
     UMB_MAP_DEEP_SEARCH = 1, /* Binary search of each list: 8 bytes a node */
     UMB_MAP_DEEP_LINKS = 2,  /* Binary search of the first list, links to the others: 16 bytes */
     UMB_MAP_DEEP_STREAM = 3, /* Adds up all nodes of a window's row, which are contiguous, without a
-                                branch: 8 bytes; not with an exponent */
+                                branch. A node has 8 bytes. Not with an exponent */
 };
 
 struct umb_map_deep_settings {
     /* Transmittance below which a list ends, 0..1; 0 keeps all fragments. The effect of 0.001
      * cannot be seen. */
     double epsilon;
-    double exponent; /* Exponent c, 0..1e6: the last step before a receiver fades in; exp(-c d) of
-                        it is missing at depth d behind the step. 0: a sharp step */
+    double exponent; /* Exponent c, 0..1e6, which fades in the last step before a receiver: at depth
+                        d behind the step exp(-c d) of it is missing. 0: a sharp step */
     enum umb_map_deep_way way;
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* A checked query: caller's storage, no pointer into itself, may be copied. */
+/* A checked query, filled by umb_map_prepare. The caller's storage; it may be copied. */
 struct umb_map_query {
     uint64_t opaque[192];
 };
@@ -279,7 +279,7 @@ UMB_API UMB_CHECKED enum umb_status umb_map_build(const struct umb_map_frustum *
                                                   struct umb_map **out, struct umb_error *error);
 
 /*
- * Builds a deep shadow map, as umb_map_build.
+ * Builds a deep shadow map from fragments. The parameters and failures of umb_map_build apply.
  *
  * Fails also: E_ARGUMENT (`first` that falls; depth, alpha or a setting out of range; STREAM with
  *        an exponent).
@@ -291,7 +291,8 @@ umb_map_build_deep(const struct umb_map_frustum *frustum, const struct umb_map_f
                    struct umb_map **out, struct umb_error *error);
 
 /*
- * Builds a filterable map of translucent casters, MOMENTS or ABSORBANCE, as umb_map_build.
+ * Builds a filterable map of translucent casters, MOMENTS or ABSORBANCE. The parameters and
+ * failures of umb_map_build apply.
  *
  * MOMENTS averages linearly, as light does, so that any filter is right; opaque casters stay
  * opaque. ABSORBANCE is more accurate behind all casters, but its filters average logarithms, and

@@ -85,8 +85,8 @@ struct umb_partial_view {
     double max_error_rad;     /* Angle at the eye of cells that need no finer pages, such as half a
                                  pixel; 0: exact */
     uint32_t taps;            /* Widest window of the queries to come, texels; 0 = UMB_TAPS_MAX */
-    double bias_m;            /* Longest bias of the queries to come, as far as it exceeds that of
-                                 UMB_BIAS_AUTO, metres */
+    double bias_m;            /* Amount in metres by which the longest bias of later queries exceeds
+                                 that of UMB_BIAS_AUTO */
     uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -120,7 +120,7 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_open(const void *front, size_t s
 UMB_API void umb_partial_close(struct umb_partial *partial);
 
 /*
- * Adds one block of the directory as it stands in the file: the places and hashes of some pages. A
+ * Adds one block of the directory as stored in the file: the places and hashes of some pages. A
  * page can be added once its block is held.
  *
  * In:    bytes: uint8[size], copied.
@@ -136,15 +136,15 @@ UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_
                                       uint64_t *offset, uint32_t *length);
 
 /*
- * Lists missing blocks in the order of the file: with `all` every one, else those of missing pages
- * that matter. Returns their number, at most room.
+ * Lists missing blocks in the order of the file. all: every missing block; else those with missing
+ * pages that matter. Returns the number of listed blocks, at most room.
  */
 UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
                                           uint32_t *list, size_t room);
 
 /*
- * Adds one page as it stands in the file. Beyond the memory budget, pages of less benefit are
- * dropped for it.
+ * Adds one page as stored in the file. If the memory budget is used up, pages of less benefit are
+ * dropped for the new page.
  *
  * In:    stored: uint8[size], copied.
  * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is missing), E_EXISTS (the
@@ -171,14 +171,15 @@ UMB_API enum umb_status umb_partial_locate(const struct umb_partial *partial, ui
 UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
 
 /*
- * Sets which pages matter from now on: every page that the view needs gets a benefit, as far as the
- * pages of the last build show. `add` keeps the benefits of earlier views, for several lights or
+ * Sets which pages matter from now on. Every page that the view needs gets a benefit, as far as the
+ * pages of the last build tell. `add` keeps the benefits of earlier views, for several lights or
  * cameras.
  *
  * Fails: E_ARGUMENT (view; the field is named), E_STATE (nothing built yet).
  * Cost:  linear in the nodes of the pages held: at most 65 steps for each node, plus 1024. If a
  *        view needs more steps, pages beyond the view's border get a benefit too. Only hostile
- *        assets need more: in them few nodes stand for very many cubes that the border cuts.
+ *        assets need more steps: in such an asset a few nodes stand for very many cubes at the
+ *        border.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_want(struct umb_partial *partial,
                                                      const struct umb_partial_view *view, int add,
@@ -213,8 +214,8 @@ UMB_API const struct umb_asset *umb_partial_lower(const struct umb_partial *part
 struct umb_partial_answers {
     float *values;     /* Best estimates, within [low, high] */
     float *low, *high; /* Bounds of the true answer; equal where it is known */
-    float *error_m;    /* 0 where exact, else the widest edge of the missing cubes, metres; under a
-                          spot or point light, of the cube's far side */
+    float *error_m;    /* Widest edge in metres of the missing cubes, 0 where exact; under a spot or
+                          point light, that of the cube's far side */
     uint64_t exact;    /* Out: number of points whose low and high are equal */
     double worst_error_m;         /* Out: greatest error_m */
     struct umb_query_stats stats; /* Counts of the run on the lower asset, added to */

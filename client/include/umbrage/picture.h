@@ -57,16 +57,16 @@ UMB_API UMB_CHECKED enum umb_status umb_picture_check(const struct umb_picture *
 UMB_API void umb_picture_points(const struct umb_picture *picture, size_t first, size_t count,
                                 float *points);
 
-/* Sets the answers of the empty pixels among first .. first + count - 1 to 1. In: first: a multiple
- * of 8; values: answers of the whole picture, in `format`. */
+/* Sets the answers of the empty pixels among first .. first + count - 1 to 1, which is lit. In:
+ * first: a multiple of 8. values: answers of the whole picture, in `format`. */
 UMB_API void umb_picture_fill(const struct umb_picture *picture, size_t first, size_t count,
                               enum umb_answer_format format, void *values);
 
 /* Returns the largest packed size of `size` bytes of answers. */
 UMB_API size_t umb_picture_room(size_t size);
 
-/* Returns the mark of a picture's answers: a hash, never 0, by which client and server check that
- * they pack later answers against the same base. */
+/* Returns the mark of a picture's answers: a hash, never 0. Client and server compare marks to be
+ * sure that they pack later answers against the same base. */
 UMB_API uint64_t umb_picture_mark(const void *values, size_t size);
 
 /*

@@ -25,10 +25,9 @@
  * behind the last voxel takes the last voxel's answer. struct umb_query_stats counts such points.
  *
  * Static rule: assets baked under it answer for points on surfaces only. Elsewhere an answer is
- * meaningless. A point farther from every surface than the plan's distance is counted as
- * undefined. Beyond the frustum in x or y and before z = 0 nothing casts, so those points are
- * answered and counted as said above. Where their window reaches into the frustum, it counts the
- * texels there.
+ * meaningless. A point farther from every surface than the plan's distance is counted as undefined.
+ * Beyond the frustum in x or y and before z = 0 nothing casts shadows, so points there are answered
+ * and counted as under "Outside". A window that reaches into the frustum counts the texels there.
  *
  * Precision: a point becomes a voxel index in doubles (53 bits; a coordinate of 1e7 m resolves
  * 2e-9 m). The window is counted in integers. Answers are bit-equal for every batch size, split,
@@ -52,12 +51,12 @@ extern "C" {
 
 /* Offset of a point before the look-up, so that a surface does not shadow itself. */
 enum umb_bias_mode {
-    /* Automatic: s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the normal n, where ex, ey,
-     * ez are the world vectors of one voxel. The window at the moved point's depth then lies wholly
-     * on the light's side of the surface's plane. For one tap this is half of (|nx| + |ny| + |nz|)
-     * voxels. Without normals: the same length for the normal (1,1,1)/sqrt(3) in voxels, towards
-     * the light. Spot and point lights: with the voxel size at the point, which grows with the
-     * distance from the light. */
+    /* Automatic: moves the point by s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the
+     * normal n, where ex, ey, ez are the world vectors of one voxel. The window at the moved
+     * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
+     * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
+     * (1,1,1)/sqrt(3) in voxels, towards the light. Spot and point lights: with the voxel size at
+     * the point, which grows with the distance from the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
     UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */
@@ -81,8 +80,8 @@ enum umb_filter {
     UMB_FILTER_PENUMBRA = 2,
     /* Mean over a footprint: the square of the receiver's surface around the point that a pixel
      * sees, or that the point gives. A footprint up to `taps` texels wide is the box filter. A
-     * wider one is looked up by 32 taps in each of two levels of detail, of which each is twice as
-     * wide as the one below, and interpolated. Far points neither sparkle nor switch: the answers
+     * wider footprint is interpolated between two levels of detail, with 32 taps in each; each
+     * level is twice as wide as the level below. Far points neither sparkle nor switch: the answers
      * of footprints f1 < f2 differ by at most 2 (f2 - f1) / f1. Automatic bias lifts the square
      * towards the light by half its side, so that relief smaller than a pixel casts no shadow. */
     UMB_FILTER_FOOTPRINT = 3,
@@ -100,10 +99,11 @@ enum umb_filter {
 
 /* What a filter is and takes. Later versions may add fields at the end. */
 struct umb_filter_info {
-    const char *name; /* Name in options and reports; "unknown" if there is no such filter */
-    int is_window;    /* 1: it weighs the window of `taps` texels alone; 0: it reads beyond that */
-    int has_curve;    /* 1: accuracy curves are measured with it (umbrage/curve.h) */
-    int has_extent;   /* 1: it takes light_extent */
+    const char *name;   /* Name in options and reports; "unknown" if there is no such filter */
+    int is_window;      /* 1: the filter weighs only the texels of a window of `taps` texels; 0: it
+                         reads texels beyond that window */
+    int has_curve;      /* 1: accuracy curves are measured with it (umbrage/curve.h) */
+    int has_extent;     /* 1: it takes light_extent */
     int has_footprints; /* 1: it takes footprints, and footprint_m beside taps */
 };
 
@@ -125,8 +125,8 @@ UMB_API const char *umb_bias_mode_name(enum umb_bias_mode mode);
 enum umb_answer_format {
     UMB_ANSWER_F32 = 0, /* float, count / (taps * taps) */
     UMB_ANSWER_U8 = 1,  /* 0..255, round(255 * count / (taps * taps)), ties up */
-    UMB_ANSWER_BIT = 2, /* 1 if count * 2 >= taps * taps; point i is bit i % 8 of byte i / 8;
-                           the unused bits of the last byte are 0 */
+    UMB_ANSWER_BIT = 2, /* A bit a point, 1 if count * 2 >= taps * taps. Point i is bit i % 8 of
+                           byte i / 8; unused bits are 0 */
 };
 
 enum umb_point_format {
@@ -146,11 +146,11 @@ struct umb_query_settings {
      * side in metres of the square of surface around each point without a footprint of its own, 0
      * to UMB_FOOTPRINT_MAX; taps is given too. */
     double footprint_m;
-    /* Octree level at which look-ups stop. 0: at the voxel; else at cells of 1 << level voxels a
-     * side, which answer 0, 1 or, where a boundary runs through them, one half. Fewer nodes are
-     * read, and the answer may be off by the size of a cell (umb_query_bound_m). Odd, 3 to
-     * umb_level_max of the frustum; one tap, no footprint. The automatic bias is that of two cells.
-     * Directional lights only. */
+    /* Octree level at which look-ups stop. 0: at voxels. Else at cells of 1 << level voxels a side,
+     * which answer 0, 1 or, if a boundary runs through the cell, one half. Coarse look-ups read
+     * fewer nodes, and may be wrong by the size of a cell (umb_query_bound_m). The level is odd, 3
+     * to umb_level_max of the frustum; with one tap, without a footprint. The automatic bias is
+     * that of two cells. Directional lights only. */
     uint32_t level;
     /* Angular diameter of the light in radians for UMB_FILTER_PENUMBRA, up to UMB_EXTENT_MAX;
      * 0: the asset's. */
@@ -193,8 +193,8 @@ struct umb_query_stats {
     uint64_t facing_away; /* Points shadowed by their normal */
     uint64_t undefined; /* Points too far from any surface of an asset baked under the static rule:
                          * their answers are meaningless */
-    /* Neighbouring points of a run share reads, so the next two counts depend on how a batch is
-     * split. The other counts and the answers do not. */
+    /* Neighbouring points of a run share reads, so the counts of nodes and bricks depend on how a
+     * batch is split. The other counts and the answers do not. */
     uint64_t nodes;  /* Cells, columns and nodes read; 1 for a window that the grid alone answers */
     uint64_t bricks; /* Bricks read */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
@@ -204,13 +204,13 @@ struct umb_query_stats {
 UMB_API void umb_query_stats_add(struct umb_query_stats *to, const struct umb_query_stats *from);
 
 struct umb_answers {
-    void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format,
-                     indexed like the points: a run on [first, first+count) writes there */
+    void *values; /* float[count], uint8[count] or uint8[(count + 7) / 8], by format. A run on
+                     [first, first + count) writes the answers with these indices */
     struct umb_query_stats stats; /* Counts, added to */
     uint64_t reserved[2];         /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* A prepared query: caller's storage, no pointer into itself, may be copied. Filled by prepare. */
+/* A prepared query, filled by umb_query_prepare. The caller's storage; it may be copied. */
 struct umb_query {
     uint64_t opaque[72];
 };
@@ -321,8 +321,8 @@ struct umb_explanation {
     double cosine;     /* Cosine of the angle between normal and light; 0 without a normal */
     int64_t window[2]; /* Voxel x, y of the window's first texel */
     enum umb_filter filter;
-    /* UMB_FILTER_FOOTPRINT: side of the point's square, metres. The other fields are then those of
-     * a window of `taps`. */
+    /* UMB_FILTER_FOOTPRINT: side of the point's square, metres. With this filter the other fields
+     * describe a window of `taps` texels. */
     double footprint_m;
     uint32_t rows[UMB_TAPS_MAX]; /* bit i of rows[j]: texel (window[0] + i, window[1] + j) is lit */
     uint32_t frustum;
@@ -336,8 +336,8 @@ struct umb_explanation {
     uint64_t reserved[8]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* Explains the answer of point `index`, step by step; same rules as umb_query_run. Cost: a few
- * look-ups of that point: not for batches. */
+/* Explains the answer of point `index`, step by step, under the rules of umb_query_run. Cost: a few
+ * look-ups of that point, too slow for batches. */
 UMB_API void umb_query_explain(const struct umb_query *query, const struct umb_points *points,
                                size_t index, struct umb_explanation *explanation);
 

@@ -47,7 +47,7 @@ struct umb_range {
  *
  * In:    index: position in the requested ranges. bytes: uint8[size], borrowed; shorter than
  *        requested only at the end of the file.
- * Returns UMB_OK to go on; any other status makes the source stop and return it.
+ * Returns UMB_OK to go on; any other status makes the source stop and return that status.
  */
 typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *bytes, size_t size);
 
@@ -92,8 +92,8 @@ struct umb_region_request {
     const struct umb_partial_view *views; /* [view_count], the views to fetch, all of them */
     size_t view_count;
     uint64_t max_bytes;     /* Bytes to receive before the update stops; 0 = no limit */
-    uint64_t round_bytes;   /* Bytes to receive before pages are laid out, about; 0 = a quarter of
-                               the bytes held, at least 512 KiB */
+    uint64_t round_bytes;   /* Bytes to receive until pages are laid out, approximately; 0 = a
+                               quarter of the bytes held, at least 512 KiB */
     umb_region_fn progress; /* Called after each round; may be NULL */
     void *progress_user;    /* First argument of `progress` */
     uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */

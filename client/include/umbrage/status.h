@@ -69,7 +69,7 @@ enum umb_status {
 #undef UMB_STATUS_ENUM
 };
 
-/* Detail of one failure; lives with the caller, holds no pointers, needs no destroy. */
+/* Detail of one failure. The caller's storage, without pointers; nothing needs to be freed. */
 struct umb_error {
     enum umb_status status; /* Code that the function also returned */
     int system_error;       /* errno of the failing system call, or 0 */
@@ -92,7 +92,7 @@ UMB_API const char *umb_status_text(enum umb_status status);
 UMB_API enum umb_status umb_fail(struct umb_error *error, enum umb_status status,
                                  const char *format, ...) UMB_PRINTF(3, 4);
 
-/* As umb_fail, with the errno of a failed system call; its text is appended to the message. */
+/* Works as umb_fail, for a failed system call. The text of its errno is appended to the message. */
 UMB_API enum umb_status umb_fail_errno(struct umb_error *error, enum umb_status status,
                                        int system_error, const char *format, ...) UMB_PRINTF(4, 5);
 

@@ -52,7 +52,7 @@ extern "C" {
 #define UMB_TEXT_OF(number)    UMB_TEXT_OF_IT(number)
 #define UMB_TEXT_OF_IT(number) #number
 
-/* Returns the version of the library that the program runs with, as UMB_VERSION. */
+/* Returns the version of the loaded library, in the form of UMB_VERSION. */
 UMB_API uint32_t umb_version(void);
 
 #ifdef __cplusplus

@@ -47,8 +47,8 @@
 extern "C" {
 #endif
 
-/* A light prepared for volume queries: caller's storage, no pointer into itself, may be copied.
- * Filled by umb_volume_prepare. */
+/* A light prepared for volume queries, filled by umb_volume_prepare. The caller's storage; it may
+ * be copied. */
 struct umb_volume {
     uint64_t opaque[48];
 };
@@ -105,10 +105,10 @@ struct umb_segment_answer {
 
 struct umb_segment_answers {
     struct umb_segment_answer *segments; /* [count], indexed like the segments */
-    struct umb_interval *intervals;      /* [count * interval_max], those of segment i in order from
-                                            i * interval_max on; NULL if interval_max is 0 */
-    size_t interval_max;                 /* Most intervals to store of each segment; later ones are
-                                            only counted and added to `lit` */
+    struct umb_interval *intervals;      /* [count * interval_max] Intervals; those of segment i
+                                            begin at i * interval_max. NULL if interval_max is 0 */
+    size_t interval_max;                 /* Most intervals to store of each segment; further ones
+                                            only count and add to `lit` */
     struct umb_volume_stats stats;       /* Counts, added to */
     uint64_t reserved[2];                /* Zero: room for later versions (umbrage/version.h) */
 };
@@ -151,11 +151,11 @@ UMB_API void umb_volume_segments(const struct umb_volume *volume,
                                  struct umb_segment_answers *answers);
 
 struct umb_column_answer {
-    uint32_t lit;     /* Number of voxels before the first shadowed one: the first occluder lies
-                         within half a voxel of this depth; 1 << log2_size if there is none */
+    uint32_t lit;     /* Number of voxels before the first shadowed one; 1 << log2_size if all are
+                         lit. The first occluder lies within half a voxel of this depth */
     uint32_t outside; /* 1: the column is beyond the frustum in x or y, and lit to its end */
-    /* Distance from the point along the light's direction to depth `lit`, metres; negative if the
-     * occluder lies between light and point; infinite if there is none. */
+    /* Distance in metres from the point along the light's direction to depth `lit`. It is negative
+     * if the occluder lies between light and point, and infinite without an occluder. */
     double distance_m;
 };
 
@@ -203,9 +203,10 @@ struct umb_box_answers {
 #define UMB_BOX_STEPS 65536 /* Steps between two calls of go_on: a few milliseconds at most */
 
 /*
- * Number of steps that a box without a watch may take for each column of bricks of the frustum. A
- * frustum has (size / 8)^2 such columns, so a box may take 2^32 steps at 16384 voxels a side. The
- * faces of a box take at most 6 * 64 of the steps of a column; 640 remain for bricks and nodes
+ * Number of steps that a box without a watch may take for each column of bricks of the frustum.
+ *
+ * A frustum has (size / 8)^2 such columns, so a box may take 2^32 steps at 16384 voxels a side. The
+ * faces of a box take at most 6 * 64 of a column's 1024 steps; 640 remain for bricks and nodes
  * inside. No box in an asset of up to 4096 voxels a side takes more. At 16384 a box of the whole
  * frustum takes more if 30 % of the bricks hold both lit and shadowed voxels.
  */
@@ -217,8 +218,9 @@ struct umb_box_answers {
  * machines.
  */
 struct umb_box_watch {
-    /* Called after every UMB_BOX_STEPS steps of a box, with its steps so far; the box's answer then
-     * holds the counts so far. Returns 0 to leave the box: its `voxels` becomes UINT64_MAX. */
+    /* Called after every UMB_BOX_STEPS steps of a box, with the box's steps so far; the box's
+     * answer then holds the counts so far. Returns 0 to give up the box: `voxels` of its answer
+     * becomes UINT64_MAX. */
     int (*go_on)(void *user, uint64_t steps);
     void *user; /* First argument of go_on */
 };
@@ -255,8 +257,8 @@ umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, s
                  size_t count, const struct umb_box_watch *watch, struct umb_box_answers *answers,
                  struct umb_error *error);
 
-/* Counts the lit voxels of boxes of voxels, as umb_volume_boxes. A box with min >= max on an axis
- * is empty. */
+/* Counts the lit voxels of boxes given in voxels, as umb_volume_boxes does for world space. A box
+ * with min >= max on an axis is empty. */
 UMB_API UMB_CHECKED enum umb_status
 umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
                        size_t first, size_t count, const struct umb_box_watch *watch,

@@ -55,8 +55,9 @@ umb_client_segments(struct umb_client *client, const struct umb_volume_query *vo
                     struct umb_volume_query_reply *reply, struct umb_client_async *async,
                     struct umb_error *error);
 
-/* Asks for the first occluders of columns, as umb_client_segments. Out: answers: as
- * umb_volume_columns fills it. Fails also: E_UNSUPPORTED (as umb_volume_check_columns). */
+/* Asks for the first occluders of columns. The parameters of umb_client_segments apply. Out:
+ * answers: as umb_volume_columns fills it. Fails also: E_UNSUPPORTED (as
+ * umb_volume_check_columns). */
 UMB_API UMB_CHECKED enum umb_status
 umb_client_columns(struct umb_client *client, const struct umb_volume_query *volume_query,
                    const struct umb_points *points, struct umb_column_answers *answers,
@@ -64,7 +65,7 @@ umb_client_columns(struct umb_client *client, const struct umb_volume_query *vol
                    struct umb_error *error);
 
 /*
- * Counts the lit voxels of boxes, as umb_client_segments.
+ * Counts the lit voxels of boxes. The parameters of umb_client_segments apply.
  *
  * In:    boxes: [count], min <= max on each axis, which only the server checks.
  * Out:   answers: as umb_volume_boxes fills it.

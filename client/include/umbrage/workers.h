@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_WORKERS_H
 #define UMBRAGE_WORKERS_H
 /*
- * Threads of the caller, for the core, which has none of its own.
+ * Threads that the caller lends to the core, which has no threads of its own.
  * Stability: stable; umbrage/version.h says what that means.
  */
 #include <stdint.h>
