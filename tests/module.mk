@@ -202,7 +202,7 @@ sanitize-one: $(SANITIZED) $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake s
 		tests/interop/test_grpcio.py tests/system/test_drain.py
 
 # Guards taken out one at a time, in copies of the tree below build/mutants.
-mutants: ## take 140 guards out one at a time: a test notices each (twenty minutes)
+mutants: ## take the guards of mutants.toml out one at a time: a test notices each (half an hour)
 	@/usr/bin/python3 tests/mutants/run_mutants.py --jobs $(CORES)
 
 mutants-short: ## a handful of them

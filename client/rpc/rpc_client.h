@@ -72,7 +72,7 @@ struct umb__call_plan {
         *stream; /* Stream that carries it; NULL: an HTTP/2 stream of its own */
     /* Functions of calls with many requests or replies, else NULL. A call for which `feed` has sent
      * a message is not sent again. */
-    umb__feed_fn feed;                                             /* after the first request */
+    umb__feed_fn feed; /* Source of the requests after the first */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
     bool flows; /* True for a call of many messages, whose deadline moves with them: see
@@ -124,8 +124,8 @@ struct umb__endpoint {
     struct umb_client *client;
     char text[320]; /* Address as given, for messages */
     struct umbn_address address;
-    char authority[UMBN_AUTHORITY_SIZE]; /* value of the header :authority */
-    uint64_t key;                        /* of its address */
+    char authority[UMBN_AUTHORITY_SIZE]; /* Value of the header :authority */
+    uint64_t key;                        /* Hash of the address */
     struct umb__call_list waiting;
     struct umb__connection *current; /* Connection that takes new calls, or NULL */
     uint64_t backoff_ms;             /* Pause before the next connection; 0 = none; doubles with
@@ -141,12 +141,12 @@ struct umb_client {
     bool any_tls;
     SSL_CTX *tls_context; /* TLS context of tls: addresses, else NULL */
     char *server_name;    /* Name that the server's certificate must have; NULL = the host's */
-    char *bearer;         /* value of the authorization header, or NULL */
+    char *bearer;         /* Value of the authorization header, or NULL */
     pthread_mutex_t lock;
     struct umb__call_list inbox;
-    uint64_t last_number;   /* of the newest call */
+    uint64_t last_number;   /* Number of the newest call */
     uint32_t pending;       /* Number of calls from start to done */
-    uint64_t pending_bytes; /* of their requests */
+    uint64_t pending_bytes; /* Bytes of the requests of these calls */
     bool closing;
     pthread_t thread;
     uv_loop_t loop;

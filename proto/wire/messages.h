@@ -122,7 +122,7 @@ struct umbw_query_reply {
     double bound_m, visibility_error, lines, expected_ns;
     int has_stats;
     int has_asset_id;          /* 0; for the codec */
-    enum umbw_packing packing; /* of visibility */
+    enum umbw_packing packing; /* Packing of visibility */
 };
 
 /* Limits of a server: those that the public API shows, and the others. */

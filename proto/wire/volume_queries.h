@@ -38,7 +38,7 @@ struct umbw_volume_query_request {
     enum umb_point_format format;
     double origin[3];
     size_t count;
-    uint32_t max_intervals; /* of segments */
+    uint32_t max_intervals; /* Most intervals of a segment that are sent */
     int want_stats;
     /* Fields in the message's form; the codec makes them from `records` and back. */
     struct umbw_bytes f32, f64;
@@ -50,7 +50,7 @@ struct umbw_volume_query_reply {
     int ignores_translucent;
     int has_stats;
     uint64_t nodes, bricks, nanoseconds;
-    size_t count;                              /* of records */
+    size_t count;                              /* Number of records */
     const uint8_t *fields[UMBW_ANSWER_FIELDS]; /* little-endian, any alignment */
     size_t sizes[UMBW_ANSWER_FIELDS];          /* Bytes of each; for the codec */
     size_t interval_count;                     /* Number of intervals, in the last field of

@@ -24,7 +24,7 @@ struct umbb_memory_input {
     uint32_t log2_size;
     uint32_t tile_log2; /* the largest wanted tile */
     unsigned threads;
-    int closed_rule;       /* or under the static rule: tiles with an `end` of their own */
+    int closed_rule;       /* Closed or static rule: tiles have an `end` of their own */
     uint32_t ruled_frusta; /* frusta under the static rule; 0: off */
     int merging;           /* 1: every tile is found, none is drawn */
     int traced;            /* 1: depth by rays, with a bounding volume hierarchy */

@@ -21,14 +21,15 @@ struct umbb_costs {
 struct umbb_forecast {
     double bound_m;          /* bound at one tap, metres: the largest of all frusta */
     struct umbb_costs costs; /* zero: no forecast */
-    uint32_t small_log2;     /* voxels a side of the larger small bake, log2 */
+    uint32_t small_log2;     /* log2 of the voxels a side of the larger small bake */
 };
 
 struct umbb_resolution_job {
-    struct umbb_analysis *analysis; /* fitted to the result */
+    struct umbb_analysis *analysis; /* Scene; fitted to the chosen resolution */
     const struct umbs_scene_view *view;
-    const struct umbb_options *options; /* max_error_m above 0 */
-    struct umbb_memory_input memory;    /* as for this bake; log2_size and tile_log2 are set here */
+    const struct umbb_options *options; /* Options; max_error_m is above 0 */
+    struct umbb_memory_input
+        memory; /* Input of the memory plan; the choice sets log2_size, tile_log2 */
 };
 
 /*

@@ -35,7 +35,7 @@ struct umbj_manifest {
     const char *scene; /* one of the files */
     const struct umbj_bundle_file *files;
     size_t file_count;
-    const struct umbj_setting *settings; /* in the order of a command line */
+    const struct umbj_setting *settings; /* Settings in the order of a command line */
     size_t setting_count;
     int priority;
 };

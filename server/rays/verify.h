@@ -53,7 +53,7 @@ enum umbr_verify_kind {
 };
 
 struct umbr_verify_options {
-    uint64_t points; /* or segments, columns, boxes; 0 = 1 million */
+    uint64_t points; /* Number of points or volume queries; 0 = 1 million */
     enum umbr_verify_kind kind;
     uint64_t seed;
     const uint8_t *closed;  /* [triangle count] not 0: of a closed part; NULL = no closed parts */

@@ -26,7 +26,7 @@ struct umbr_verify_job {
     struct umb_box bounds;           /* bounds of the casters, world */
     double free_m;                   /* metres: distance from a lamp within which nothing casts */
     struct umb_query query;
-    struct umb_volume volume; /* for segments, columns and boxes */
+    struct umb_volume volume; /* Target of segments, columns and boxes */
     int is_static;            /* baked under the static rule */
 };
 

@@ -11,12 +11,13 @@
 struct umbt_technique_row {
     const char *name; /* "vsm-sat" */
     enum umbt_technique_truth truth;
-    struct umb_map_settings settings; /* for access BASE, blur becomes the filter's width */
-    struct umb_map_filter filter;     /* width, light_size and biases come from the view */
+    struct umb_map_settings
+        settings;                 /* Settings; with access BASE the filter's width is the blur */
+    struct umb_map_filter filter; /* Filter; the view sets width, light_size and biases */
     /* Number of slices of the view with a map each, of half the view's texels a side: four slices
      * take the bytes of one map. 0: one map for all points. */
     uint32_t cascades;
-    enum umb_cascade_fit fit; /* with truth BOX: not LISPSM */
+    enum umb_cascade_fit fit; /* Fit of the slices; not LISPSM with truth BOX */
 };
 
 /* All rows, in the order of the table (technique_rows.c). */

@@ -29,7 +29,7 @@ struct umbb_column_run {
 /* A column: lit before `mixed_first`, runs in [mixed_first, mixed_end), shadowed from there on. */
 struct umbb_column {
     uint32_t mixed_first, mixed_end; /* equal: no mixed node */
-    size_t run_first, run_count;     /* in the stack's runs */
+    size_t run_first, run_count;     /* Range in the stack's runs */
 };
 
 /* Working memory: runs of the columns being built. Start zeroed. */
