@@ -45,7 +45,7 @@ $(EXPORTS:%=$(BUILD)/lib%.so.$(SONAME)): $(BUILD)/lib%.so.$(SONAME): $(BUILD)/ge
 		$(filter %.o,$^) -Wl,--as-needed $(filter-out %.o %.map,$^) $(LIBS_$*) -o $@
 
 # Small private units that two libraries use are compiled into both.
-RPC_SHARED := $(patsubst %,$(BUILD)/client/core/%.o,base/utf8 maps/map_view)
+RPC_SHARED := $(patsubst %,$(BUILD)/client/core/%.o,base/query_settings base/utf8 maps/map_view)
 $(BUILD)/libumbrage-core.so.$(SONAME): $(CORE_OBJ)
 $(BUILD)/libumbrage-maps.so.$(SONAME): $(MAPS_OBJ) $(BUILD)/client/core/base/memory.o $(BUILD)/libumbrage-core.so.$(SONAME)
 $(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)

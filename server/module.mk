@@ -19,7 +19,7 @@ STUDY_LIBS   := -lstdc++
 $(STUDY_VOLUME): server/study/nanovdb_peer.cc server/study/nanovdb_peer.h
 	@mkdir -p $(@D)
 	$(call say,CXX,$<)
-	$(Q)$(CXX) -std=c++17 -O3 -DNDEBUG $(HARDEN_CFLAGS) $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
+	$(Q)$(CXX) -std=c++17 -g -O3 -DNDEBUG $(HARDEN_CFLAGS) $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
 endif
 # The study's peers are compiled to win.
 $(BUILD)/server/study/shadow_map16_avx2.o: AVX2_FLAGS += -O3

@@ -101,7 +101,7 @@ numerics: $(NUMERICS) $(NUMERIC_ROUNDS) $(BUILD)/tests/unit/rays/test_rays_water
 	@UMBRAGE_CASES=100000000 $(BUILD)/tests/unit/rays/test_rays_watertight
 
 # Integer techniques by two compilers, without and with all optimisation, with and without AVX2.
-$(BUILD)/same_bits: $(BUILD)/tests/agreement/same_bits.o $(HARNESS_OBJ) $(TEST_LIBS_bake)
+$(BUILD)/same_bits: $(BUILD)/tests/agreement/same_bits.o $(HARNESS_OBJ) $(MAPS_LIB) $(TEST_LIBS_bake)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_bake) -lcmocka -o $@
 SAME_BITS := gcc-debug gcc-release clang-debug clang-release

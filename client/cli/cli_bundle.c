@@ -184,26 +184,15 @@ static enum umb_status add_named(struct gathering *g, const char *name, char pat
     for (char *at = path; *at != '\0'; at++) {
         *at = *at == '\\' ? '/' : *at; /* exporters on Windows write backslashes */
     }
-    if (!normalise(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
-        if (!g->quiet) {
-            (void)fprintf(stderr, "umbrage: notice: the scene names '%.200s', which is not here\n",
-                          name);
-        }
-        path[0] = '\0';
-        return UMB_OK;
+    const char *why = !normalise(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode) ? "here"
+                      : !is_beneath(g, path) ? "sent: it lies outside of the scene's folder"
+                                             : NULL;
+    if (why != NULL && !g->quiet) {
+        (void)fprintf(stderr, "umbrage: notice: the scene names '%.200s', which is not %s\n", name,
+                      why);
     }
-    if (!is_beneath(g, path)) {
-        if (!g->quiet) {
-            (void)fprintf(stderr,
-                          "umbrage: notice: the scene names '%.200s', which is not sent: it lies "
-                          "outside of the scene's folder\n",
-                          name);
-        }
-        path[0] = '\0';
-        return UMB_OK;
-    }
-    bool added;
-    const enum umb_status status = add_path(g, path, &added);
+    bool added = false;
+    const enum umb_status status = why == NULL ? add_path(g, path, &added) : UMB_OK;
     if (!added) {
         path[0] = '\0';
     }

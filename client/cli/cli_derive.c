@@ -57,8 +57,7 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_CHOICE("depth|vsm|||esm|evsm|msm"), AT(settings.map.technique), .standard = "depth"},
     {"format", "FORMAT", "format of the texels: f32; f16 for esm and evsm; u16 for the others",
      UMBU_CHOICE("f32|f16||u16"), AT(settings.map.format), .standard = "f32"},
-    {"light", "N", "number of the asset's light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1),
-     AT(settings.light), .standard = "0"},
+    {.setting = "light", AT(settings.light), .max = UMB_LIGHTS_MAX - 1, .standard = "0"},
     {"size", "W[xH]", "width and height of each map in texels, 1 to 16384; one number for both",
      UMBU_READ(read_size, "W or WxH, sides from 1 to 16384"), AT(settings), .standard = "1024"},
     {"rect", "X0,Y0,X1,Y1", "rectangle of the light's voxels that the map covers", UMBU_NUMBERS(4),
@@ -216,8 +215,7 @@ static void tell(const struct options *options, const struct made *made, double 
     const unsigned maps = settings->cascades.count > 0 ? settings->cascades.count : 1;
     char size[32];
     if (options->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_json_id(&json, "asset", made->asset);
         UMBU_JSON_COUNTS(&json, {"light", settings->light}, {"maps", maps},
                          {"width", settings->width}, {"height", settings->height},

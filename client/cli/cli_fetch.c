@@ -231,8 +231,7 @@ static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch
 static int report(const struct fetch_settings *settings, const char *output, uint64_t bytes)
 {
     if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_json_id(&json, "asset", settings->asset);
         umbu_json_text(&json, "output", output);
         umbu_json_integer(&json, "bytes", bytes);

@@ -201,7 +201,7 @@ static bool prepare(const struct http *http, struct fetch *fetch)
            curl_easy_setopt(fetch->easy, CURLOPT_LOW_SPEED_TIME, (long)STALL_S) == CURLE_OK;
 }
 
-enum umb_status umbc_http_open(const char *url, struct umb_region_source *source,
+enum umb_status umbc_http_open(const char *url, double stop_s, struct umb_region_source *source,
                                struct umb_error *error)
 {
     *source = (struct umb_region_source){0};
@@ -215,6 +215,7 @@ enum umb_status umbc_http_open(const char *url, struct umb_region_source *source
         *source = (struct umb_region_source){.read = read_ranges, .user = http};
         http->multi = curl_multi_init();
         http->url = strdup(url);
+        http->stop_s = stop_s;
         ok = http->multi && http->url;
     }
     for (size_t i = 0; i < AT_ONCE && ok; i++) {
@@ -225,12 +226,6 @@ enum umb_status umbc_http_open(const char *url, struct umb_region_source *source
         return umb_fail(error, UMB_E_NO_MEMORY, "http: out of memory");
     }
     return UMB_OK;
-}
-
-void umbc_http_stop_at(struct umb_region_source *source, double clock_s)
-{
-    struct http *http = source->user;
-    http->stop_s = clock_s;
 }
 
 void umbc_http_close(struct umb_region_source *source)

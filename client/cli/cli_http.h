@@ -7,13 +7,12 @@
  */
 #include "umbrage/region.h"
 
-/* Opens a source; connects at the first read. Fails: E_ARGUMENT (no http or https URL),
- * E_NO_MEMORY. */
-UMB_CHECKED enum umb_status umbc_http_open(const char *url, struct umb_region_source *source,
+/* Opens a source; connects at the first read. In: stop_s: time of umbu_clock_s at which open
+ * requests end and new ones fail with E_DEADLINE; 0: never. Fails: E_ARGUMENT (no http or https
+ * URL), E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbc_http_open(const char *url, double stop_s,
+                                           struct umb_region_source *source,
                                            struct umb_error *error);
-
-/* Sets the time (umbu_clock_s) at which open requests end and new ones fail with E_DEADLINE. */
-void umbc_http_stop_at(struct umb_region_source *source, double clock_s);
 
 void umbc_http_close(struct umb_region_source *source);
 

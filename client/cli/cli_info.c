@@ -265,8 +265,7 @@ static void json_sizes(struct umbu_json *json, const struct umb_asset_info *info
 
 static void print_file_json(const struct umb_asset *asset, const struct umb_asset_info *info)
 {
-    struct umbu_json json = {.file = stdout};
-    umbu_json_begin(&json, NULL, '{');
+    struct umbu_json json = umbu_json_open(stdout);
     umbc_json_id(&json, "asset", info->id);
     umbc_json_id(&json, "scene", info->scene_hash);
     json_sizes(&json, info);
@@ -354,8 +353,7 @@ static void print_description(const struct umb_client_description *about)
 
 static void print_description_json(const struct umb_client_description *about)
 {
-    struct umbu_json json = {.file = stdout};
-    umbu_json_begin(&json, NULL, '{');
+    struct umbu_json json = umbu_json_open(stdout);
     umbc_json_id(&json, "asset", about->asset.id);
     umbu_json_text(&json, "name", about->asset.name);
     umbc_json_id(&json, "scene", about->scene_hash);

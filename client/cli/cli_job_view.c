@@ -186,8 +186,7 @@ static int report(const struct umb_job_status *status, const char *plan, bool as
     char id[UMB_ID_TEXT_SIZE];
     const int code = exit_of(status);
     if (as_json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_job_json(&json, status);
         umbu_json_text(&json, "plan", plan != NULL ? plan : "");
         umbu_json_close(&json);

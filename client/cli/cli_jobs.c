@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage watch, jobs, cancel and rm: the jobs of submitted scenes. */
+/* umbrage list, watch, jobs, cancel and rm: the assets and jobs of a daemon. */
 #include "cli/shared/cli_common.h"
 
 #include <inttypes.h>
@@ -44,6 +44,80 @@ static int run(const struct umbu_command *command, int argc, char **argv, job_fn
     const enum umb_status status = body(&settings, client, &code, &error);
     umb_client_close(client);
     return status == UMB_OK ? umbc_finish_stdout(code) : umbc_complain(&error);
+}
+
+/* --- list --- */
+
+#define NAME_WIDTH 32U /* columns */
+
+static const struct umbu_option LIST_OPTIONS[] = {
+    {UMBU_JSON_ROW(struct job_settings)},
+    {UMBU_QUIET_ROW(struct job_settings, "print only names")},
+};
+
+static const struct umbu_command LIST = {
+    .name = "umbrage list",
+    .usage = "umbrage list [options]",
+    .summary = "Lists the assets of a daemon, by name.",
+    .sections = {{"options", UMBU_ROWS(LIST_OPTIONS)}, UMBU_SESSION(struct job_settings, session)},
+};
+
+static void print_assets_json(const struct umb_client_asset *assets, size_t count)
+{
+    struct umbu_json json = umbu_json_open(stdout);
+    umbu_json_begin(&json, "assets", '[');
+    for (size_t i = 0; i < count; i++) {
+        umbu_json_begin(&json, NULL, '{');
+        umbu_json_text(&json, "name", assets[i].name);
+        umbc_json_id(&json, "asset", assets[i].id);
+        UMBU_JSON_COUNTS(&json, {"packed_bytes", assets[i].packed_bytes},
+                         {"memory_bytes", assets[i].memory_bytes},
+                         {"lights", assets[i].light_count});
+        umbu_json_end(&json, '}');
+    }
+    umbu_json_close(&json);
+}
+
+static void print_assets(const struct umb_client_asset *assets, size_t count, bool names_only)
+{
+    for (size_t i = 0; i < count; i++) {
+        size_t length = strlen(assets[i].name);
+        umbc_print_text(stdout, assets[i].name, length);
+        if (names_only) {
+            (void)putchar('\n');
+            continue;
+        }
+        char id[UMB_ID_TEXT_SIZE];
+        char packed[32];
+        char memory[32];
+        umb_id_to_text(assets[i].id, id);
+        umbc_format_bytes(assets[i].packed_bytes, packed);
+        umbc_format_bytes(assets[i].memory_bytes, memory);
+        (void)printf("%*s %s  %12s packed %12s in memory %5" PRIu32 " lights\n",
+                     length < NAME_WIDTH ? (int)(NAME_WIDTH - length) : 0, "", id, packed, memory,
+                     assets[i].light_count);
+    }
+}
+
+static enum umb_status list_assets(const struct job_settings *settings, struct umb_client *client,
+                                   int *code, struct umb_error *error)
+{
+    struct umb_client_asset *assets;
+    size_t count;
+    (void)code;
+    UMB__TRY(umb_client_list_assets(client, &assets, &count, error));
+    if (settings->json) {
+        print_assets_json(assets, count);
+    } else {
+        print_assets(assets, count, settings->quiet);
+    }
+    umb_free(assets);
+    return UMB_OK;
+}
+
+int umbc_list(int argc, char **argv)
+{
+    return run(&LIST, argc, argv, list_assets);
 }
 
 /* --- watch --- */
@@ -157,8 +231,7 @@ static enum umb_status cancel(const struct job_settings *settings, struct umb_cl
     (void)code;
     UMB__TRY(umb_client_cancel_job(client, settings->target, &status, NULL, error));
     if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_job_json(&json, &status);
         umbu_json_close(&json);
     } else if (!settings->quiet) {
@@ -196,8 +269,7 @@ static enum umb_status delete_asset(const struct job_settings *settings, struct 
     (void)code;
     UMB__TRY(umb_client_delete_asset(client, settings->asset, NULL, error));
     if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_json_id(&json, "asset", settings->asset);
         umbu_json_close(&json);
     }

@@ -26,25 +26,9 @@ struct command {
     const char *program, *word; /* Program beside this one, and the word before the arguments */
 };
 
+#define ROW(word, run, summary) {word, run, summary, NULL, NULL},
 static const struct command COMMANDS[] = {
-    {"info", umbc_info, "describe an asset: lights, sizes, plan, settings", NULL, NULL},
-    {"query", umbc_query, "print the share of a light that reaches points", NULL, NULL},
-    {"list", umbc_list, "list the assets of a daemon", NULL, NULL},
-    {"load", umbc_load, "load a daemon with queries and measure it", NULL, NULL},
-    {"submit", umbc_submit, "send a scene to a daemon to bake", NULL, NULL},
-    {"watch", umbc_watch, "show the progress of a job until its end", NULL, NULL},
-    {"jobs", umbc_jobs, "list your jobs", NULL, NULL},
-    {"cancel", umbc_cancel, "cancel a job", NULL, NULL},
-    {"fetch", umbc_fetch, "download an asset of yours", NULL, NULL},
-    {"rm", umbc_rm, "give up an asset of yours", NULL, NULL},
-    {"verify", umbc_verify, "prove a file's integrity and identity, or check it against its scene",
-     NULL, NULL},
-    {"stream", umbc_paging, "fetch the needed part of an asset, coarse first", NULL, NULL},
-    {"derive", umbc_derive, "make shadow maps for a GPU from an asset alone", NULL, NULL},
-    {"frames", umbc_frames, "ask a daemon for the shadows of one frame after the other", NULL,
-     NULL},
-    {"pack", umbc_pack, "convert a file to the packed form (.umb)", NULL, NULL},
-    {"unpack", umbc_unpack, "convert a file to the mapped form (.umbm)", NULL, NULL},
+    UMBC_COMMANDS(ROW) /* and those that start another program: */
     {"bake", NULL, "bake a scene (starts umbrage-bake)", "umbrage-bake", NULL},
     {"study", NULL, "measure techniques against rays (starts umbrage-study)", "umbrage-study",
      NULL},

@@ -55,8 +55,7 @@ static void report(const struct pack_settings *settings, const struct umb_asset 
     struct umb_asset_info info;
     umb_asset_get_info(asset, &info);
     if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbc_json_id(&json, "asset", info.id);
         umbu_json_text(&json, "output", settings->output);
         umbu_json_close(&json);

@@ -16,11 +16,26 @@
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/clock.h"
-#include "cli_paging_points.h"
+#include "cli/shared/cli_points.h"
 #include "cli_paging_view.h"
 #include "tool/tool_try.h"
+#include "umbrage/region.h"
 
+#define POINTS_MAX     (16U << 20)
 #define CALL_TIMEOUT_S 60 /* time limit of the client library for a call; a round has many */
+
+/* Points that are asked after each step. */
+struct points {
+    struct umbc_batch list;
+    float *values, *error_m; /* [count] answers of the last step, and their errors in metres */
+};
+
+/* Accuracy of a region's answers. */
+struct figures {
+    /* Number of points whose shadow boundary is known exactly, to 1 m, and to 10 cm */
+    uint64_t exact, within_1m, within_10cm;
+    double worst_m; /* largest error of a point in metres; 0: all exact */
+};
 
 struct options {
     const char *target;             /* Argument, or NULL */
@@ -40,7 +55,7 @@ struct options {
     unsigned up;           /* 0 y, 1 z */
     uint64_t limit, round; /* Bytes to receive in all, and at once; 0 = no limit */
     uint32_t timeout_s;    /* Time limit of the whole command in seconds; 0 = none */
-    struct umbc_paging_points points;
+    struct points points;
 };
 
 #define AT(field) UMBU_AT(struct options, field)
@@ -74,10 +89,11 @@ static const struct umbu_option OPTIONS[] = {
     {"size", "WxH", "width and height of the camera's picture in pixels", UMBU_SIDES(16384),
      AT(size), .standard = "1280x720"},
     {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
-    {"light", "N", "number of the asset's light", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1), AT(base.light),
-     .standard = "0"},
-    {"taps", "N", "width in texels of the widest filter of the queries", UMBU_ODD(1, UMB_TAPS_MAX),
-     AT(base.taps), .standard = "9"},
+    {.setting = "light", AT(base.light), .max = UMB_LIGHTS_MAX - 1, .standard = "0"},
+    {.setting = "taps",
+     AT(base.taps),
+     .standard = "9",
+     .help = "width in texels of the widest filter of the queries"},
     {"max-error", "M", "size in metres of cells that are fine enough; 0 = voxels",
      UMBU_NUMBER(0, HUGE_VAL), AT(base.max_error_m)},
     {"max-pixels", "N", "size in pixels of cells that are fine enough", UMBU_NUMBER(0, HUGE_VAL),
@@ -145,14 +161,94 @@ static int read_views(struct options *o)
     return -1;
 }
 
+/* --- points --- */
+
+/* Asks the region about all points. want: see umb_region_query. */
+static enum umb_status ask_points(struct points *points, struct umb_region *region,
+                                  const struct umb_query_settings *settings, bool want,
+                                  struct figures *figures, struct umb_error *error)
+{
+    const struct umb_points batch = {.positions = points->list.wide,
+                                     .format = UMB_POINT_F64,
+                                     .normals =
+                                         points->list.has_normals ? points->list.normals : NULL,
+                                     .count = points->list.count};
+    struct umb_partial_answers answers = {.values = points->values, .error_m = points->error_m};
+    UMB__TRY(umb_region_query(region, settings, &batch, want, &answers, error));
+    *figures = (struct figures){.exact = answers.exact, .worst_m = answers.worst_error_m};
+    for (size_t i = 0; i < points->list.count; i++) {
+        figures->within_1m += points->error_m[i] <= 1.0F;
+        figures->within_10cm += points->error_m[i] <= 0.1F;
+    }
+    return UMB_OK;
+}
+
+/* Brightness of a point, 0..1: a quarter from the sky, the rest from the light that reaches it. */
+static double shade(const struct points *points, size_t i, const double light[3])
+{
+    double cosine = 0;
+    for (unsigned axis = 0; axis < 3 && points->list.has_normals; axis++) {
+        cosine -= (double)points->list.normals[3 * i + axis] * light[axis];
+    }
+    cosine = points->list.has_normals ? fmax(cosine, 0) : 1;
+    return 0.25 + 0.75 * cosine * (double)points->values[i];
+}
+
+/* Writes a PPM picture of the points that the camera sees, shaded by the last answers. Points that
+ * are not exact yet are orange. In: light: unit vector along which the light travels. */
+static enum umb_status draw_points(const struct points *points, const struct umb_partial_view *view,
+                                   const double light[3], const uint32_t size[2], const char *path,
+                                   struct umb_error *error)
+{
+    static const double orange[3] = {1.0, 0.72, 0.35};
+    const size_t bytes = (size_t)3 * size[0] * size[1];
+    struct umbu_output output;
+    uint8_t *picture = malloc(bytes);
+    if (!picture) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "frames: no memory for %zu bytes", bytes);
+    }
+    for (size_t i = 0; i < bytes; i++) {
+        picture[i] = i % 3 == 2 ? 235 : 205;
+    }
+    for (size_t i = 0; i < points->list.count; i++) {
+        size_t pixel[2];
+        if (umbc_project(view, points->list.wide + 3 * i, size[0], size[1], pixel)) {
+            uint8_t *at = picture + 3 * (pixel[0] + size[0] * pixel[1]);
+            const double light_here = shade(points, i, light);
+            for (unsigned c = 0; c < 3; c++) {
+                at[c] = (uint8_t)(255 * light_here * (points->error_m[i] > 0 ? orange[c] : 1.0));
+            }
+        }
+    }
+    enum umb_status status = umbu_output_begin(path, UMBU_OUTPUT_COMMAND, &output, error);
+    if (status == UMB_OK) {
+        (void)fprintf(output.file, "P6\n%u %u\n255\n", size[0], size[1]);
+        (void)fwrite(picture, 1, bytes, output.file);
+        status = umbu_output_commit(&output, error); /* fails if a write failed */
+    }
+    free(picture);
+    return status;
+}
+
 static int read_points(struct options *o)
 {
+    struct points *points = &o->points;
     struct umb_error error;
-    return o->points_file == NULL ||
-                   umbc_paging_points_load(o->points_file, o->format, o->with_normals, &o->points,
-                                           &error) == UMB_OK
-               ? -1
-               : umbc_complain_file(o->points_file, &error);
+    if (o->points_file == NULL) {
+        return -1;
+    }
+    enum umb_status status = umbc_points_load(o->points_file, o->format, o->with_normals,
+                                              POINTS_MAX + 1, &points->list, &error);
+    if (status == UMB_OK) {
+        points->values = calloc(points->list.count + 1, sizeof *points->values);
+        points->error_m = calloc(points->list.count + 1, sizeof *points->error_m);
+        status = points->list.count > POINTS_MAX
+                     ? umb_fail(&error, UMB_E_TOO_LARGE, "points: more than %u", POINTS_MAX)
+                 : points->values == NULL || points->error_m == NULL
+                     ? umb_fail(&error, UMB_E_NO_MEMORY, "points: out of memory")
+                     : UMB_OK;
+    }
+    return status == UMB_OK ? -1 : umbc_complain_file(o->points_file, &error);
 }
 
 /* Returns -1 to go on, else the exit code after a message. */
@@ -181,7 +277,7 @@ struct step {
     double seconds; /* time since the start, without figures and pictures */
     size_t view;    /* number of the camera on the path */
     struct umb_region_stats stats;
-    struct umbc_paging_figures figures;
+    struct figures figures;
 };
 
 struct stream {
@@ -199,11 +295,8 @@ struct stream {
 static enum umb_status open_source(struct stream *s, struct umb_error *error)
 {
     if (s->o.url) {
-        UMB__TRY(umbc_http_open(s->o.url, &s->source, error));
-        if (s->o.timeout_s > 0) {
-            umbc_http_stop_at(&s->source, umbu_clock_s() + s->o.timeout_s);
-        }
-        return UMB_OK;
+        return umbc_http_open(s->o.url, s->o.timeout_s > 0 ? umbu_clock_s() + s->o.timeout_s : 0,
+                              &s->source, error);
     }
     if (s->o.file) {
         return umb_region_file_open(s->o.file, &s->source, error);
@@ -240,8 +333,8 @@ static enum umb_status draw_step(struct stream *s, struct umb_error *error)
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, not in the asset", s->o.settings.light);
     }
     (void)snprintf(path, sizeof path, "%s/%04zu.ppm", s->o.frames, s->step_count);
-    return umbc_paging_points_draw(&s->o.points, &s->o.views.list[s->view], light.direction,
-                                   s->o.size, path, error);
+    return draw_points(&s->o.points, &s->o.views.list[s->view], light.direction, s->o.size, path,
+                       error);
 }
 
 /* Adds a step: figures, a line and a picture. */
@@ -250,8 +343,7 @@ static enum umb_status add_step(struct stream *s, struct umb_region *region, dou
     struct step step = {.seconds = now - s->started_s - s->aside_s, .view = s->view};
     umb_region_get_stats(region, &step.stats);
     if (s->o.points.list.count > 0) {
-        UMB__TRY(umbc_paging_points_ask(&s->o.points, region, &s->o.settings, false, &step.figures,
-                                        &s->error));
+        UMB__TRY(ask_points(&s->o.points, region, &s->o.settings, false, &step.figures, &s->error));
     }
     if (s->step_count == s->step_capacity) {
         s->step_capacity = s->step_capacity ? 2 * s->step_capacity : 64;
@@ -315,13 +407,12 @@ static enum umb_status update(struct stream *s, struct umb_region_request *reque
 static enum umb_status fetch_points(struct stream *s, struct umb_region_request *request,
                                     struct umb_error *error)
 {
-    struct umbc_paging_figures figures;
+    struct figures figures;
     uint64_t before = 0;
     for (;;) { /* ends: pages came in each round, or it was the last */
         struct umb_region_stats stats;
         UMB__TRY(umb_partial_want(umb_region_partial(s->region), NULL, 0, error));
-        UMB__TRY(
-            umbc_paging_points_ask(&s->o.points, s->region, &s->o.settings, true, &figures, error));
+        UMB__TRY(ask_points(&s->o.points, s->region, &s->o.settings, true, &figures, error));
         umb_region_get_stats(s->region, &stats);
         if (figures.exact == s->o.points.list.count ||
             (before > 0 && stats.received_bytes == before)) {
@@ -371,12 +462,11 @@ static void print_step_json(struct umbu_json *json, const struct step *step, siz
 
 static void print_json(const struct stream *s)
 {
-    struct umbu_json json = {.file = stdout};
     struct umb_asset_info info;
     struct umb_region_stats stats;
     umb_region_get_stats(s->region, &stats);
     umb_asset_get_info(umb_partial_lower(umb_region_partial(s->region)), &info);
-    umbu_json_begin(&json, NULL, '{');
+    struct umbu_json json = umbu_json_open(stdout);
     umbc_json_id(&json, "asset", info.id);
     UMBU_JSON_COUNTS(
         &json, {"asset_bytes", stats.partial.asset_bytes}, {"head_bytes", stats.partial.head_bytes},
@@ -445,7 +535,9 @@ int umbc_paging(int argc, char **argv)
         umb_region_daemon_close(&s.source);
     }
     umb_client_close(s.client);
-    umbc_paging_points_finish(&s.o.points);
+    umbc_batch_finish(&s.o.points.list);
+    free(s.o.points.values);
+    free(s.o.points.error_m);
     umbc_views_finish(&s.o.views);
     free(s.steps);
     return code;

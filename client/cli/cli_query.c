@@ -14,7 +14,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_answers.h"
-#include "cli_query_plan.h"
 #include "tool/progress.h"
 #include "tool/clock.h"
 #include "tool/tool_try.h"
@@ -27,6 +26,7 @@ struct slot {
     struct job *job;
     struct umbc_batch batch;
     struct umb_points points; /* points of the batch */
+    float *answers;           /* [light_count * batch_size], room for the widest answers */
     void **values;            /* [light_count] answers for each light */
     bool done;                /* true: answered; under the job's lock */
     struct umb_error error;
@@ -234,6 +234,103 @@ static enum umb_status ask_nothing(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
+/* --- the settings that follow from --max-error or --budget --- */
+
+static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,
+                                 const struct umbc_query_options *options,
+                                 struct umb_calibration *calibration, struct umb_error *error)
+{
+    struct umbc_batch sample = {0};
+    enum umb_status status =
+        umbc_points_sample(options->points, options->format, options->with_normals,
+                           UMBC_SAMPLE_POINTS, &sample, error);
+    if (status == UMB_OK) {
+        const struct umb_points points = umbc_batch_view(&sample, options->format, options->origin);
+        status =
+            points.count > 0 && umb_points_check(&points, NULL) == UMB_OK
+                ? umb_calibrate_points(asset, light, &points, umbu_thread_cpu_s, calibration, error)
+                : umb_calibrate(asset, light, umbu_thread_cpu_s, calibration, error);
+    }
+    umbc_batch_finish(&sample);
+    return status;
+}
+
+/* Chooses the settings of a light of a file. A budget is calibrated on a sample of the points to
+ * query, or on points all over the scene if the input cannot be read twice. Out: calibration: empty
+ * without a budget. */
+static enum umb_status dial_settings(const struct umb_asset *asset, uint32_t light,
+                                     const struct umbc_query_options *options,
+                                     struct umb_query_settings *settings,
+                                     struct umb_calibration *calibration, struct umb_error *error)
+{
+    memset(calibration, 0, sizeof *calibration);
+    *settings = options->settings;
+    settings->light = light;
+    if (options->dial.budget_ns > 0) {
+        UMB__TRY(calibrate(asset, light, options, calibration, error));
+    }
+    return options->has_dial
+               ? umb_dial_choose(asset, &options->dial, calibration, settings, NULL, error)
+               : UMB_OK;
+}
+
+/* Lets a daemon choose level and taps for a budget, by a sample of the points to query, sent in one
+ * call. All points are then answered with the same settings. */
+static enum umb_status dial_ask(struct umb_client *client, const struct umbc_query_options *options,
+                                size_t batch, struct umb_query_settings *settings,
+                                double *expected_ns, struct umb_error *error)
+{
+    struct umbc_batch sample = {0};
+    struct umb_client_query_reply reply;
+    enum umb_status status = umbc_points_sample(options->points, options->format,
+                                                options->with_normals, batch, &sample, error);
+    float *values = calloc(sample.count + 1, sizeof *values);
+    if (status == UMB_OK && values == NULL) {
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers", sample.count);
+    }
+    if (status == UMB_OK) {
+        const struct umb_client_query_request request = {
+            .asset = options->target,
+            .settings = options->settings,
+            .dial = options->dial,
+            .points = umbc_batch_view(&sample, options->format, options->origin),
+            .want_stats = 1,
+        };
+        status = umb_client_query(client, &request, values, &reply, error);
+    }
+    if (status == UMB_OK && reply.expected_ns <= 0) {
+        status = umb_fail(error, UMB_E_UNSUPPORTED, "budget: the server does not know budgets");
+    }
+    if (status == UMB_OK) {
+        settings->taps = reply.taps;
+        settings->level = reply.level;
+        *expected_ns = reply.expected_ns;
+    }
+    free(values);
+    umbc_batch_finish(&sample);
+    return status;
+}
+
+/* Stores the error bound, the curve's row and the expected time of the settings in the totals. */
+static void dial_state(const struct umb_asset *asset, const struct umb_query_settings *settings,
+                       const struct umb_calibration *calibration, struct umbc_query_total *total)
+{
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    size_t count;
+    (void)umb_asset_get_curve(asset, settings->light, rows, &count);
+    total->level = settings->level;
+    total->bound_m = umb_query_bound_m(asset, settings);
+    for (size_t i = 0; i < count; i++) {
+        if (rows[i].level == settings->level && rows[i].taps == total->taps &&
+            umb_filter_get_info(settings->filter)->has_curve) {
+            total->row = rows[i];
+            total->expected_ns = i < calibration->count ? calibration->ns[i] : 0;
+        }
+    }
+}
+
+/* --- the asset --- */
+
 /* Lists the lights to query: those of the options, or all of the asset. */
 static enum umb_status choose_lights(struct job *job, struct umb_error *error)
 {
@@ -262,12 +359,12 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
     for (size_t k = 0; k < job->light_count; k++) {
         struct umb_query_settings settings = job->options->settings;
         struct umb_calibration calibration;
-        UMB__TRY(umbc_dial_settings(job->asset, job->lights[k], job->options, &settings,
-                                    &calibration, error));
+        UMB__TRY(dial_settings(job->asset, job->lights[k], job->options, &settings, &calibration,
+                               error));
         UMB__TRY(umb_query_prepare(job->asset, &settings, &job->queries[k], error));
         if (k == 0) {
             job->total.taps = umb_query_taps(&job->queries[0]);
-            umbc_dial_state(job->asset, &settings, &calibration, &job->total);
+            dial_state(job->asset, &settings, &calibration, &job->total);
         }
     }
     return UMB_OK;
@@ -284,8 +381,8 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     UMB__TRY(umb_client_get_limits(job->client, &limits, error));
     UMB__TRY(umbc_call_size(options, &limits, &job->batch_size, error));
     if (job->dial.budget_ns > 0) {
-        UMB__TRY(umbc_dial_ask(job->client, options, job->batch_size, &job->settings,
-                               &job->total.expected_ns, error));
+        UMB__TRY(dial_ask(job->client, options, job->batch_size, &job->settings,
+                          &job->total.expected_ns, error));
         memset(&job->dial, 0, sizeof job->dial);
     }
     return UMB_OK;
@@ -318,14 +415,15 @@ static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_
     slot->job = job;
     slot->stats = calloc(job->light_count + 1, sizeof *slot->stats);
     slot->values = calloc(job->light_count + 1, sizeof *slot->values);
-    bool good = slot->stats != NULL && slot->values != NULL;
-    for (size_t k = 0; good && k < job->light_count; k++) {
-        slot->values[k] = calloc(batch, sizeof(float)); /* the widest answer */
-        good = slot->values[k] != NULL;
+    slot->answers = calloc(job->light_count * batch + 1, sizeof *slot->answers);
+    if (slot->stats == NULL || slot->values == NULL || slot->answers == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers of %zu lights",
+                        batch, job->light_count);
     }
-    return good ? UMB_OK
-                : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers of %zu lights",
-                           batch, job->light_count);
+    for (size_t k = 0; k < job->light_count; k++) {
+        slot->values[k] = slot->answers + k * batch;
+    }
+    return UMB_OK;
 }
 
 static enum umb_status open_slots(struct job *job, struct umb_error *error)
@@ -358,16 +456,6 @@ static enum umb_status run_job(struct job *job, struct umb_error *error)
     return status == UMB_OK ? umbc_answers_end(&job->answers, &job->total, error) : status;
 }
 
-static void close_slot(struct job *job, struct slot *slot)
-{
-    umbc_batch_finish(&slot->batch);
-    for (size_t k = 0; slot->values != NULL && k < job->light_count; k++) {
-        free(slot->values[k]);
-    }
-    free(slot->values);
-    free(slot->stats);
-}
-
 static void close_job(struct job *job)
 {
     umb_client_close(job->client); /* first: its thread may still write into slots */
@@ -377,7 +465,10 @@ static void close_job(struct job *job)
         (void)fclose(job->footprints);
     }
     for (size_t i = 0; i < SLOTS; i++) {
-        close_slot(job, &job->slots[i]);
+        umbc_batch_finish(&job->slots[i].batch);
+        free(job->slots[i].answers);
+        free(job->slots[i].values);
+        free(job->slots[i].stats);
     }
     free(job->queries);
     free(job->lights);
@@ -430,17 +521,13 @@ int umbc_query(int argc, char **argv)
     if (options.volume_query != UMBC_ASK_POINTS) {
         return umbc_query_volume(&options);
     }
-    struct job *job = calloc(1, sizeof *job);
-    if (job == NULL || pthread_mutex_init(&job->lock, NULL) != 0) {
-        free(job);
+    struct job *job = malloc(sizeof *job);
+    if (job == NULL) {
         return umbc_complain_as(UMB_E_NO_MEMORY, "query: out of memory");
     }
-    if (pthread_cond_init(&job->changed, NULL) != 0) {
-        (void)pthread_mutex_destroy(&job->lock);
-        free(job);
-        return umbc_complain_as(UMB_E_NO_MEMORY, "query: out of memory");
-    }
-    job->options = &options;
+    *job = (struct job){.options = &options,
+                        .lock = PTHREAD_MUTEX_INITIALIZER,
+                        .changed = PTHREAD_COND_INITIALIZER};
     enum umb_status status = run_job(job, &error);
     struct umbc_query_total total = job->total;
     bool bad_file = job->bad_file;

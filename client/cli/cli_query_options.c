@@ -2,11 +2,11 @@
 /* The options of `umbrage query`, see cli_query_options.h. */
 #include "cli_query_options.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
 #define BATCH_MAX (16U << 20) /* points; 384 MiB as doubles */
-#define RAD_A_DEG 0.017453292519943295
 #define AT(field) UMBU_AT(struct umbc_query_options, field)
 #define CHOSEN    "level|taps|footprint|filter" /* options that --max-error and --budget replace */
 
@@ -74,37 +74,27 @@ static const struct umbu_option OPTIONS[] = {
      "number of the light; of a FILE also several, whose answers stand side by side",
      UMBU_READ(read_lights, "the number of a light, several with commas, or all"), .standard = "0",
      .fields = "light"},
-    {"taps", "N", "width of the filter in texels", UMBU_ODD(1, UMB_TAPS_MAX), AT(settings.taps),
-     .standard = "1", .needs = "points", .fields = "taps"},
+    {.setting = "taps", AT(settings.taps), .standard = "1", .needs = "points"},
     {"footprint", "M",
      "FILE only: width of the filter in metres instead of --taps; with --filter footprint: side "
      "in metres of the square of surface around each point",
-     UMBU_ABOVE(0, HUGE_VAL), AT(settings.footprint_m), .needs = "points",
+     .setting = "footprint_m", AT(settings.footprint_m), .needs = "points",
      .excludes = "footprints|eye", .fields = "footprint|footprint_m"},
     {"footprints", "FILE",
      "file of footprints for --filter footprint: raw little-endian f32, metres, one a point",
      UMBU_TEXT, AT(footprints), .needs = "filter=footprint", .excludes = "eye"},
     {"eye", "X,Y,Z", "position of the camera in metres, for --filter footprint with --pixel",
-     UMBU_NUMBERS(3), AT(settings.eye), .needs = "filter=footprint pixel"},
-    {"pixel", "RAD", "angle of a pixel seen from --eye in radians, above 0 to 1", UMBU_ABOVE(0, 1),
-     AT(settings.pixel_rad), .needs = "eye"},
-    {"filter", "NAME",
-     "filter of the shadows: box, tent, gaussian, penumbra (half shadows of a light with an "
-     "extent) or "
-     "footprint (the surface that a pixel covers); for the last two --taps is the least width",
-     UMBU_CHOICE(UMB_FILTER_NAMES), AT(settings.filter), .standard = "box", .needs = "points",
-     .fields = "filter"},
-    {"light-size", "DEG", "angular diameter of the light in degrees, for --filter penumbra",
-     UMBU_ABOVE(0, UMB_EXTENT_MAX / RAD_A_DEG), .unit = "deg", .scale = RAD_A_DEG,
-     AT(settings.light_extent), .otherwise = "the asset's", .needs = "filter=penumbra",
-     .fields = "light_extent"},
+     .setting = "eye", AT(settings.eye), .needs = "filter=footprint pixel"},
+    {"pixel", "RAD", "angle of a pixel seen from --eye in radians, above 0 to 1",
+     .setting = "pixel_rad", AT(settings.pixel_rad), .needs = "eye"},
+    {.setting = "filter", AT(settings.filter), .standard = "box", .needs = "points"},
+    {UMBU_LIGHT_SIZE_ROW(struct umbc_query_options, settings.light_extent),
+     .needs = "filter=penumbra"},
     {"opaque-only", NULL,
      "ignores translucent casters; segments, columns and boxes always do, and the option leaves "
-     "out "
-     "the note about it",
-     UMBU_FLAG, AT(settings.opaque_only)},
-    {"level", "N", "stops at cells of 2^N voxels a side, N = 3, 5, 7 ...: cheaper and coarser",
-     UMBU_COUNT(0, UMB_LEVEL_MAX), AT(settings.level), .needs = "points", .fields = "level"},
+     "out the note about it",
+     .setting = "opaque_only", AT(settings.opaque_only)},
+    {.setting = "level", AT(settings.level), .max = UMB_LEVEL_MAX, .needs = "points"},
     {"max-error", "E",
      "largest error in metres (0.05, 0.05m) or visibility (0.1vis); chooses the cheapest setting "
      "instead of --taps",
@@ -114,8 +104,8 @@ static const struct umbu_option OPTIONS[] = {
      "nanoseconds of one core for a point; chooses the most accurate setting instead of --taps",
      UMBU_ABOVE(0, HUGE_VAL), .unit = "ns", AT(dial.budget_ns), .needs = "points",
      .excludes = CHOSEN, .fields = "budget"},
-    {"bias", "BIAS", "distance that points move off their surface: auto, none, 1.5vox or 0.02m",
-     UMBU_BIAS, AT(settings), .otherwise = "auto", .needs = "points", .fields = "bias|bias_mode"},
+    {UMBU_BIAS_ROW(struct umbc_query_options, settings), .needs = "points"},
+    {UMBU_OTHER_SETTINGS(struct umbc_query_options, settings, NULL), .needs = "points"},
     {"batch", "N", "points in a call, 1 to 16777216; fewer where a daemon takes fewer",
      UMBU_COUNT(1, BATCH_MAX), AT(batch), .standard = "65536"},
     {"output", "FILE|-", "file of the answers, replaced as a whole; - is stdout", UMBU_TEXT,
@@ -220,6 +210,68 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
     memset(options, 0, sizeof *options);
     const int code = umbu_start(&parsed, &umbc_query_command, argc, argv, options);
     return code < 0 ? check_together(&parsed, options) : code;
+}
+
+/* Most bytes of a request beside its records: the asset's name, the origin and the settings. */
+#define HEAD_BYTES 512
+
+/* Most bytes of a record in a request. */
+static size_t record_bytes(const struct umbc_query_options *options)
+{
+    const size_t scalar = options->format == UMBC_POINTS_F32 ? sizeof(float) : sizeof(double);
+    switch (options->volume_query) {
+    case UMBC_ASK_POINTS: /* any line of text may have a normal */
+        return 3 * scalar +
+               (options->with_normals || options->format == UMBC_POINTS_TEXT ? 3 * sizeof(float)
+                                                                             : 0) +
+               (options->footprints != NULL ? sizeof(float) : 0);
+    case UMBC_ASK_COLUMNS:
+        return 3 * scalar;
+    default:
+        return 6 * scalar;
+    }
+}
+
+/* Number of records that the server takes in a call, and their name. */
+static uint64_t taken(enum umbc_ask_kind volume_query, const struct umb_client_limits *limits,
+                      const char **name)
+{
+    switch (volume_query) {
+    case UMBC_ASK_POINTS:
+        *name = "points";
+        return limits->max_points > 0 ? limits->max_points : UINT64_MAX;
+    case UMBC_ASK_SEGMENTS:
+        *name = "segments";
+        return limits->max_segments;
+    case UMBC_ASK_COLUMNS:
+        *name = "columns";
+        return limits->max_columns;
+    default:
+        *name = "boxes";
+        return limits->max_boxes;
+    }
+}
+
+enum umb_status umbc_call_size(const struct umbc_query_options *options,
+                               const struct umb_client_limits *limits, size_t *count,
+                               struct umb_error *error)
+{
+    const char *name;
+    const uint64_t takes = taken(options->volume_query, limits, &name);
+    const uint64_t bytes = limits->max_message_bytes;
+    const size_t record = record_bytes(options);
+    if (takes == 0) {
+        *count = 0;
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "the server takes no %s: max_%s is 0 (max_points is %" PRIu64 ")", name,
+                        name, limits->max_points);
+    }
+    size_t most = takes < options->batch ? (size_t)takes : options->batch;
+    if (bytes >= HEAD_BYTES + record && (bytes - HEAD_BYTES) / record < most) {
+        most = (size_t)((bytes - HEAD_BYTES) / record);
+    }
+    *count = most;
+    return UMB_OK;
 }
 
 int umbc_complain_query(const struct umb_error *error)

@@ -51,6 +51,18 @@ int umbc_query_options_parse(int argc, char **argv, struct umbc_query_options *o
 
 extern const struct umbu_command umbc_query_command;
 
+/*
+ * Chooses the number of records in a call: --batch, or less where the server takes less.
+ *
+ * In:    limits: the server's limits. 0 in max_points or max_message_bytes means no known limit; 0
+ *        in max_segments, max_columns or max_boxes means that the server takes no such records.
+ * Out:   count: at least 1; 0 after a failure.
+ * Fails: E_UNSUPPORTED (the server takes no records of this kind).
+ */
+UMB_CHECKED enum umb_status umbc_call_size(const struct umbc_query_options *options,
+                                           const struct umb_client_limits *limits, size_t *count,
+                                           struct umb_error *error);
+
 /* Prints an error as umbc_complain does, with option names in place of field names. */
 int umbc_complain_query(const struct umb_error *error);
 

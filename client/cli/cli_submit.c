@@ -51,8 +51,7 @@ static void on_sent(void *user, uint64_t done, uint64_t total)
 static int report_submitted(const struct umb_job_submitted *submitted, bool as_json, bool quiet)
 {
     if (as_json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
+        struct umbu_json json = umbu_json_open(stdout);
         umbu_json_text(&json, "job", submitted->job);
         umbu_json_bool(&json, "existing", submitted->existing != 0);
         umbu_json_close(&json);

@@ -30,38 +30,29 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-static void report(const struct umbc_settings *settings, const struct umb_asset_info *info,
-                   const struct umb_error *error)
+/* Prints the verdict; info: NULL for a file that cannot be opened. Returns the exit code. */
+static int report(const struct umbc_settings *settings, const struct umb_asset_info *info,
+                  const struct umb_error *error)
 {
+    const bool good = error->status == UMB_OK;
     char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(info->id, id);
     if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
-        umbu_json_text(&json, "asset", id);
-        umbu_json_text(&json, "encoding",
-                       info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
-        umbu_json_bool(&json, "good", error->status == UMB_OK);
-        if (error->status != UMB_OK) {
+        struct umbu_json json = umbu_json_open(stdout);
+        if (info != NULL) {
+            umbc_json_id(&json, "asset", info->id);
+            umbu_json_text(&json, "encoding",
+                           info->encoding == UMB_ENCODING_PACKED ? "packed" : "mapped");
+        }
+        umbu_json_bool(&json, "good", good);
+        if (!good) {
             umbu_json_text(&json, "error", error->message);
         }
         umbu_json_close(&json);
-    } else if (!settings->quiet && error->status == UMB_OK) {
+    } else if (!settings->quiet && good) {
+        umb_id_to_text(info->id, id);
         (void)printf("%s: good, asset %s\n", settings->target, id);
     }
-}
-
-/* Reports a file that cannot be opened; --json prints an object for it too. */
-static int fail_open(const struct umbc_settings *settings, const struct umb_error *error)
-{
-    if (settings->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
-        umbu_json_bool(&json, "good", false);
-        umbu_json_text(&json, "error", error->message);
-        umbu_json_close(&json);
-    }
-    return umbc_complain_file(settings->target, error);
+    return good ? umbc_finish_stdout(0) : umbc_complain_file(settings->target, error);
 }
 
 /* Opens and proves one mapping of the file, so that the file cannot be replaced in between. */
@@ -93,11 +84,7 @@ static int verify_file(const struct umbc_settings *settings)
         umb_file_close(&file);
     }
     error.status = status;
-    if (!opened) {
-        return fail_open(settings, &error);
-    }
-    report(settings, &info, &error);
-    return status == UMB_OK ? umbc_finish_stdout(0) : umbc_complain_file(settings->target, &error);
+    return report(settings, opened ? &info : NULL, &error);
 }
 
 static bool wants_scene(int argc, char **argv)

@@ -4,26 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#include "tool/output.h"
 #include "load/load_print.h"
 #include "tool/tool_try.h"
-
-/* State of one load test; too large for the stack. */
-struct test {
-    struct umbc_load_options options;
-    struct umb_client_description *about;
-    struct umbc_load_pool pool;
-    struct umbc_load_result result;
-    struct umbc_load_sweep sweep;
-    struct umbu_output report;
-    bool live; /* true: stderr is a terminal and shows a line of figures */
-};
 
 /* Draws the line of figures anew. */
 static void show_moment(void *user, const struct umbc_load_moment *moment,
                         const struct umbc_load_result *so_far)
 {
-    const struct test *test = user;
+    const struct umbc_load_test *test = user;
     if (!test->live) {
         return;
     }
@@ -42,7 +30,7 @@ static void show_moment(void *user, const struct umbc_load_moment *moment,
 
 static void show_step(void *user, const struct umbc_load_step *step)
 {
-    const struct test *test = user;
+    const struct umbc_load_test *test = user;
     if (!test->options.quiet) {
         (void)fprintf(stderr,
                       "%9.6g calls/s: %9.6g answered, p50 %.3g, p99 %.3g ms, %" PRIu64
@@ -53,7 +41,7 @@ static void show_step(void *user, const struct umbc_load_step *step)
 }
 
 /* Asks for the asset's description and makes the points. */
-static enum umb_status prepare(struct test *test, struct umb_error *error)
+static enum umb_status prepare(struct umbc_load_test *test, struct umb_error *error)
 {
     struct umb_client *client;
     struct umbu_session *session = &test->options.session;
@@ -75,7 +63,7 @@ static enum umb_status prepare(struct test *test, struct umb_error *error)
     return status;
 }
 
-static enum umb_status measure(struct test *test, struct umb_error *error)
+static enum umb_status measure(struct umbc_load_test *test, struct umb_error *error)
 {
     const struct umbc_load_options *options = &test->options;
     if (options->sweep) {
@@ -95,7 +83,7 @@ static enum umb_status measure(struct test *test, struct umb_error *error)
 }
 
 /* Runs the test and prints its result. */
-static enum umb_status run(struct test *test, struct umb_error *error)
+static enum umb_status run(struct umbc_load_test *test, struct umb_error *error)
 {
     const struct umbc_load_options *options = &test->options;
     UMB__TRY(prepare(test, error));
@@ -103,24 +91,18 @@ static enum umb_status run(struct test *test, struct umb_error *error)
         UMB__TRY(umbu_output_begin(options->report, UMBU_OUTPUT_COMMAND, &test->report, error));
     }
     UMB__TRY(measure(test, error));
-    const struct umbc_load_story story = {
-        .options = options,
-        .about = test->about,
-        .result = &test->result,
-        .sweep = options->sweep ? &test->sweep : NULL,
-    };
-    (options->json ? umbc_load_print_json : umbc_load_print_text)(stdout, &story);
+    (options->json ? umbc_load_print_json : umbc_load_print_text)(stdout, test);
     if (options->report == NULL) {
         return UMB_OK;
     }
-    umbc_load_print_page(test->report.file, &story);
+    umbc_load_print_page(test->report.file, test);
     return umbu_output_commit(&test->report, error);
 }
 
 int umbc_load(int argc, char **argv)
 {
     struct umb_error error = {.status = UMB_OK};
-    struct test *test = calloc(1, sizeof *test);
+    struct umbc_load_test *test = calloc(1, sizeof *test);
     if (test == NULL) {
         return umbc_complain_as(UMB_E_NO_MEMORY, "load: out of memory");
     }

@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The daemon's admin port, see load_metrics.h: a plain HTTP/1.0 request each time. */
+/* The daemon's admin port, see load_metrics.h: a request of its own each time. */
 #include "load/load_metrics.h"
 
-#include <netdb.h>
+#include <curl/curl.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <sys/time.h>
-#include <unistd.h>
 
 #define PAGE_BYTES ((size_t)1 << 20)
 #define WAIT_S     2
@@ -30,10 +27,10 @@ static bool find_value(const char *text, const char *name, double *value)
     return false;
 }
 
-enum umb_status umbc_server_figures_parse(const char *text, struct umbc_server_figures *figures,
-                                          struct umb_error *error)
+/* Reads figures from Prometheus' text format. */
+static enum umb_status read_figures(const char *text, struct umbc_server_figures *figures,
+                                    struct umb_error *error)
 {
-    memset(figures, 0, sizeof *figures);
     if (!find_value(text, "process_cpu_seconds_total", &figures->cpu_s) ||
         !find_value(text, "umbrage_queries_total", &figures->points)) {
         return umb_fail(error, UMB_E_PROTOCOL, "--admin: the reply has no metrics of umbraged");
@@ -44,54 +41,38 @@ enum umb_status umbc_server_figures_parse(const char *text, struct umbc_server_f
     return UMB_OK;
 }
 
-/* A connected socket, or -1. */
-static int connect_to(const char *admin)
+/* A page that is being received. */
+struct page {
+    char *text; /* char[PAGE_BYTES] */
+    size_t size;
+};
+
+/* Appends bytes; drops those for which the page has no room. */
+static size_t take_bytes(char *bytes, size_t size, size_t count, void *user)
 {
-    char host[256];
-    const char *colon = strrchr(admin, ':');
-    struct addrinfo hints = {.ai_family = AF_UNSPEC, .ai_socktype = SOCK_STREAM};
-    struct addrinfo *found = NULL;
-    const struct timeval wait = {.tv_sec = WAIT_S};
-    bool bracketed = admin[0] == '[' && colon[-1] == ']';
-    (void)snprintf(host, sizeof host, "%.*s", (int)(colon - admin) - (bracketed ? 2 : 0),
-                   admin + (bracketed ? 1 : 0));
-    if (getaddrinfo(host, colon + 1, &hints, &found) != 0) {
-        return -1;
-    }
-    int fd = -1;
-    for (const struct addrinfo *at = found; at != NULL && fd < 0; at = at->ai_next) {
-        fd = socket(at->ai_family, at->ai_socktype | SOCK_CLOEXEC, at->ai_protocol);
-        if (fd >= 0 && (setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof wait) != 0 ||
-                        setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &wait, sizeof wait) != 0 ||
-                        connect(fd, at->ai_addr, at->ai_addrlen) != 0)) {
-            (void)close(fd);
-            fd = -1;
-        }
-    }
-    freeaddrinfo(found);
-    return fd;
+    struct page *page = user;
+    const size_t room = PAGE_BYTES - 1 - page->size, all = size * count;
+    memcpy(page->text + page->size, bytes, all < room ? all : room);
+    page->size += all < room ? all : room;
+    return all;
 }
 
-/* Sends the request and reads until the end. Returns the length of the page in bytes, or 0. */
-static size_t fetch(int fd, const char *admin, char *page)
+/* Fetches http://ADMIN/metrics. Returns false without an answer. */
+static bool fetch(const char *admin, struct page *page)
 {
-    char request[400];
-    int length =
-        snprintf(request, sizeof request,
-                 "GET /metrics HTTP/1.0\r\nHost: %.255s\r\nConnection: close\r\n\r\n", admin);
-    size_t size = 0;
-    if (send(fd, request, (size_t)length, MSG_NOSIGNAL) != length) {
-        return 0;
-    }
-    while (size < PAGE_BYTES - 1) {
-        ssize_t count = recv(fd, page + size, PAGE_BYTES - 1 - size, 0);
-        if (count <= 0) {
-            break;
-        }
-        size += (size_t)count;
-    }
-    page[size] = '\0';
-    return size;
+    char url[300];
+    CURL *easy = curl_easy_init();
+    (void)snprintf(url, sizeof url, "http://%s/metrics", admin);
+    const bool came = easy != NULL && curl_easy_setopt(easy, CURLOPT_URL, url) == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http") == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_NOPROXY, "*") == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_NOSIGNAL, 1L) == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_TIMEOUT, (long)WAIT_S) == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_WRITEFUNCTION, take_bytes) == CURLE_OK &&
+                      curl_easy_setopt(easy, CURLOPT_WRITEDATA, page) == CURLE_OK &&
+                      curl_easy_perform(easy) == CURLE_OK && page->size > 0;
+    curl_easy_cleanup(easy);
+    return came;
 }
 
 enum umb_status umbc_server_figures_get(const char *admin, struct umbc_server_figures *figures,
@@ -102,18 +83,14 @@ enum umb_status umbc_server_figures_get(const char *admin, struct umbc_server_fi
     if (colon == NULL || colon == admin || strlen(admin) > 255) {
         return umb_fail(error, UMB_E_ARGUMENT, "--admin '%.100s' is not HOST:PORT", admin);
     }
-    char *page = malloc(PAGE_BYTES);
-    if (page == NULL) {
+    struct page page = {.text = calloc(1, PAGE_BYTES)}; /* ends with a NUL */
+    if (page.text == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the daemon's metrics");
     }
-    int fd = connect_to(admin);
-    size_t size = fd >= 0 ? fetch(fd, admin, page) : 0;
-    if (fd >= 0) {
-        (void)close(fd);
-    }
-    enum umb_status status =
-        size > 0 ? umbc_server_figures_parse(page, figures, error)
-                 : umb_fail(error, UMB_E_UNAVAILABLE, "--admin %.100s: no answer", admin);
-    free(page);
+    const enum umb_status status =
+        fetch(admin, &page)
+            ? read_figures(page.text, figures, error)
+            : umb_fail(error, UMB_E_UNAVAILABLE, "--admin %.100s: no answer", admin);
+    free(page.text);
     return status;
 }

@@ -25,9 +25,4 @@ UMB_CHECKED enum umb_status umbc_server_figures_get(const char *admin,
                                                     struct umbc_server_figures *figures,
                                                     struct umb_error *error);
 
-/* Reads figures from Prometheus' text format. Fails: E_PROTOCOL (cpu_s or points are missing). */
-UMB_CHECKED enum umb_status umbc_server_figures_parse(const char *text,
-                                                      struct umbc_server_figures *figures,
-                                                      struct umb_error *error);
-
 #endif

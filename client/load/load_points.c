@@ -287,7 +287,7 @@ static enum umb_status find_boundaries(struct umb_client *client,
 static enum umb_status fill_trace(const struct umbc_load_source *source,
                                   struct umbc_load_pool *pool, struct umb_error *error)
 {
-    struct umbc_point_list trace;
+    struct umbc_batch trace;
     UMB__TRY(umbc_points_load(source->trace, source->format, source->with_normals, TRACE_POINTS,
                               &trace, error));
     enum umb_status status = UMB_OK;
@@ -295,16 +295,16 @@ static enum umb_status fill_trace(const struct umbc_load_source *source,
         status = umb_fail(error, UMB_E_FORMAT, "'%.200s' has no points", source->trace);
     } else {
         pool->batch_count = (trace.count + pool->batch - 1) / pool->batch;
-        status = make_room(pool, trace.normals != NULL, error);
+        status = make_room(pool, trace.has_normals, error);
     }
     for (size_t i = 0; status == UMB_OK && i < 3 * pool->batch * pool->batch_count; i++) {
         const size_t from = i % (3 * trace.count);
-        pool->positions[i] = (float)(trace.positions[from] - pool->origin[i % 3]);
-        if (trace.normals != NULL) {
+        pool->positions[i] = (float)(trace.wide[from] - pool->origin[i % 3]);
+        if (trace.has_normals) {
             pool->normals[i] = trace.normals[from];
         }
     }
-    umbc_point_list_finish(&trace);
+    umbc_batch_finish(&trace);
     return status;
 }
 

@@ -32,9 +32,9 @@ static const char *kind_name(const struct umbc_load_source *source)
 }
 
 /* Reason why a result says little, or NULL. */
-static const char *doubt_of(const struct umbc_load_story *story)
+static const char *doubt_of(const struct umbc_load_test *test)
 {
-    if (story->result->seconds > 0 && !story->result->counts) {
+    if (test->result.seconds > 0 && !test->result.counts) {
         return "This run does not count: the generator used more than 70 % of a core, and may have "
                "measured itself.";
     }
@@ -56,15 +56,15 @@ static void print_errors(FILE *file, const struct umbc_load_result *result)
     (void)fputc('\n', file);
 }
 
-static void print_result(FILE *file, const struct umbc_load_story *story)
+static void print_result(FILE *file, const struct umbc_load_test *test)
 {
-    const struct umbc_load_result *result = story->result;
+    const struct umbc_load_result *result = &test->result;
     double seconds = result->seconds;
     if (result->rate > 0) {
         (void)fprintf(file, "asked      %.6g calls/s, constant (open loop)\n", result->rate);
     } else {
         (void)fprintf(file, "asked      %u connections x %u calls under way (closed loop)\n",
-                      story->options->settings.connections, story->options->settings.in_flight);
+                      test->options.settings.connections, test->options.settings.in_flight);
     }
     (void)fprintf(file, "answered   %.6g calls/s, %.4g Mpoints/s, in %.2f s\n",
                   (double)result->calls / seconds, 1e-6 * (double)result->points / seconds,
@@ -81,35 +81,35 @@ static void print_result(FILE *file, const struct umbc_load_story *story)
             1e6 * result->server_cpu_s / (result->calls > 0 ? (double)result->calls : 1),
             1e9 * result->server_cpu_s / (result->server_points > 0 ? result->server_points : 1),
             result->server_cpu_s / result->server_s, result->server_rss_max / 1048576);
-    } else if (story->options->settings.admin != NULL) {
+    } else if (test->options.settings.admin != NULL) {
         (void)fputs("daemon     sent no figures at the end\n", file);
     }
     (void)fprintf(file, "generator  %.2f cores\n", result->generator_cores);
 }
 
-void umbc_load_print_text(FILE *file, const struct umbc_load_story *story)
+void umbc_load_print_text(FILE *file, const struct umbc_load_test *test)
 {
-    if (story->sweep != NULL && story->sweep->knee <= 0) {
+    if (test->options.sweep && test->sweep.knee <= 0) {
         (void)fprintf(file, "no knee: %.6g calls/s do not keep p99 within %.3g ms\n",
-                      story->sweep->steps[0].rate, story->sweep->bound_ms);
+                      test->sweep.steps[0].rate, test->sweep.bound_ms);
         return;
     }
-    if (story->sweep != NULL) {
-        (void)fprintf(file, "knee       %.6g calls/s keep p99 within %.3g ms\n", story->sweep->knee,
-                      story->sweep->bound_ms);
+    if (test->options.sweep) {
+        (void)fprintf(file, "knee       %.6g calls/s keep p99 within %.3g ms\n", test->sweep.knee,
+                      test->sweep.bound_ms);
     }
-    print_result(file, story);
-    if (doubt_of(story) != NULL) {
-        (void)fprintf(file, "%s\n", doubt_of(story));
+    print_result(file, test);
+    if (doubt_of(test) != NULL) {
+        (void)fprintf(file, "%s\n", doubt_of(test));
     }
 }
 
-static void json_settings(struct umbu_json *json, const struct umbc_load_story *story)
+static void json_settings(struct umbu_json *json, const struct umbc_load_test *test)
 {
-    const struct umbc_load_options *options = story->options;
+    const struct umbc_load_options *options = &test->options;
     const struct umbc_load_settings *settings = &options->settings;
     umbu_json_text(json, "asset", settings->asset);
-    umbc_json_id(json, "asset_id", story->about->asset.id);
+    umbc_json_id(json, "asset_id", test->about->asset.id);
     umbu_json_text(json, "address", settings->address);
     umbu_json_text(json, "loop", settings->rate > 0 || options->sweep ? "open" : "closed");
     UMBU_JSON_COUNTS(json, {"connections", settings->connections},
@@ -196,23 +196,22 @@ static void json_sweep(struct umbu_json *json, const struct umbc_load_sweep *swe
 }
 
 /* Writes the members of the JSON object. */
-static void put_members(struct umbu_json *json, const struct umbc_load_story *story)
+static void put_members(struct umbu_json *json, const struct umbc_load_test *test)
 {
-    json_settings(json, story);
-    if (story->result->seconds > 0) {
-        json_result(json, story->result);
-        json_moments(json, story->result);
+    json_settings(json, test);
+    if (test->result.seconds > 0) {
+        json_result(json, &test->result);
+        json_moments(json, &test->result);
     }
-    if (story->sweep != NULL) {
-        json_sweep(json, story->sweep);
+    if (test->options.sweep) {
+        json_sweep(json, &test->sweep);
     }
 }
 
-void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
+void umbc_load_print_json(FILE *file, const struct umbc_load_test *test)
 {
-    struct umbu_json json = {.file = file};
-    umbu_json_begin(&json, NULL, '{');
-    put_members(&json, story);
+    struct umbu_json json = umbu_json_open(file);
+    put_members(&json, test);
     umbu_json_close(&json);
 }
 
@@ -220,10 +219,10 @@ void umbc_load_print_json(FILE *file, const struct umbc_load_story *story)
  * result is doubtful. */
 static void put_data(struct umbu_json *json, const void *user)
 {
-    const struct umbc_load_story *story = user;
-    put_members(json, story);
-    if (doubt_of(story) != NULL) {
-        umbu_json_text(json, "doubt", doubt_of(story));
+    const struct umbc_load_test *test = user;
+    put_members(json, test);
+    if (doubt_of(test) != NULL) {
+        umbu_json_text(json, "doubt", doubt_of(test));
     }
     umbu_json_begin(json, "curve", '[');
     for (size_t i = 0; i < CURVE_POINTS; i++) {
@@ -231,20 +230,20 @@ static void put_data(struct umbu_json *json, const void *user)
         umbu_json_begin(json, NULL, '[');
         umbu_json_number(json, NULL, share);
         umbu_json_number(json, NULL,
-                         1e-6 * (double)umbc_histogram_percentile(&story->result->latency, share));
+                         1e-6 * (double)umbc_histogram_percentile(&test->result.latency, share));
         umbu_json_end(json, ']');
     }
     umbu_json_end(json, ']');
 }
 
-void umbc_load_print_page(FILE *file, const struct umbc_load_story *story)
+void umbc_load_print_page(FILE *file, const struct umbc_load_test *test)
 {
     const struct umbu_report report = {
         .title = "umbrage load",
         .page = umbu_page_load_page,
         .page_size = umbu_page_load_page_size,
         .data = put_data,
-        .user = story,
+        .user = test,
     };
     umbu_report_print(file, &report);
 }

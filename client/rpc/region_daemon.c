@@ -93,37 +93,37 @@ static void on_reply(void *user, enum umb_status status, const uint8_t *message,
     pthread_mutex_unlock(&g->source->lock);
 }
 
-/* Splits the ranges into calls. Returns their number; out NULL: only counts. */
-static size_t cut(const struct umb_range *ranges, size_t count, struct gathering *g,
-                  struct gather_call *out)
+/* Returns the most calls that `cut` makes: each has REQUEST_BYTES or UMBW_RANGES_MAX pieces of
+ * ranges, except for the last. */
+static size_t most_calls(size_t ranges, uint64_t total)
 {
-    size_t calls = 0, bytes = 0, taken = 0, place = 0;
+    const size_t full = (size_t)(total / REQUEST_BYTES);
+    return full + (ranges + full) / UMBW_RANGES_MAX + 1;
+}
+
+/* Splits the ranges into calls. Returns their number. */
+static size_t cut(const struct umb_range *ranges, size_t count, struct gathering *g,
+                  struct gather_call *calls)
+{
+    struct gather_call *call = NULL;
+    uint8_t *place = g->bytes;
     for (size_t i = 0; i < count; i++) {
-        for (uint64_t at = 0; at < ranges[i].length;) {
-            if (calls == 0 || bytes == REQUEST_BYTES || taken == UMBW_RANGES_MAX) {
-                bytes = taken = 0;
-                calls++;
-                if (out) {
-                    out[calls - 1] =
-                        (struct gather_call){.gathering = g, .place = g->bytes + place};
-                    memcpy(out[calls - 1].request.asset, g->source->asset, sizeof g->source->asset);
-                }
+        for (uint64_t at = 0, length; at < ranges[i].length; at += length) {
+            if (call == NULL || call->wanted == REQUEST_BYTES ||
+                call->request.count == UMBW_RANGES_MAX) {
+                call = call == NULL ? calls : call + 1;
+                *call = (struct gather_call){.gathering = g, .place = place};
+                memcpy(call->request.asset, g->source->asset, sizeof g->source->asset);
             }
-            uint64_t length = ranges[i].length - at;
-            length = length < REQUEST_BYTES - bytes ? length : REQUEST_BYTES - bytes;
-            if (out) {
-                struct gather_call *call = &out[calls - 1];
-                call->request.ranges[call->request.count++] =
-                    (struct umb_range){ranges[i].offset + at, length};
-                call->wanted += (size_t)length;
-            }
-            taken++;
-            bytes += (size_t)length;
-            place += (size_t)length;
-            at += length;
+            const uint64_t room = REQUEST_BYTES - call->wanted, left = ranges[i].length - at;
+            length = left < room ? left : room;
+            call->request.ranges[call->request.count++] =
+                (struct umb_range){ranges[i].offset + at, length};
+            call->wanted += (size_t)length;
+            place += length;
         }
     }
-    return calls;
+    return call == NULL ? 0 : (size_t)(call - calls) + 1;
 }
 
 static enum umb_status start(struct gather_call *call, struct umb_error *error)
@@ -179,54 +179,36 @@ static enum umb_status run_calls(struct gathering *g, struct gather_call *calls,
     return status == UMB_OK ? rest : status;
 }
 
-/* Hands the ranges over; the end of the file may cut the last one short. */
-static enum umb_status hand_over(const struct gathering *g, const struct umb_range *ranges,
-                                 size_t count, const struct gather_call *calls, size_t call_count,
-                                 umb_range_fn got, void *got_user)
-{
-    const uint8_t *at = g->bytes, *end = g->bytes;
-    for (size_t i = 0; i < call_count; i++) {
-        end = calls[i].place + calls[i].got;
-        if (calls[i].got < calls[i].wanted) {
-            break;
-        }
-    }
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < count && status == UMB_OK; i++) {
-        const uint64_t left = (uint64_t)(end - at);
-        const size_t size = (size_t)(ranges[i].length < left ? ranges[i].length : left);
-        status = got(got_user, i, at, size);
-        at += size;
-    }
-    return status;
-}
-
-/* Returns true if all calls that contribute to these bytes have received all their bytes. */
-static bool came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
-                 size_t call_count)
+/* Returns how many of these bytes came, up to the first call that brought fewer than it should. */
+static size_t came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
+                   size_t call_count)
 {
     for (size_t i = 0; i < call_count; i++) {
+        const uint8_t *end = calls[i].place + calls[i].got;
         if (calls[i].place < bytes + size && bytes < calls[i].place + calls[i].wanted &&
             calls[i].got < calls[i].wanted) {
-            return false;
+            return end > bytes ? (size_t)(end - bytes) : 0;
         }
     }
-    return true;
+    return (size_t)size;
 }
 
-/* Hands over the complete ranges after a failure: the region need not request them again. */
-static void hand_over_rest(const struct gathering *g, const struct umb_range *ranges, size_t count,
-                           const struct gather_call *calls, size_t call_count, umb_range_fn got,
-                           void *got_user)
+/* Hands the ranges over; the end of the file may cut the last one short. After a failure only the
+ * whole ones: the region need not request them again. */
+static enum umb_status hand_over(const struct gathering *g, const struct umb_range *ranges,
+                                 size_t count, const struct gather_call *calls, size_t call_count,
+                                 bool only_whole, umb_range_fn got, void *got_user)
 {
     const uint8_t *at = g->bytes;
-    for (size_t i = 0; i < count; i++) {
-        if (came(at, ranges[i].length, calls, call_count) &&
-            got(got_user, i, at, (size_t)ranges[i].length) != UMB_OK) {
-            return;
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        const size_t size = came(at, ranges[i].length, calls, call_count);
+        if (!only_whole || size == ranges[i].length) {
+            status = got(got_user, i, at, size);
         }
         at += ranges[i].length;
     }
+    return status;
 }
 
 static enum umb_status read_ranges(void *user, const struct umb_range *ranges, size_t count,
@@ -240,26 +222,23 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
     if (pthread_equal(pthread_self(), g.source->client->thread)) {
         return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a callback");
     }
-    const size_t calls = cut(ranges, count, &g, NULL);
-    struct gather_call *list = calloc(calls ? calls : 1, sizeof *list);
+    struct gather_call *list = calloc(most_calls(count, total), sizeof *list);
     g.bytes = total < SIZE_MAX ? malloc((size_t)total + 1) : NULL;
     enum umb_status status =
         list && g.bytes ? UMB_OK
                         : umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
                                    (unsigned long long)total);
     if (status == UMB_OK) {
-        (void)cut(ranges, count, &g, list);
+        const size_t calls = cut(ranges, count, &g, list);
         status = run_calls(&g, list, calls, error);
-        if (status == UMB_OK) {
-            status = hand_over(&g, ranges, count, list, calls, got, got_user);
-        } else {
-            /* `got` may write into *error. */
-            const struct umb_error first = error ? *error : (struct umb_error){0};
-            hand_over_rest(&g, ranges, count, list, calls, got, got_user);
-            if (error) {
-                *error = first;
-            }
+        /* After a failure: `got` may write into *error. */
+        const struct umb_error first = error ? *error : (struct umb_error){0};
+        const enum umb_status handed =
+            hand_over(&g, ranges, count, list, calls, status != UMB_OK, got, got_user);
+        if (status != UMB_OK && error) {
+            *error = first;
         }
+        status = status == UMB_OK ? handed : status;
     }
     free(g.bytes);
     free(list);
@@ -272,17 +251,12 @@ enum umb_status umb_region_daemon_open(struct umb_client *client, const char *as
     *source = (struct umb_region_source){0};
     char name[UMBW_ASSET_NAME_MAX + 1];
     UMB__TRY(umb__asset_take(asset, name, error));
-    struct daemon_source *made = calloc(1, sizeof *made);
-    if (!made || pthread_mutex_init(&made->lock, NULL) != 0) {
-        free(made);
+    struct daemon_source *made = malloc(sizeof *made);
+    if (!made) {
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
-    if (pthread_cond_init(&made->changed, NULL) != 0) {
-        (void)pthread_mutex_destroy(&made->lock);
-        free(made);
-        return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
-    }
-    made->client = client;
+    *made = (struct daemon_source){
+        .client = client, .lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER};
     memcpy(made->asset, name, sizeof made->asset);
     *source = (struct umb_region_source){.read = read_ranges, .user = made};
     return UMB_OK;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The client object: its thread, its loop, deadlines, the pause between connection attempts.
+ * The client object: its thread, its loop, deadlines, cancellations.
  *
  * All signals are blocked in the loop thread, so the host's handlers never run there. The SIGPIPE
  * of a write to a closed socket stays pending in that thread and is never delivered.
@@ -24,13 +24,49 @@
 #define KEEPALIVE_MS       10000
 #define TOKENS_FULL        100
 
-/* Returns the earlier of a list's earliest deadline and the one given. */
-static uint64_t earliest(const struct umb__call_list *list, uint64_t known)
+/* Number of a call, passed from umb_client_cancel to the loop thread. Numbers are never reused, so
+ * the number of an ended call matches no call. */
+struct umb__cancel {
+    struct umb__cancel *next;
+    uint64_t number;
+};
+
+/* Calls `see` for each list of calls that are routed. */
+static void each_list(struct umb_client *client,
+                      void (*see)(const struct umb__call_list *list, void *user), void *user)
 {
-    for (const struct umb__call *call = list->first; call != NULL; call = call->next) {
-        known = call->deadline_ns < known ? call->deadline_ns : known;
+    see(&client->resting, user);
+    for (size_t i = 0; i < client->endpoint_count; i++) {
+        see(&client->endpoints[i].waiting, user);
     }
-    return known;
+    for (const struct umb__connection *at = client->connections; at != NULL; at = at->next) {
+        see(&at->active, user);
+    }
+    for (const struct umb_client_stream *at = client->streams; at != NULL; at = at->next) {
+        see(&at->queue, user);
+        see(&at->sent, user);
+    }
+}
+
+/* Lowers a time to the list's earliest deadline. */
+static void take_earliest(const struct umb__call_list *list, void *user)
+{
+    uint64_t *deadline_ns = user;
+    for (const struct umb__call *call = list->first; call != NULL; call = call->next) {
+        *deadline_ns = call->deadline_ns < *deadline_ns ? call->deadline_ns : *deadline_ns;
+    }
+}
+
+/* Marks the calls with a number as cancelled: their deadline has passed. */
+static void mark_cancelled(const struct umb__call_list *list, void *user)
+{
+    struct umb__cancel *cancel = user;
+    for (struct umb__call *call = list->first; call != NULL; call = call->next) {
+        if (call->number == cancel->number && cancel->number != 0) {
+            call->cancelled = true;
+            call->deadline_ns = 0;
+        }
+    }
 }
 
 /* Ends the expired calls of a list; true if there were any. */
@@ -99,16 +135,8 @@ static void set_deadline(struct umb_client *client, uint64_t deadline_ns)
 /* Checks all calls; runs only when the timer has fired. */
 static void arm_deadline(struct umb_client *client)
 {
-    uint64_t deadline_ns = earliest(&client->resting, UINT64_MAX);
-    for (size_t i = 0; i < client->endpoint_count; i++) {
-        deadline_ns = earliest(&client->endpoints[i].waiting, deadline_ns);
-    }
-    for (struct umb__connection *at = client->connections; at != NULL; at = at->next) {
-        deadline_ns = earliest(&at->active, deadline_ns);
-    }
-    for (struct umb_client_stream *at = client->streams; at != NULL; at = at->next) {
-        deadline_ns = earliest(&at->sent, earliest(&at->queue, deadline_ns));
-    }
+    uint64_t deadline_ns = UINT64_MAX;
+    each_list(client, take_earliest, &deadline_ns);
     if (deadline_ns != UINT64_MAX) {
         set_deadline(client, deadline_ns);
     }
@@ -199,6 +227,22 @@ static void flush_due(struct umb_client *client)
     }
 }
 
+/* Ends the calls with these numbers as calls whose deadline has passed end, but with another
+ * status; frees the list. */
+static void apply_cancels(struct umb_client *client, struct umb__cancel *cancels)
+{
+    const bool any = cancels != NULL;
+    while (cancels != NULL) {
+        struct umb__cancel *first = cancels;
+        cancels = first->next;
+        each_list(client, mark_cancelled, first);
+        free(first);
+    }
+    if (any) {
+        expire_all(client);
+    }
+}
+
 static void on_wake(uv_async_t *wake)
 {
     struct umb_client *client = wake->data;
@@ -213,9 +257,7 @@ static void on_wake(uv_async_t *wake)
     uint64_t deadline_ns = route(client, &calls);
     (void)umb_fail(&closed, UMB_E_CANCELLED, "the stream was closed");
     end_streams(ended, &closed);
-    if (umb__cancels_apply(client, cancels)) {
-        expire_all(client);
-    }
+    apply_cancels(client, cancels);
     if (client->stopped) {
         return;
     }
@@ -258,18 +300,19 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     if (options != NULL) {
         *out = *options;
     }
-    out->connect_timeout_ms =
-        out->connect_timeout_ms == 0 ? CONNECT_TIMEOUT_MS : out->connect_timeout_ms;
-    out->call_timeout_ms = out->call_timeout_ms == 0 ? CALL_TIMEOUT_MS : out->call_timeout_ms;
-    out->stall_timeout_ms = out->stall_timeout_ms == 0 ? STALL_TIMEOUT_MS : out->stall_timeout_ms;
-    out->max_calls = out->max_calls == 0 ? MAX_CALLS : out->max_calls;
-    out->max_retries = out->max_retries == 0                  ? UMB__RETRIES_MAX
-                       : out->max_retries == UMB_CLIENT_NEVER ? 0
-                                                              : out->max_retries;
-    out->keepalive_ms = out->keepalive_ms == 0 ? KEEPALIVE_MS : out->keepalive_ms;
-    out->max_request_bytes =
-        out->max_request_bytes == 0 ? MAX_REQUEST_BYTES : out->max_request_bytes;
-    out->max_reply_bytes = out->max_reply_bytes == 0 ? MAX_REPLY_BYTES : out->max_reply_bytes;
+#define DEFAULT(field, value) out->field = out->field == 0 ? (value) : out->field
+    DEFAULT(connect_timeout_ms, CONNECT_TIMEOUT_MS);
+    DEFAULT(call_timeout_ms, CALL_TIMEOUT_MS);
+    DEFAULT(stall_timeout_ms, STALL_TIMEOUT_MS);
+    DEFAULT(max_calls, MAX_CALLS);
+    DEFAULT(max_retries, UMB__RETRIES_MAX);
+    DEFAULT(keepalive_ms, KEEPALIVE_MS);
+    DEFAULT(max_request_bytes, MAX_REQUEST_BYTES);
+    DEFAULT(max_reply_bytes, MAX_REPLY_BYTES);
+#undef DEFAULT
+    if (out->max_retries == UMB_CLIENT_NEVER) {
+        out->max_retries = 0;
+    }
     if (out->max_reply_bytes > UINT32_MAX) {
         out->max_reply_bytes = UINT32_MAX; /* Largest gRPC message */
     }
@@ -303,6 +346,15 @@ static int open_loop(struct umb_client *client)
     return 0;
 }
 
+static void free_client(struct umb_client *client)
+{
+    (void)pthread_mutex_destroy(&client->lock);
+    free(client->receive_buffer);
+    umb__identity_forget(client);
+    free(client->endpoints);
+    free(client);
+}
+
 enum umb_status umb_client_open(const char *address, const struct umb_client_options *options,
                                 struct umb_client **out, struct umb_error *error)
 {
@@ -311,35 +363,30 @@ enum umb_status umb_client_open(const char *address, const struct umb_client_opt
     if (options && UMB__UNKNOWN(options, "options", error)) {
         return UMB_E_ARGUMENT;
     }
-    struct umb_client *client = calloc(1, sizeof *client);
+    struct umb_client *client = malloc(sizeof *client);
     if (client == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
     }
+    *client = (struct umb_client){
+        .lock = PTHREAD_MUTEX_INITIALIZER, .tokens = TOKENS_FULL, .noise = uv_hrtime()};
     fill_options(options, &client->options);
-    client->tokens = TOKENS_FULL;
-    client->noise = uv_hrtime();
     status = umb__endpoints_parse(client, address, error);
+    if (status == UMB_OK) {
+        status = umb__identity_take(client, error);
+    }
+    if (status == UMB_OK) {
+        client->receive_buffer = malloc(UMB__RECEIVE_BYTES);
+        status = client->receive_buffer != NULL
+                     ? UMB_OK
+                     : umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
+    }
     if (status != UMB_OK) {
-        goto fail_address;
+        goto fail;
     }
-    status = umb__identity_take(client, error);
-    if (status != UMB_OK) {
-        goto fail_identity;
-    }
-    client->receive_buffer = malloc(UMB__RECEIVE_BYTES);
-    if (client->receive_buffer == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a client");
-        goto fail_identity;
-    }
-    int code = pthread_mutex_init(&client->lock, NULL);
-    if (code != 0) {
-        status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot make the client's lock");
-        goto fail_lock;
-    }
-    code = open_loop(client);
+    int code = open_loop(client);
     if (code < 0) {
         status = umb_fail_errno(error, lacks(-code), -code, "cannot make the client's loop");
-        goto fail_loop;
+        goto fail;
     }
     code = start_thread(client);
     if (code != 0) {
@@ -353,16 +400,30 @@ fail_thread:
     stop_everything(client);
     (void)uv_run(&client->loop, UV_RUN_DEFAULT);
     (void)uv_loop_close(&client->loop);
-fail_loop:
-    (void)pthread_mutex_destroy(&client->lock);
-fail_lock:
-    free(client->receive_buffer);
-fail_identity:
-    umb__identity_forget(client);
-fail_address:
-    umb__endpoints_free(client);
-    free(client);
+fail:
+    free_client(client);
     return status;
+}
+
+enum umb_status umb_client_cancel(struct umb_client *client, uint64_t call, struct umb_error *error)
+{
+    struct umb__cancel *cancel = malloc(sizeof *cancel);
+    if (cancel == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a cancellation");
+    }
+    cancel->number = call;
+    pthread_mutex_lock(&client->lock);
+    const bool closing = client->closing; /* A closing client cancels all calls anyway */
+    if (!closing) {
+        cancel->next = client->cancels;
+        client->cancels = cancel;
+        (void)uv_async_send(&client->wake);
+    }
+    pthread_mutex_unlock(&client->lock);
+    if (closing) {
+        free(cancel);
+    }
+    return UMB_OK;
 }
 
 void umb_client_close(struct umb_client *client)
@@ -376,9 +437,5 @@ void umb_client_close(struct umb_client *client)
     pthread_mutex_unlock(&client->lock);
     (void)pthread_join(client->thread, NULL);
     (void)uv_loop_close(&client->loop);
-    (void)pthread_mutex_destroy(&client->lock);
-    free(client->receive_buffer);
-    umb__identity_forget(client);
-    umb__endpoints_free(client);
-    free(client);
+    free_client(client);
 }

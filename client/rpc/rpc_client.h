@@ -40,6 +40,7 @@
 struct umb__call;
 struct umb__connection;
 struct umb__endpoint;
+struct umb__cancel; /* Number of a call to be cancelled (rpc_client.c) */
 
 /* Called at the end of a call. Status UMB_OK: message is the reply, borrowed during the call; else
  * error is set. */
@@ -63,7 +64,7 @@ struct umb__source {
 /* Parameters of a call. */
 struct umb__call_plan {
     const char *asset;   /* Asset of the call, which decides its replica; NULL = any replica */
-    uint64_t *number;    /* Out: number for cancelling it, see umb__cancel; or NULL */
+    uint64_t *number;    /* Out: number for cancelling it, see umb_client_cancel; or NULL */
     bool safe;           /* True if the call changes nothing: it may be sent again even if the
                             server may have begun it */
     const char *path;    /* static */
@@ -84,7 +85,8 @@ struct umb__call {
     struct umb__call_list *list;
     const char *path; /* static */
     struct umbw_buffer body;
-    size_t counted; /* bytes of the body in the client's pending_bytes; pieces of a feed are not */
+    size_t counted; /* Bytes of the body that the client's pending_bytes include; pieces that `feed`
+                       gives are not included */
     size_t body_sent;
     umb__feed_fn feed; /* NULL: body is all */
     void *feed_user;
@@ -98,7 +100,7 @@ struct umb__call {
     uint64_t ready_ns;    /* while it rests */
     uint64_t tried;       /* Bits of the replicas that failed it */
     bool safe;
-    uint64_t number;                /* Number, see umb__cancel; 0 for a carrier */
+    uint64_t number;                /* Number, never used again; 0 for a carrier */
     bool cancelled;                 /* True: its deadline counts as passed */
     struct umb__endpoint *endpoint; /* Replica that it waits for or was sent to; NULL = not yet
                                        routed */
@@ -209,20 +211,6 @@ void umb__call_expire(struct umb_client *client, struct umb__call *call, bool wa
 /* Completes all calls of a list with one error. */
 void umb__calls_fail(struct umb_client *client, struct umb__call_list *list,
                      const struct umb_error *error);
-
-/* --- cancelling (rpc_cancel.c) --- */
-
-/* Number of a call, passed from umb_client_cancel to the loop thread. Numbers are never reused, so
- * the number of an ended call matches no call. */
-struct umb__cancel {
-    struct umb__cancel *next;
-    uint64_t number;
-};
-
-/* Marks the calls with these numbers as cancelled, and frees the list. Returns true if there are
- * any. The calls end at the next check of deadlines, as calls whose deadline has passed do, but
- * with another status. Runs on the loop thread, with no lock held. */
-bool umb__cancels_apply(struct umb_client *client, struct umb__cancel *cancels);
 
 /* --- credentials (rpc_identity.c) --- */
 

@@ -135,23 +135,28 @@ static void lose_session(struct umb__connection *connection, const char *what)
     umb__connection_lose(connection, &error);
 }
 
+static bool append(struct umbw_buffer *buffer, const uint8_t *bytes, size_t count)
+{
+    if (umbw_buffer_reserve(buffer, count, NULL) != UMB_OK) {
+        return false;
+    }
+    memcpy(buffer->bytes + buffer->size, bytes, count);
+    buffer->size += count;
+    return true;
+}
+
 /* Gathers up to SEND_BYTES bytes of HTTP/2 frames. Returns false if the session is broken. */
 static bool collect_frames(struct umb__connection *connection)
 {
     while (connection->out.size < UMB__SEND_BYTES) {
         const uint8_t *bytes;
         ssize_t count = nghttp2_session_mem_send(connection->session, &bytes);
-        if (count < 0) {
+        if (count <= 0) {
+            return count == 0;
+        }
+        if (!append(&connection->out, bytes, (size_t)count)) {
             return false;
         }
-        if (count == 0) {
-            return true;
-        }
-        if (umbw_buffer_reserve(&connection->out, (size_t)count, NULL) != UMB_OK) {
-            return false;
-        }
-        memcpy(connection->out.bytes + connection->out.size, bytes, (size_t)count);
-        connection->out.size += (size_t)count;
     }
     return true;
 }
@@ -165,13 +170,7 @@ static struct umbw_buffer *output_of(struct umb__connection *connection)
 /* Stores records of the TLS session until they can be written. */
 static bool keep_records(void *user, const uint8_t *bytes, size_t count)
 {
-    struct umbw_buffer *records = &((struct umb__connection *)user)->records;
-    if (umbw_buffer_reserve(records, count, NULL) != UMB_OK) {
-        return false;
-    }
-    memcpy(records->bytes + records->size, bytes, count);
-    records->size += count;
-    return true;
+    return append(&((struct umb__connection *)user)->records, bytes, count);
 }
 
 /* Makes the stored records the next write. */
@@ -370,29 +369,27 @@ static void on_read(uv_stream_t *stream, ssize_t count, const uv_buf_t *buffer)
 static void on_timeout(uv_timer_t *timer)
 {
     struct umb__connection *connection = timer->data;
+    const char *last = connection->probing ? "" : connection->last_error.message;
     struct umb_error error;
-    if (connection->ready && !connection->probing) {
-        if (connection->active.first != NULL && !connection->heard) {
-            umb__connection_probe(connection);
-            umb__connection_flush(connection);
-        } else {
-            keep_alive(connection);
-        }
-        return;
-    }
-    if (connection->probing) {
-        (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no sign of life within %lu ms",
+    if (!connection->ready || connection->probing) {
+        (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: %s within %lu ms%s%.80s",
                        connection->endpoint->text,
-                       (unsigned long)connection->client->options.connect_timeout_ms);
+                       connection->probing ? "no sign of life" : "no HTTP/2 connection",
+                       (unsigned long)connection->client->options.connect_timeout_ms,
+                       last[0] != '\0' ? ", last: " : "", last);
         umb__connection_lose(connection, &error);
-        return;
+    } else if (connection->active.first != NULL && !connection->heard) {
+        umb__connection_probe(connection);
+        umb__connection_flush(connection);
+    } else {
+        keep_alive(connection);
     }
-    (void)umb_fail(&error, UMB_E_UNAVAILABLE, "%.180s: no HTTP/2 connection within %lu ms%s%.80s",
-                   connection->endpoint->text,
-                   (unsigned long)connection->client->options.connect_timeout_ms,
-                   connection->last_error.message[0] != '\0' ? ", last: " : "",
-                   connection->last_error.message);
-    umb__connection_lose(connection, &error);
+}
+
+static void set_timer(struct umb__connection *connection, uint32_t wait_ms)
+{
+    uv_update_time(&connection->client->loop);
+    (void)uv_timer_start(&connection->timer, on_timeout, wait_ms, 0);
 }
 
 /* Sets the timer of a ready connection. When the timer ends, a peer that owes answers and was
@@ -400,21 +397,16 @@ static void on_timeout(uv_timer_t *timer)
 static void keep_alive(struct umb__connection *connection)
 {
     connection->heard = false;
-    uv_update_time(&connection->client->loop);
-    (void)uv_timer_start(&connection->timer, on_timeout, connection->client->options.keepalive_ms,
-                         0);
+    set_timer(connection, connection->client->options.keepalive_ms);
 }
 
 void umb__connection_probe(struct umb__connection *connection)
 {
-    struct umb_client *client = connection->client;
-    if (connection->lost || !connection->ready || connection->probing ||
-        nghttp2_submit_ping(connection->session, NGHTTP2_FLAG_NONE, NULL) != 0) {
-        return;
+    if (!connection->lost && connection->ready && !connection->probing &&
+        nghttp2_submit_ping(connection->session, NGHTTP2_FLAG_NONE, NULL) == 0) {
+        connection->probing = true;
+        set_timer(connection, connection->client->options.connect_timeout_ms);
     }
-    connection->probing = true;
-    uv_update_time(&client->loop);
-    (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
 }
 
 /* Makes the TLS session of a tls: address. The next flush sends the hello message. */
@@ -492,9 +484,12 @@ static void on_connected(uv_connect_t *request, int code)
     start_session(connection);
 }
 
-static void connect_tcp(struct umb__connection *connection, const struct sockaddr *address)
+/* Connects a new socket. address: NULL for the path of a unix: endpoint. */
+static void connect_socket(struct umb__connection *connection, const struct sockaddr *address)
 {
-    int code = uv_tcp_init(&connection->client->loop, &connection->socket.tcp);
+    uv_loop_t *loop = &connection->client->loop;
+    int code = address != NULL ? uv_tcp_init(loop, &connection->socket.tcp)
+                               : uv_pipe_init(loop, &connection->socket.pipe, 0);
     if (code < 0) {
         lose_uv(connection, code, "cannot connect");
         return;
@@ -503,6 +498,11 @@ static void connect_tcp(struct umb__connection *connection, const struct sockadd
     connection->socket_open = true;
     connection->handles++;
     connection->connect.data = connection;
+    if (address == NULL) {
+        uv_pipe_connect(&connection->connect, &connection->socket.pipe,
+                        connection->endpoint->address.path, on_connected);
+        return;
+    }
     code = uv_tcp_connect(&connection->connect, &connection->socket.tcp, address, on_connected);
     if (code < 0) {
         connect_failed(connection, code);
@@ -514,7 +514,7 @@ static void try_next_address(struct umb__connection *connection)
 {
     struct addrinfo *entry = connection->next_address;
     connection->next_address = entry->ai_next;
-    connect_tcp(connection, entry->ai_addr);
+    connect_socket(connection, entry->ai_addr);
 }
 
 static void on_resolved(uv_getaddrinfo_t *request, int code, struct addrinfo *addresses)
@@ -534,21 +534,6 @@ static void on_resolved(uv_getaddrinfo_t *request, int code, struct addrinfo *ad
     try_next_address(connection);
 }
 
-static void connect_unix(struct umb__connection *connection)
-{
-    int code = uv_pipe_init(&connection->client->loop, &connection->socket.pipe, 0);
-    if (code < 0) {
-        lose_uv(connection, code, "cannot connect");
-        return;
-    }
-    connection->socket.handle.data = connection;
-    connection->socket_open = true;
-    connection->handles++;
-    connection->connect.data = connection;
-    uv_pipe_connect(&connection->connect, &connection->socket.pipe,
-                    connection->endpoint->address.path, on_connected);
-}
-
 /* Numeric addresses connect at once; only names need a resolver thread. */
 static void connect_host(struct umb__connection *connection)
 {
@@ -561,13 +546,10 @@ static void connect_host(struct umb__connection *connection)
     } socket_address;
     if (uv_ip4_addr(address->host, port, &socket_address.v4) == 0 ||
         uv_ip6_addr(address->host, port, &socket_address.v6) == 0) {
-        connect_tcp(connection, &socket_address.any);
+        connect_socket(connection, &socket_address.any);
         return;
     }
-    struct addrinfo hints;
-    memset(&hints, 0, sizeof hints);
-    hints.ai_family = AF_UNSPEC;
-    hints.ai_socktype = SOCK_STREAM;
+    const struct addrinfo hints = {.ai_family = AF_UNSPEC, .ai_socktype = SOCK_STREAM};
     connection->resolve.data = connection;
     int code = uv_getaddrinfo(&connection->client->loop, &connection->resolve, on_resolved,
                               address->host, address->port, &hints);
@@ -600,10 +582,9 @@ void umb__connection_open(struct umb__endpoint *endpoint,
     }
     client->connections = connection;
     endpoint->current = connection;
-    uv_update_time(&client->loop);
-    (void)uv_timer_start(&connection->timer, on_timeout, client->options.connect_timeout_ms, 0);
+    set_timer(connection, client->options.connect_timeout_ms);
     if (endpoint->address.transport == UMBN_UNIX) {
-        connect_unix(connection);
+        connect_socket(connection, NULL);
     } else {
         connect_host(connection);
     }

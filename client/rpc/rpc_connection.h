@@ -13,8 +13,8 @@
  * returned every handle and request. nghttp2_session_del does not close streams, so calls are
  * always handled before it.
  */
+#include "net/tls_session.h"
 #include "rpc_client.h"
-#include "rpc_tls.h"
 
 /* What a connection reports to the owner of its replica (rpc_endpoint.c). */
 struct umb__connection_events {
@@ -63,7 +63,7 @@ struct umb__connection {
     bool used;      /* took a call */
     bool probing;   /* True while it waits for any bytes after a PING */
     bool heard;     /* True if bytes came since the timer was set */
-    bool draining;  /* True after GOAWAY, or without further stream numbers: takes no more calls */
+    bool draining;  /* True if it takes no more calls: after GOAWAY, or with all stream ids used */
     bool flush_due; /* True if frames were submitted outside of its callbacks */
     bool lost;
     bool http1; /* True if the first bytes were an HTTP/1 answer */
@@ -103,5 +103,34 @@ void umb__session_cancel(struct umb__connection *connection, struct umb__call *c
 
 /* Moves the unsent calls of a draining connection back to the waiting ones. */
 void umb__session_give_back(struct umb__connection *connection);
+
+/*
+ * --- TLS (rpc_tls.c) ---
+ *
+ * The client's side of TLS (net/tls_session.h): the server must choose HTTP/2 (ALPN), and its
+ * certificate is always verified: chain, dates and name. No option turns these checks off. A
+ * context is read only once made; a session has one owner.
+ */
+
+/*
+ * Makes a session. Free it with umbn_tls_destroy.
+ *
+ * In:    name: host name or IP address that the certificate must have. sink, user: take the records
+ *        to be sent.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (a name that no certificate can have).
+ */
+UMB_CHECKED enum umb_status umb__tls_create(SSL_CTX *context, const char *name,
+                                            umbn_records_fn sink, void *user, struct umbn_tls **tls,
+                                            struct umb_error *error);
+
+/*
+ * Takes bytes from the server, as umbn_tls_open; a value with which `take` stops is no failure.
+ *
+ * Fails: E_UNAUTHENTICATED (a certificate that is not trusted, or the server refuses ours),
+ *        E_UNAVAILABLE (the server closed the session, or does not use TLS), E_PROTOCOL (no HTTP/2,
+ *        broken records).
+ */
+UMB_CHECKED enum umb_status umb__tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count,
+                                          umbn_plain_fn take, void *user, struct umb_error *error);
 
 #endif

@@ -63,11 +63,6 @@ enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text
     return status;
 }
 
-void umb__endpoints_free(struct umb_client *client)
-{
-    free(client->endpoints);
-}
-
 static uint64_t bit_of(const struct umb__endpoint *endpoint)
 {
     return (uint64_t)1 << (endpoint - endpoint->client->endpoints);

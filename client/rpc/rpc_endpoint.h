@@ -27,7 +27,6 @@
 /* Reads "ADDRESS[,ADDRESS...]". Fails: E_ARGUMENT, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text,
                                                  struct umb_error *error);
-void umb__endpoints_free(struct umb_client *client);
 
 /* Assigns a call to its replica. A dispatch must follow. */
 void umb__call_route(struct umb_client *client, struct umb__call *call);

@@ -6,12 +6,14 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <openssl/crypto.h>
+#include <openssl/err.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "rpc_tls.h"
+#include "base/try.h"
+#include "net/tls_rules.h"
 
 #define TOKEN_MAX    4096  /* characters */
 #define PIPE_WAIT_MS 10000 /* Wait for a program that writes the token */
@@ -109,6 +111,49 @@ static enum umb_status take_token(struct umb_client *client, struct umb_error *e
     return status;
 }
 
+static enum umb_status load_files(SSL_CTX *context, const struct umb_client_options *options,
+                                  struct umb_error *error)
+{
+    const struct umbn_tls_file files[] = {
+        {"ca_file", options->ca_file},
+        {"certificate_file", options->certificate_file},
+        {"key_file", options->key_file != NULL ? options->key_file : options->certificate_file},
+    };
+    UMB__TRY(umbn_tls_files_check(files, sizeof files / sizeof files[0], error));
+    if (options->ca_file != NULL) {
+        if (SSL_CTX_load_verify_file(context, options->ca_file) != 1) {
+            return umbn_tls_refuse_file(&files[0], error);
+        }
+    } else if (SSL_CTX_set_default_verify_paths(context) != 1) {
+        ERR_clear_error(); /* Without authorities every server is refused, with that reason */
+    }
+    if (options->certificate_file != NULL) {
+        return umbn_tls_load_pair(context, &files[1], &files[2], error);
+    }
+    return options->key_file == NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "key_file: '%.150s' needs a certificate_file",
+                          options->key_file);
+}
+
+/* Makes the context of TLS from the files that the options name. */
+static enum umb_status make_context(const struct umb_client_options *options, SSL_CTX **out,
+                                    struct umb_error *error)
+{
+    static const unsigned char h2[] = {2, 'h', '2'};
+    UMB__TRY(umbn_tls_context_create(TLS_client_method(), out, error));
+    SSL_CTX_set_verify(*out, SSL_VERIFY_PEER, NULL);
+    enum umb_status status = SSL_CTX_set_alpn_protos(*out, h2, sizeof h2) == 0
+                                 ? load_files(*out, options, error)
+                                 : umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
+    if (status != UMB_OK) {
+        SSL_CTX_free(*out);
+        ERR_clear_error();
+        *out = NULL;
+    }
+    return status;
+}
+
 static enum umb_status take_tls(struct umb_client *client, struct umb_error *error)
 {
     const struct umb_client_options *options = &client->options;
@@ -116,7 +161,7 @@ static enum umb_status take_tls(struct umb_client *client, struct umb_error *err
                        : options->certificate_file != NULL ? options->certificate_file
                                                            : options->key_file;
     if (client->any_tls) {
-        return umb__tls_context_create(options, &client->tls_context, error);
+        return make_context(options, &client->tls_context, error);
     }
     return file == NULL ? UMB_OK
                         : umb_fail(error, UMB_E_ARGUMENT,

@@ -8,13 +8,21 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* State of an asynchronous query until its reply. */
+/* A query until its reply. */
+struct query {
+    size_t value_bytes;  /* Expected bytes of the answers */
+    bool pack;           /* they may come packed */
+    const uint8_t *base; /* [value_bytes] answers that they may be packed against; NULL: none */
+    void *values;        /* [value_bytes] place of the answers; NULL: they stay in the message */
+    struct umb_client_query_reply reply;
+};
+
+/* A query without a waiting thread. */
 struct query_call {
+    struct query query;
     umb_client_query_fn done;
     void *user;
-    size_t value_bytes; /* Expected bytes of the answers */
-    int pack;           /* they may come packed */
-    uint8_t *base;      /* [value_bytes] owned; NULL: none */
+    uint8_t base[]; /* [value_bytes] copy of the request's */
 };
 
 /* Returns the number of points of a request, or of pixels of its picture. */
@@ -69,54 +77,54 @@ static enum umb_status encode(const struct umb_client_query_request *request,
     return status;
 }
 
-/* Destination of a reply's answers. */
-struct answer_place {
-    size_t value_bytes;  /* that they must have */
-    const uint8_t *base; /* [value_bytes], base that they may be packed against; NULL: none */
-    void *values;        /* [value_bytes] for packed answers; NULL: the request asked for none */
-};
-
-/* Unpacks answers into their destination. */
-static enum umb_status unpack(const struct umbw_query_reply *wire, const struct answer_place *place,
-                              struct umb_client_query_reply *reply, struct umb_error *error)
+/* Unpacks answers into their place. */
+static enum umb_status unpack(const struct umbw_query_reply *wire, struct query *query,
+                              struct umb_error *error)
 {
     const bool changes = wire->packing == UMBW_PACKING_CHANGES;
-    if (!place->values || (changes && !place->base)) {
+    if (!query->pack || !query->values || (changes && !query->base)) {
         return umb_fail(error, UMB_E_PROTOCOL, "packing: %s",
                         changes ? "changes of answers that are not here" : "was not asked for");
     }
-    enum umb_status status =
-        umb_picture_unpack(wire->visibility, wire->visibility_bytes, changes ? place->base : NULL,
-                           place->values, place->value_bytes, error);
-    if (status == UMB_E_CORRUPT) {
-        return umb_fail(error, UMB_E_PROTOCOL, "visibility: %zu packed bytes are not %zu answers'",
-                        wire->visibility_bytes, place->value_bytes);
-    }
-    reply->values = place->values;
-    reply->packed_bytes = wire->visibility_bytes;
-    reply->changes_only = changes;
-    return status;
+    const enum umb_status status =
+        umb_picture_unpack(wire->visibility, wire->visibility_bytes, changes ? query->base : NULL,
+                           query->values, query->value_bytes, error);
+    query->reply.packed_bytes = wire->visibility_bytes;
+    query->reply.changes_only = changes;
+    return status != UMB_E_CORRUPT ? status
+                                   : umb_fail(error, UMB_E_PROTOCOL,
+                                              "visibility: %zu packed bytes are not %zu answers'",
+                                              wire->visibility_bytes, query->value_bytes);
 }
 
-/* Reads a reply and checks its number of answers. */
-static enum umb_status decode(const uint8_t *message, size_t size, const struct answer_place *place,
-                              struct umb_client_query_reply *reply, struct umb_error *error)
+/* Takes the answers to their place, and checks their number. */
+static enum umb_status take_answers(const struct umbw_query_reply *wire, struct query *query,
+                                    struct umb_error *error)
 {
+    query->reply.value_bytes = query->value_bytes;
+    query->reply.values = query->values != NULL ? query->values : wire->visibility;
+    if (wire->packing != UMBW_PACKING_PLAIN) {
+        return unpack(wire, query, error);
+    }
+    if (wire->visibility_bytes != query->value_bytes) {
+        return umb_fail(error, UMB_E_PROTOCOL, "visibility: length is %zu bytes, must be %zu",
+                        wire->visibility_bytes, query->value_bytes);
+    }
+    if (query->values != NULL && query->value_bytes > 0) {
+        memcpy(query->values, wire->visibility, query->value_bytes);
+    }
+    return UMB_OK;
+}
+
+static enum umb_status decode(void *out, const uint8_t *message, size_t size,
+                              struct umb_error *error)
+{
+    struct query *query = out;
+    struct umb_client_query_reply *reply = &query->reply;
     struct umbw_query_reply wire;
-    enum umb_status status = umbw_decode_query_reply(message, size, &wire, error);
     memset(reply, 0, sizeof *reply);
-    if (status == UMB_OK && wire.packing != UMBW_PACKING_PLAIN) {
-        status = unpack(&wire, place, reply, error);
-    } else if (status == UMB_OK && wire.visibility_bytes != place->value_bytes) {
-        status = umb_fail(error, UMB_E_PROTOCOL, "visibility: length is %zu bytes, must be %zu",
-                          wire.visibility_bytes, place->value_bytes);
-    } else {
-        reply->values = wire.visibility;
-    }
-    if (status != UMB_OK) {
-        return status;
-    }
-    reply->value_bytes = place->value_bytes;
+    UMB__TRY(umbw_decode_query_reply(message, size, &wire, error));
+    UMB__TRY(take_answers(&wire, query, error));
     memcpy(reply->asset_id, wire.asset_id, sizeof reply->asset_id);
     reply->stats = wire.stats;
     reply->nanoseconds = wire.nanoseconds;
@@ -127,6 +135,13 @@ static enum umb_status decode(const uint8_t *message, size_t size, const struct 
     reply->lines = wire.lines;
     reply->expected_ns = wire.expected_ns;
     return UMB_OK;
+}
+
+static struct query query_of(const struct umb_client_query_request *request)
+{
+    return (struct query){.value_bytes = value_bytes_of(request),
+                          .pack = request->pack != 0,
+                          .base = request->pack ? request->base : NULL};
 }
 
 /* Starts a query as a call of its own, or over its stream. */
@@ -145,49 +160,23 @@ static void on_query_done(void *user, enum umb_status status, const uint8_t *mes
                           const struct umb_error *error)
 {
     struct query_call *call = user;
-    struct umb_client_query_reply reply;
+    struct query *query = &call->query;
     struct umb_error detail = {.status = UMB_OK};
     struct umb_error fault;
-    uint8_t *values = NULL;
     if (status == UMB_OK) {
-        values = call->pack ? malloc(call->value_bytes + 1) : NULL;
-        const struct answer_place place = {call->value_bytes, call->base, values};
-        status = call->pack && !values
+        query->values = query->pack ? malloc(query->value_bytes + 1) : NULL;
+        status = query->pack && query->values == NULL
                      ? umb_fail(&detail, UMB_E_NO_MEMORY, "out of memory for the answers")
-                     : decode(message, size, &place, &reply, &detail);
+                     : decode(query, message, size, &detail);
         if (status != UMB_OK) {
             status = umb__reply_fault(status, &detail, &fault);
             error = &fault;
         }
     }
-    call->done(call->user, status, status == UMB_OK ? &reply : NULL,
+    call->done(call->user, status, status == UMB_OK ? &query->reply : NULL,
                status == UMB_OK ? NULL : error);
-    free(values);
-    free(call->base);
+    free(query->values);
     free(call);
-}
-
-/* Makes the state of a query until its reply. NULL: out of memory. */
-static struct query_call *make_call(const struct umb_client_query_request *request,
-                                    umb_client_query_fn done, void *user)
-{
-    struct query_call *call = calloc(1, sizeof *call);
-    if (call == NULL) {
-        return NULL;
-    }
-    call->done = done;
-    call->user = user;
-    call->pack = request->pack;
-    call->value_bytes = value_bytes_of(request);
-    if (request->pack && request->base) {
-        call->base = malloc(call->value_bytes + 1);
-        if (call->base == NULL) {
-            free(call);
-            return NULL;
-        }
-        memcpy(call->base, request->base, call->value_bytes);
-    }
-    return call;
 }
 
 enum umb_status umb_client_query_start(struct umb_client *client,
@@ -197,42 +186,25 @@ enum umb_status umb_client_query_start(struct umb_client *client,
 {
     struct umbw_buffer body = {NULL, 0, 0};
     UMB__TRY(encode(request, &body, error));
-    struct query_call *call = make_call(request, done, user);
+    const struct query query = query_of(request);
+    const size_t base_bytes = query.base != NULL ? query.value_bytes : 0;
+    struct query_call *call = malloc(sizeof *call + base_bytes);
     if (call == NULL) {
         umbw_buffer_finish(&body);
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a call");
+    }
+    *call = (struct query_call){.query = query, .done = done, .user = user};
+    if (query.base != NULL) {
+        memcpy(call->base, query.base, base_bytes);
+        call->query.base = call->base;
     }
     struct umb__call_plan plan = plan_of(request);
     plan.number = number;
     enum umb_status status = umb__call_start(client, &plan, &body, on_query_done, call, error);
     if (status != UMB_OK) {
-        free(call->base);
         free(call);
     }
     return status;
-}
-
-/* Destination of a blocking query's reply. */
-struct query_target {
-    void *values;
-    struct answer_place place;
-    struct umb_client_query_reply *reply; /* may be NULL */
-};
-
-static enum umb_status decode_to_target(void *out, const uint8_t *message, size_t size,
-                                        struct umb_error *error)
-{
-    struct query_target *target = out;
-    struct umb_client_query_reply reply;
-    UMB__TRY(decode(message, size, &target->place, &reply, error));
-    if (reply.value_bytes > 0 && reply.values != target->values) {
-        memcpy(target->values, reply.values, reply.value_bytes);
-    }
-    if (target->reply != NULL) {
-        *target->reply = reply;
-        target->reply->values = target->values;
-    }
-    return UMB_OK;
 }
 
 enum umb_status umb_client_query(struct umb_client *client,
@@ -247,12 +219,13 @@ enum umb_status umb_client_query(struct umb_client *client,
         return umb_fail(error, UMB_E_ARGUMENT, "base: overlaps the memory of the answers");
     }
     UMB__TRY(encode(request, &body, error));
-    struct query_target target = {
-        .values = values,
-        .place = {value_bytes_of(request), request->pack ? request->base : NULL,
-                  request->pack ? values : NULL},
-        .reply = reply,
-    };
+    struct query query = query_of(request);
+    query.values = values;
     const struct umb__call_plan plan = plan_of(request);
-    return umb__call_wait(client, &plan, &body, decode_to_target, &target, error);
+    UMB__TRY(umb__call_wait(client, &plan, &body, decode, &query, error));
+    if (reply != NULL) {
+        *reply = query.reply;
+        reply->values = values;
+    }
+    return UMB_OK;
 }

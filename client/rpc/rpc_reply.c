@@ -96,7 +96,8 @@ enum umb_status umb__reply_header(struct umb__reply *reply, const uint8_t *name,
     return UMB_OK;
 }
 
-/* Stores a reply's only message: takes over the reader's block if it is one, else copies. */
+/* Stores a reply's only message. A message in a block of the reader is taken over with the block;
+ * any other is copied. */
 static enum umb_status keep_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
     struct umb__reply *reply = user;

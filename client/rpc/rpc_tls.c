@@ -1,55 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See rpc_tls.h. */
-#include "rpc_tls.h"
+/* TLS of a connection, see rpc_connection.h. */
+#include "rpc_connection.h"
 
 #include <arpa/inet.h>
 #include <openssl/err.h>
 #include <openssl/x509v3.h>
 #include <string.h>
-#include "base/try.h"
 #include "net/tls_rules.h"
-
-static enum umb_status load_files(SSL_CTX *context, const struct umb_client_options *options,
-                                  struct umb_error *error)
-{
-    const struct umbn_tls_file files[] = {
-        {"ca_file", options->ca_file},
-        {"certificate_file", options->certificate_file},
-        {"key_file", options->key_file != NULL ? options->key_file : options->certificate_file},
-    };
-    UMB__TRY(umbn_tls_files_check(files, sizeof files / sizeof files[0], error));
-    if (options->ca_file != NULL) {
-        if (SSL_CTX_load_verify_file(context, options->ca_file) != 1) {
-            return umbn_tls_refuse_file(&files[0], error);
-        }
-    } else if (SSL_CTX_set_default_verify_paths(context) != 1) {
-        ERR_clear_error(); /* Without authorities every server is refused, with that reason */
-    }
-    if (options->certificate_file != NULL) {
-        return umbn_tls_load_pair(context, &files[1], &files[2], error);
-    }
-    return options->key_file == NULL
-               ? UMB_OK
-               : umb_fail(error, UMB_E_ARGUMENT, "key_file: '%.150s' needs a certificate_file",
-                          options->key_file);
-}
-
-enum umb_status umb__tls_context_create(const struct umb_client_options *options, SSL_CTX **out,
-                                        struct umb_error *error)
-{
-    static const unsigned char h2[] = {2, 'h', '2'};
-    UMB__TRY(umbn_tls_context_create(TLS_client_method(), out, error));
-    SSL_CTX_set_verify(*out, SSL_VERIFY_PEER, NULL);
-    enum umb_status status = SSL_CTX_set_alpn_protos(*out, h2, sizeof h2) == 0
-                                 ? load_files(*out, options, error)
-                                 : umb_fail(error, UMB_E_NO_MEMORY, "cannot make a TLS context");
-    if (status != UMB_OK) {
-        SSL_CTX_free(*out);
-        ERR_clear_error();
-        *out = NULL;
-    }
-    return status;
-}
 
 /* Sets the certificate's required name: an address, or a host name, which is also sent. */
 static bool expect_name(SSL *session, const char *name)

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The ends of calls: a blocking caller waits on a condition variable, others get a callback. */
-#include "rpc_client.h"
 #include "base/reserved.h"
+#include "base/try.h"
+#include "rpc_client.h"
 
 #include <stddef.h>
 #include <stdlib.h>
@@ -34,19 +35,27 @@ enum umb_status umb__decode_nothing(void *out, const uint8_t *message, size_t si
     return UMB_OK;
 }
 
+/* Decodes the reply of a call that ended well, else copies its error. */
+static enum umb_status take_reply(umb__decode_fn decode, void *out, enum umb_status status,
+                                  const uint8_t *message, size_t size,
+                                  const struct umb_error *failure, struct umb_error *error)
+{
+    struct umb_error detail = {.status = UMB_OK};
+    if (status == UMB_OK) {
+        status = decode(out, message, size, &detail);
+        return status == UMB_OK ? UMB_OK : umb__reply_fault(status, &detail, error);
+    }
+    if (error != NULL) {
+        *error = *failure;
+    }
+    return status;
+}
+
 static void on_done(void *user, enum umb_status status, const uint8_t *message, size_t size,
                     const struct umb_error *error)
 {
     struct waiter *waiter = user;
-    if (status == UMB_OK) {
-        struct umb_error detail = {.status = UMB_OK};
-        status = waiter->decode(waiter->out, message, size, &detail);
-        if (status != UMB_OK) {
-            status = umb__reply_fault(status, &detail, waiter->error);
-        }
-    } else if (waiter->error != NULL) {
-        *waiter->error = *error;
-    }
+    status = take_reply(waiter->decode, waiter->out, status, message, size, error, waiter->error);
     /* The signal comes before the unlock. Once the lock is free the waiter may see `finished` and
      * free this memory. */
     pthread_mutex_lock(&waiter->lock);
@@ -60,38 +69,24 @@ enum umb_status umb__call_wait(struct umb_client *client, const struct umb__call
                                struct umbw_buffer *body, umb__decode_fn decode, void *out,
                                struct umb_error *error)
 {
-    struct waiter waiter = {.finished = false, .error = error, .decode = decode, .out = out};
-    enum umb_status status;
+    struct waiter waiter = {.lock = PTHREAD_MUTEX_INITIALIZER,
+                            .changed = PTHREAD_COND_INITIALIZER,
+                            .error = error,
+                            .decode = decode,
+                            .out = out};
     if (pthread_equal(pthread_self(), client->thread)) {
         umbw_buffer_finish(body);
         return umb_fail(error, UMB_E_STATE, "a blocking call cannot be made from a callback");
     }
-    int code = pthread_mutex_init(&waiter.lock, NULL);
-    if (code != 0) {
-        umbw_buffer_finish(body);
-        return umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot wait");
-    }
-    code = pthread_cond_init(&waiter.changed, NULL);
-    if (code != 0) {
-        umbw_buffer_finish(body);
-        status = umb_fail_errno(error, UMB_E_INTERNAL, code, "cannot wait");
-        goto end_lock;
-    }
-    status = umb__call_start(client, plan, body, on_done, &waiter, error);
-    if (status != UMB_OK) {
-        goto end_condition;
-    }
+    UMB__TRY(umb__call_start(client, plan, body, on_done, &waiter, error));
     pthread_mutex_lock(&waiter.lock);
     while (!waiter.finished) {
         pthread_cond_wait(&waiter.changed, &waiter.lock);
     }
     pthread_mutex_unlock(&waiter.lock);
-    status = waiter.status;
-end_condition:
     (void)pthread_cond_destroy(&waiter.changed);
-end_lock:
     (void)pthread_mutex_destroy(&waiter.lock);
-    return status;
+    return waiter.status;
 }
 
 /* Runs `finish`, if there is one. */
@@ -113,15 +108,9 @@ static void on_end(void *user, enum umb_status status, const uint8_t *message, s
                    const struct umb_error *error)
 {
     struct running *running = user;
-    struct umb_error detail = {.status = UMB_OK}, fault = {.status = UMB_OK};
-    if (status != UMB_OK) {
-        fault = *error;
-    } else {
-        status = running->ending.decode(running->context, message, size, &detail);
-        if (status != UMB_OK) {
-            status = umb__reply_fault(status, &detail, &fault);
-        }
-    }
+    struct umb_error fault = {.status = UMB_OK};
+    status =
+        take_reply(running->ending.decode, running->context, status, message, size, error, &fault);
     status = end(&running->ending, running->context, status, &fault);
     running->done(running->user, status, status == UMB_OK ? NULL : &fault);
     free(running);

@@ -54,6 +54,13 @@ void umbu_json_begin(struct umbu_json *json, const char *key, char bracket)
     json->open[json->depth++] = bracket == '{' ? '}' : ']';
 }
 
+struct umbu_json umbu_json_open(FILE *file)
+{
+    struct umbu_json json = {.file = file};
+    umbu_json_begin(&json, NULL, '{');
+    return json;
+}
+
 void umbu_json_end(struct umbu_json *json, char bracket)
 {
     assert(json->depth > 0 && json->open[json->depth - 1] == bracket);

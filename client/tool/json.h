@@ -4,8 +4,7 @@
 /*
  * A JSON writer over stdio, which also writes the commas. Write errors stay in the stream (ferror).
  *
- *     struct umbu_json json = {.file = stdout};
- *     umbu_json_begin(&json, NULL, '{');
+ *     struct umbu_json json = umbu_json_open(stdout);
  *     umbu_json_text(&json, "asset", id);
  *     umbu_json_close(&json);
  *
@@ -28,6 +27,7 @@ struct umbu_json {
     char open[UMBU_JSON_DEPTH]; /* [depth] Bracket that closes each. */
 };
 
+struct umbu_json umbu_json_open(FILE *file);                                 /* Begins an object */
 void umbu_json_begin(struct umbu_json *json, const char *key, char bracket); /* '{' or '[' */
 void umbu_json_end(struct umbu_json *json, char bracket);                    /* '}' or ']' */
 

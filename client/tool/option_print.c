@@ -65,16 +65,20 @@ static void print_option(const struct umbu_option *option, FILE *out)
 void umbu_print_help(const struct umbu_command *command, FILE *out)
 {
     static const struct umbu_option help = {"help", NULL, "this text", UMBU_FLAG, .letter = 'h'};
+    struct umbu_row row = {0};
+    size_t printed = 0; /* Number of sections whose title is printed */
     (void)fprintf(out, "usage: %s\n\n%s\n", command->usage, command->summary);
-    for (size_t s = 0; s < UMBU_SECTIONS_MAX && command->sections[s].options != NULL; s++) {
-        const struct umbu_section *section = &command->sections[s];
-        (void)fprintf(out, "\n%s:\n", section->title);
-        for (size_t i = 0; i < section->count; i++) {
-            print_option(&section->options[i], out);
+    while (umbu_next_row(command, &row)) {
+        for (; printed <= row.section; printed++) {
+            if (printed == 1) {
+                print_option(&help, out);
+            }
+            (void)fprintf(out, "\n%s:\n", command->sections[printed].title);
         }
-        if (s == 0) {
-            print_option(&help, out);
-        }
+        print_option(row.option, out);
+    }
+    if (printed == 1) {
+        print_option(&help, out);
     }
     if (command->notes != NULL) {
         (void)fprintf(out, "\n%s\n", command->notes);
@@ -128,14 +132,11 @@ static void print_setting(const struct umbu_option *option, const void *field, s
 void umbu_print_settings(const struct umbu_command *command, const void *settings, size_t line_max,
                          FILE *out)
 {
-    for (size_t s = 0; s < UMBU_SECTIONS_MAX && command->sections[s].options != NULL; s++) {
-        const struct umbu_section *section = &command->sections[s];
-        for (size_t i = 0; i < section->count; i++) {
-            const struct umbu_option *option = &section->options[i];
-            if (!option->not_in_file && !umbu_is_word(option)) {
-                print_setting(option, (const char *)settings + section->at + option->at, line_max,
-                              out);
-            }
+    struct umbu_row row = {0};
+    while (umbu_next_row(command, &row)) {
+        if (!row.option->not_in_file && !umbu_is_word(row.option)) {
+            print_setting(row.option, (const char *)settings + row.at + row.option->at, line_max,
+                          out);
         }
     }
 }
@@ -145,17 +146,16 @@ void umbu_print_rows(const struct umbu_command *command, FILE *out)
     static const char *const kinds[] = {"flag",   "text",    "count", "odd",  "power",
                                         "number", "numbers", "bytes", "time", "choice",
                                         "sides",  "mode",    "list",  "read"};
-    for (size_t s = 0; s < UMBU_SECTIONS_MAX && command->sections[s].options != NULL; s++) {
-        for (size_t i = 0; i < command->sections[s].count; i++) {
-            const struct umbu_option *option = &command->sections[s].options[i];
-            const char *value = value_name(option), *standard = default_text(option);
-            const char letter[3] = {option->letter != '\0' ? '-' : '\0', option->letter, '\0'};
-            (void)fprintf(
-                out, "%s\t%s%s\t%s\t%s\t%s\t%s\t%s\t%s\t%s\n", command->name,
-                umbu_is_word(option) ? "" : "--", option->name, letter, value != NULL ? value : "",
-                kinds[option->kind], option->choices != NULL ? option->choices : "",
-                standard != NULL ? standard : "", option->not_in_file ? "" : "file", option->help);
-        }
+    struct umbu_row row = {0};
+    while (umbu_next_row(command, &row)) {
+        const struct umbu_option *option = row.option;
+        const char *value = value_name(option), *standard = default_text(option);
+        const char letter[3] = {option->letter != '\0' ? '-' : '\0', option->letter, '\0'};
+        (void)fprintf(
+            out, "%s\t%s%s\t%s\t%s\t%s\t%s\t%s\t%s\t%s\n", command->name,
+            umbu_is_word(option) ? "" : "--", option->name, letter, value != NULL ? value : "",
+            kinds[option->kind], option->choices != NULL ? option->choices : "",
+            standard != NULL ? standard : "", option->not_in_file ? "" : "file", option->help);
     }
     (void)fprintf(out, "%s\t--help\t-h\t\tflag\t\t\t\tthis text\n", command->name);
 }

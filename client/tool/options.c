@@ -7,33 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A row that was found. */
-struct found {
-    const struct umbu_option *option;
-    size_t index; /* Index in umbu_parsed.given */
-    size_t at;    /* Offset in bytes of its section's settings */
-};
-
-/* Steps to the next row; false after the last. *found begins as zeros. */
-static bool next_row(const struct umbu_command *command, struct found *found)
-{
-    size_t index = found->option == NULL ? 0 : found->index + 1, first = 0;
-    for (size_t s = 0; s < UMBU_SECTIONS_MAX && command->sections[s].options != NULL; s++) {
-        const struct umbu_section *section = &command->sections[s];
-        if (index < first + section->count) {
-            *found = (struct found){&section->options[index - first], index, section->at};
-            return true;
-        }
-        first += section->count;
-    }
-    return false;
-}
-
 static bool find_name(const struct umbu_command *command, const char *name, size_t length,
-                      struct found *found)
+                      struct umbu_row *found)
 {
-    *found = (struct found){0};
-    while (next_row(command, found)) {
+    *found = (struct umbu_row){0};
+    while (umbu_next_row(command, found)) {
         if (strlen(found->option->name) == length &&
             memcmp(found->option->name, name, length) == 0) {
             return true;
@@ -42,10 +20,10 @@ static bool find_name(const struct umbu_command *command, const char *name, size
     return false;
 }
 
-static bool find_letter(const struct umbu_command *command, char letter, struct found *found)
+static bool find_letter(const struct umbu_command *command, char letter, struct umbu_row *found)
 {
-    *found = (struct found){0};
-    while (next_row(command, found)) {
+    *found = (struct umbu_row){0};
+    while (umbu_next_row(command, found)) {
         if (found->option->letter == letter) {
             return true;
         }
@@ -53,7 +31,7 @@ static bool find_letter(const struct umbu_command *command, char letter, struct 
     return false;
 }
 
-static void *field_of(const struct umbu_parsed *parsed, const struct found *found)
+static void *field_of(const struct umbu_parsed *parsed, const struct umbu_row *found)
 {
     return (char *)parsed->settings + found->at + found->option->at;
 }
@@ -89,9 +67,9 @@ static bool is_sound(const struct umbu_option *option)
 
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings)
 {
-    struct found found = {0};
+    struct umbu_row found = {0};
     *parsed = (struct umbu_parsed){.command = command, .settings = settings};
-    while (next_row(command, &found)) {
+    while (umbu_next_row(command, &found)) {
         if (found.index >= UMBU_OPTIONS_MAX || !is_sound(found.option) ||
             (found.option->standard != NULL &&
              umbu_read_value(found.option, found.option->standard, field_of(parsed, &found),
@@ -102,7 +80,7 @@ void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, 
 }
 
 /* Stores a value. A list's first value from a new source replaces those of earlier sources. */
-static enum umb_status take_value(struct umbu_parsed *parsed, const struct found *found,
+static enum umb_status take_value(struct umbu_parsed *parsed, const struct umbu_row *found,
                                   const char *text, struct umb_error *error)
 {
     const struct umbu_option *option = found->option;
@@ -121,9 +99,9 @@ static enum umb_status take_value(struct umbu_parsed *parsed, const struct found
 static enum umb_status take_word(struct umbu_parsed *parsed, const char *text,
                                  struct umb_error *error)
 {
-    struct found found = {0};
+    struct umbu_row found = {0};
     size_t words = 0;
-    while (next_row(parsed->command, &found)) {
+    while (umbu_next_row(parsed->command, &found)) {
         if (umbu_is_word(found.option)) {
             if (parsed->given[found.index] == 0) {
                 return take_value(parsed, &found, text, error);
@@ -139,8 +117,8 @@ static enum umb_status take_word(struct umbu_parsed *parsed, const char *text,
 }
 
 /* Finds "--name", "--name=value", "-o" or "-ovalue". Out: value: the attached value, or NULL. */
-static bool find_option(const struct umbu_command *command, const char *text, struct found *found,
-                        const char **value)
+static bool find_option(const struct umbu_command *command, const char *text,
+                        struct umbu_row *found, const char **value)
 {
     if (text[1] != '-') {
         *value = text[2] != '\0' ? text + 2 : NULL;
@@ -155,7 +133,7 @@ static bool find_option(const struct umbu_command *command, const char *text, st
 static enum umb_status take_option(struct umbu_parsed *parsed, int argc, char **argv, int *at,
                                    struct umb_error *error)
 {
-    struct found found;
+    struct umbu_row found;
     const char *value;
     if (!find_option(parsed->command, argv[*at], &found, &value)) {
         return umb_fail(error, UMB_E_ARGUMENT, "option '%.80s' is not known; see --help",
@@ -201,7 +179,7 @@ enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int argc, char *
 enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name, const char *value,
                                   struct umb_error *error)
 {
-    struct found found;
+    struct umbu_row found;
     parsed->source = parsed->source == 0 ? 1 : parsed->source;
     if (!find_name(parsed->command, name, strlen(name), &found) || found.option->not_in_file ||
         umbu_is_word(found.option)) {
@@ -214,7 +192,8 @@ enum umb_status umbu_take_setting(struct umbu_parsed *parsed, const char *name, 
 }
 
 /* Finds the word of a choice that a setting has. */
-static size_t chosen(const struct umbu_parsed *parsed, const struct found *found, const char **word)
+static size_t chosen(const struct umbu_parsed *parsed, const struct umbu_row *found,
+                     const char **word)
 {
     if (found->option->type == UMBU_TYPE_TEXT) {
         memcpy(word, field_of(parsed, found), sizeof *word);
@@ -224,26 +203,10 @@ static size_t chosen(const struct umbu_parsed *parsed, const struct found *found
                        (size_t)umbu_get_integer(found->option, field_of(parsed, found)), word);
 }
 
-/* True if a word is one of "a|b|c" (length bytes). */
-static bool is_among(const char *list, size_t length, const char *word, size_t word_length)
-{
-    for (size_t at = 0; at <= length; at++) {
-        size_t end = at;
-        while (end < length && list[end] != '|') {
-            end++;
-        }
-        if (end - at == word_length && memcmp(list + at, word, word_length) == 0) {
-            return true;
-        }
-        at = end;
-    }
-    return false;
-}
-
 /* True if "camera|path" or "filter=tent|box" (length bytes) holds. */
 static bool holds(const struct umbu_parsed *parsed, const char *text, size_t length)
 {
-    struct found found = {0};
+    struct umbu_row found = {0};
     const char *equals = memchr(text, '=', length);
     if (equals != NULL) {
         const char *word = "";
@@ -252,11 +215,11 @@ static bool holds(const struct umbu_parsed *parsed, const char *text, size_t len
             abort();
         }
         const size_t word_length = chosen(parsed, &found, &word);
-        return is_among(equals + 1, length - before, word, word_length);
+        return umbu_is_among(equals + 1, length - before, word, word_length);
     }
-    while (next_row(parsed->command, &found)) {
+    while (umbu_next_row(parsed->command, &found)) {
         if (parsed->given[found.index] != 0 &&
-            is_among(text, length, found.option->name, strlen(found.option->name))) {
+            umbu_is_among(text, length, found.option->name, strlen(found.option->name))) {
             return true;
         }
     }
@@ -298,11 +261,11 @@ static enum umb_status check_row(const struct umbu_parsed *parsed, const struct 
 
 enum umb_status umbu_check(const struct umbu_parsed *parsed, struct umb_error *error)
 {
-    struct found found = {0};
+    struct umbu_row found = {0};
     if (parsed->help || parsed->alone != NULL) {
         return UMB_OK;
     }
-    while (next_row(parsed->command, &found)) {
+    while (umbu_next_row(parsed->command, &found)) {
         const struct umbu_option *option = found.option;
         if (parsed->given[found.index] == 0) {
             if (option->needed) {
@@ -362,7 +325,7 @@ int umbu_start(struct umbu_parsed *parsed, const struct umbu_command *command, i
 
 bool umbu_given(const struct umbu_parsed *parsed, const char *name)
 {
-    struct found found;
+    struct umbu_row found;
     if (!find_name(parsed->command, name, strlen(name), &found)) {
         abort();
     }
@@ -376,12 +339,12 @@ void umbu_name_options(const struct umbu_command *command, struct umb_error *err
     size_t used = 0;
     for (;;) {
         const size_t length = strspn(rest, "abcdefghijklmnopqrstuvwxyz_");
-        struct found found = {0};
+        struct umbu_row found = {0};
         bool known = false;
         while (!known && (rest[length] == ':' || rest[length] == ',') &&
-               next_row(command, &found)) {
+               umbu_next_row(command, &found)) {
             known = found.option->fields != NULL &&
-                    is_among(found.option->fields, strlen(found.option->fields), rest, length);
+                    umbu_is_among(found.option->fields, strlen(found.option->fields), rest, length);
         }
         if (!known) {
             break;

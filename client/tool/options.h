@@ -97,6 +97,10 @@ struct umbu_option {
     const char *needs;     /* Conditions that must hold: "camera|path format=f32|f64" */
     const char *excludes;  /* Conditions that must not hold, in the same form */
     const char *fields;    /* Names that errors of the library use: "footprint|footprint_m" */
+    const char *setting;   /* Setting of a query that the row is for (base/query_settings.h), or
+                              NULL. It gives name, value, help, kind and range where the row
+                              leaves them out. "*": a row for each setting that no other row of
+                              the command has in `setting` or `fields` */
     char letter;           /* Short form, 0 = none */
     bool needed;           /* True if the command cannot do without it */
     bool alone;            /* True if nothing else is read or checked with it, as --version */
@@ -112,6 +116,7 @@ struct umbu_option {
         int: UMBU_TYPE_INT,                                                                        \
         unsigned: UMBU_TYPE_UINT,                                                                  \
         unsigned long: UMBU_TYPE_ULONG,                                                            \
+        long: UMBU_TYPE_ULONG,                                                                     \
         double: UMBU_TYPE_DOUBLE,                                                                  \
         const char *: UMBU_TYPE_TEXT,                                                              \
         double *: UMBU_TYPE_DOUBLES,                                                               \
@@ -142,6 +147,23 @@ struct umbu_option {
 #define UMBU_JSON_ROW(type_) "json", NULL, "print one JSON object", UMBU_FLAG, UMBU_AT(type_, json)
 #define UMBU_QUIET_ROW(type_, help_)                                                               \
     "quiet", NULL, help_, UMBU_FLAG, UMBU_AT(type_, quiet), .letter = 'q'
+
+/* Row for the angular diameter of a light in radians. The caller adds the braces. */
+#define UMBU_LIGHT_SIZE_ROW(type_, field)                                                          \
+    "light-size", "DEG", "angular diameter of the light in degrees, for --filter penumbra",        \
+        .setting = "light_extent", .unit = "deg", .scale = UMBU_RAD_A_DEG, UMBU_AT(type_, field),  \
+        .otherwise = "the asset's"
+#define UMBU_RAD_A_DEG 0.017453292519943295
+
+/* Row for the bias of a struct umb_query_settings. The caller adds the braces. */
+#define UMBU_BIAS_ROW(type_, member)                                                               \
+    "bias", "BIAS", "distance that points move off their surface: auto, none, 1.5vox or 0.02m",    \
+        UMBU_BIAS, UMBU_AT(type_, member), .otherwise = "auto", .fields = "bias|bias_mode"
+
+/* Rows for the settings of a query that have no row, in a struct umb_query_settings. not_taken:
+ * names of settings that the command does not take, "a|b". The caller adds the braces. */
+#define UMBU_OTHER_SETTINGS(type_, member, not_taken)                                              \
+    .setting = "*", UMBU_AT(type_, member), .fields = (not_taken)
 
 /* A group of rows in --help. */
 struct umbu_section {
@@ -254,6 +276,23 @@ void umbu_print_rows(const struct umbu_command *command, FILE *out);
 void umbu_name_options(const struct umbu_command *command, struct umb_error *error);
 
 /* --- for the files of this folder --- */
+
+/* A row of a command. */
+struct umbu_row {
+    const struct umbu_option *option; /* NULL: before the first row */
+    size_t index;                     /* Index in umbu_parsed.given */
+    size_t section;                   /* Index in umbu_command.sections */
+    size_t at;                        /* Offset in bytes of the section's settings */
+    size_t next, next_setting;        /* Indices in the section and of umb__settings */
+    struct umbu_option made;          /* Row made of a setting, and its name */
+    char name[40];
+};
+
+/* Steps to the next row; false after the last. *row begins as zeros, and is never copied. */
+bool umbu_next_row(const struct umbu_command *command, struct umbu_row *row);
+
+/* True if a word is one of "a|b|c" (length bytes). */
+bool umbu_is_among(const char *list, size_t length, const char *word, size_t word_length);
 
 /* Reads a value into its field. */
 enum umb_status umbu_read_value(const struct umbu_option *option, const char *text, void *field,

@@ -248,8 +248,7 @@ enum umb_status umbu_output_begin(const char *path, unsigned flags, struct umbu_
     return status;
 }
 
-/* Writes all bytes to a descriptor. Returns 0 or an errno. */
-static int write_all(int fd, const char *from, size_t count)
+int umbu_write_all(int fd, const char *from, size_t count)
 {
     while (count > 0) {
         const size_t part = count < ((size_t)1 << 30) ? count : (size_t)1 << 30;
@@ -276,7 +275,7 @@ enum umb_status umbu_output_write(struct umbu_output *output, const void *bytes,
                                   struct umb_error *error)
 {
     if (output->system_error == 0 && output->file == NULL) {
-        output->system_error = write_all(output->fd, bytes, count);
+        output->system_error = umbu_write_all(output->fd, bytes, count);
     } else if (output->system_error == 0 && count > 0 &&
                fwrite(bytes, 1, count, output->file) != count) {
         output->system_error = errno != 0 ? errno : EIO;

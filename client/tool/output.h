@@ -90,6 +90,9 @@ UMB_CHECKED enum umb_status umbu_output_write_by(const char *path, unsigned flag
 UMB_CHECKED enum umb_status umbu_output_replace(const char *path, unsigned flags, const void *bytes,
                                                 size_t size, struct umb_error *error);
 
+/* Writes all bytes to a descriptor. Returns 0 or an errno. */
+int umbu_write_all(int fd, const char *from, size_t count);
+
 /* Renames a synced file within its folder and syncs the folder. Fails: E_IO, E_CANNOT_CREATE. */
 UMB_CHECKED enum umb_status umbu_output_rename(const char *from, const char *to,
                                                struct umb_error *error);

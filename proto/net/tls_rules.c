@@ -4,6 +4,7 @@
 
 #include <openssl/err.h>
 #include <stdio.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -54,8 +55,10 @@ enum umb_status umbn_tls_files_check(const struct umbn_tls_file *files, size_t c
 void umbn_tls_take_reason(char reason[160])
 {
     unsigned long code = ERR_peek_error();
-    const char *text = code != 0 ? ERR_reason_error_string(code) : NULL;
-    (void)snprintf(reason, 160, "%s", text != NULL ? text : "no reason is known");
+    /* The errors of files are errno, for which OpenSSL has no text. */
+    const char *text =
+        ERR_SYSTEM_ERROR(code) ? strerror(ERR_GET_REASON(code)) : ERR_reason_error_string(code);
+    (void)snprintf(reason, 160, "%s", text != NULL ? text : "OpenSSL gives no reason");
     ERR_clear_error();
 }
 

@@ -68,15 +68,11 @@ static const struct umbw_row SUBMITTED_ROWS[] = {
     {1, UMBW_AT(umb_job_submitted, job)},
     {2, UMBW_AT(umb_job_submitted, existing)},
 };
-UMBW_TABLE(SUBMITTED, umbrage__v1__submit_reply, SUBMITTED_ROWS, "",
-           sizeof(struct umb_job_submitted));
-
-UMBW_CODEC(submit_reply, struct umb_job_submitted, &SUBMITTED)
+UMBW_CODEC(submit_reply, struct umb_job_submitted, SUBMITTED, umbrage__v1__submit_reply,
+           SUBMITTED_ROWS, sizeof(struct umb_job_submitted))
 
 static const struct umbw_row JOB_ROWS[] = {{1, .size = UMBW_JOB_MAX + 1}};
-UMBW_TABLE(JOB, umbrage__v1__watch_request, JOB_ROWS, "", UMBW_JOB_MAX + 1);
-
-UMBW_CODEC(job_request, char, &JOB)
+UMBW_CODEC(job_request, char, JOB, umbrage__v1__watch_request, JOB_ROWS, UMBW_JOB_MAX + 1)
 
 #define STATUS(member) UMBW_AT(umb_job_status, member)
 
@@ -108,43 +104,35 @@ static const struct umbw_row STATUS_ROWS[] = {
 };
 
 /* The plan begins the block of a status, the jobs that of a list. */
-UMBW_TABLE(JOB_STATUS, umbrage__v1__job_status, STATUS_ROWS, "", sizeof(struct umb_job_status),
-           UMBW_BLOCK(umb_job_status, plan));
-
-UMBW_CODEC(job_status, struct umb_job_status, &JOB_STATUS)
+UMBW_CODEC(job_status, struct umb_job_status, JOB_STATUS, umbrage__v1__job_status, STATUS_ROWS,
+           sizeof(struct umb_job_status), UMBW_BLOCK(umb_job_status, plan))
 
 static const struct umbw_row JOBS_ROWS[] = {
     {1, UMBW_AT(umbw_job_list, jobs), UMBW_COUNT(umbw_job_list, count), .table = &JOB_STATUS,
      .most = UMBW_JOBS_MAX},
 };
-UMBW_TABLE(JOBS, umbrage__v1__list_jobs_reply, JOBS_ROWS, "", sizeof(struct umbw_job_list),
-           UMBW_BLOCK(umbw_job_list, jobs));
-
-UMBW_CODEC(job_list, struct umbw_job_list, &JOBS)
+UMBW_CODEC(job_list, struct umbw_job_list, JOBS, umbrage__v1__list_jobs_reply, JOBS_ROWS,
+           sizeof(struct umbw_job_list), UMBW_BLOCK(umbw_job_list, jobs))
 
 static const struct umbw_row LIST_ROWS[] = {{1, .size = sizeof(uint32_t), .most = UMBW_JOBS_MAX}};
-UMBW_TABLE(LIST, umbrage__v1__list_jobs_request, LIST_ROWS, "", sizeof(uint32_t));
-
-UMBW_CODEC(list_jobs_request, uint32_t, &LIST)
+UMBW_CODEC(list_jobs_request, uint32_t, LIST, umbrage__v1__list_jobs_request, LIST_ROWS,
+           sizeof(uint32_t))
 
 static const struct umbw_row FETCH_ROWS[] = {
     {1, UMBW_AT(umbw_fetch_request, asset), .flags = UMBW_REQUIRED},
     {2, UMBW_AT(umbw_fetch_request, offset)},
 };
-UMBW_TABLE(FETCH, umbrage__v1__fetch_request, FETCH_ROWS, "", sizeof(struct umbw_fetch_request));
-
-UMBW_CODEC(fetch_request, struct umbw_fetch_request, &FETCH)
+UMBW_CODEC(fetch_request, struct umbw_fetch_request, FETCH, umbrage__v1__fetch_request, FETCH_ROWS,
+           sizeof(struct umbw_fetch_request))
 
 static const struct umbw_row PIECE_ROWS[] = {
     {1, UMBW_AT(umbw_fetch_reply, size)},
     {2, UMBW_AT(umbw_fetch_reply, offset)},
     {3, UMBW_AT(umbw_fetch_reply, data), UMBW_COUNT(umbw_fetch_reply, data_size)},
 };
-UMBW_TABLE(PIECE, umbrage__v1__fetch_reply, PIECE_ROWS, "", sizeof(struct umbw_fetch_reply));
-
-UMBW_CODEC(fetch_reply, struct umbw_fetch_reply, &PIECE)
+UMBW_CODEC(fetch_reply, struct umbw_fetch_reply, PIECE, umbrage__v1__fetch_reply, PIECE_ROWS,
+           sizeof(struct umbw_fetch_reply))
 
 static const struct umbw_row DELETE_ROWS[] = {{1, .size = UMBW_ASSET_NAME_MAX + 1}};
-UMBW_TABLE(DELETE, umbrage__v1__delete_request, DELETE_ROWS, "", UMBW_ASSET_NAME_MAX + 1);
-
-UMBW_CODEC(delete_request, char, &DELETE)
+UMBW_CODEC(delete_request, char, DELETE, umbrage__v1__delete_request, DELETE_ROWS,
+           UMBW_ASSET_NAME_MAX + 1)

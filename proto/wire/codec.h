@@ -29,6 +29,7 @@
  * Trust: safe on hostile bytes. Memory is allocated only for a message that was checked whole.
  */
 #include <protobuf-c/protobuf-c.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -36,9 +37,10 @@
 #include "wire/messages.h"
 
 /* Most fields of a message, or of a single sub-message, unknown ones too: 1 ms of reading */
-#define UMBW_FIELDS_MAX 65536
-#define UMBW_NESTED_MAX (1 << 20) /* Most fields of all its sub-messages */
-#define UMBW_ROWS_MAX   32        /* Most rows of a table */
+#define UMBW_FIELDS_MAX  65536
+#define UMBW_NESTED_MAX  (1 << 20) /* Most fields of all its sub-messages */
+#define UMBW_ROWS_MAX    63        /* Most rows of a table: the decoder has a bit for each */
+#define UMBW_TABLE_SOUND ((uint64_t)1 << UMBW_ROWS_MAX) /* Bit of a table that was checked */
 
 enum umbw_row_flags {
     UMBW_REQUIRED = 1, /* Text must not be empty; bytes or sub-message must be present */
@@ -80,9 +82,13 @@ struct umbw_row {
 
 struct umbw_table {
     const ProtobufCMessageDescriptor *descriptor;
-    const struct umbw_row
-        *rows;          /* Rows of the fields, [descriptor->n_fields], in the descriptor's order; an
-                           array with more rows serves other messages too */
+    /* Rows of the fields, in the descriptor's order. An array with more rows than the message has
+     * fields serves other messages too. With fewer the codec fails. */
+    const struct umbw_row *rows; /* [row_count] */
+    unsigned row_count;
+    /* Bits of the rows whose fields are decoded even if they are absent, and UMBW_TABLE_SOUND; 0
+     * before the first use. */
+    atomic_uint_fast64_t *bits;
     const char *prefix; /* Beginning of the fields' names in errors: "lights." */
     size_t size;        /* Bytes of the struct */
     /* Place of the pointer to the memory of arrays and texts, for free(). block_size 0: the struct
@@ -96,10 +102,16 @@ struct umbw_table {
 /* Defines a table. The last arguments are the struct's size in bytes, and UMBW_BLOCK for a struct
  * with a pointer to be freed. */
 #define UMBW_TABLE(name, message, row_array, field_prefix, ...)                                    \
+    _Static_assert(UMBW_ROW_COUNT(row_array) <= UMBW_ROWS_MAX,                                     \
+                   #row_array " has more rows than UMBW_ROWS_MAX: the decoder needs more bits");   \
+    static atomic_uint_fast64_t name##_BITS;                                                       \
     static const struct umbw_table name = {.descriptor = &message##__descriptor,                   \
                                            .rows = row_array,                                      \
+                                           .row_count = UMBW_ROW_COUNT(row_array),                 \
+                                           .bits = &name##_BITS,                                   \
                                            .prefix = field_prefix,                                 \
                                            .size = __VA_ARGS__}
+#define UMBW_ROW_COUNT(row_array) (sizeof(row_array) / sizeof((row_array)[0]))
 
 /*
  * Decodes a message into a struct.
@@ -124,21 +136,66 @@ UMB_CHECKED enum umb_status umbw_decode_new(const struct umbw_table *table, cons
 UMB_CHECKED enum umb_status umbw_encode(const struct umbw_table *table, const void *in,
                                         struct umbw_buffer *buffer, struct umb_error *error);
 
-/* Defines what UMBW_MESSAGE (messages.h) declares. */
-#define UMBW_CODEC(name, type, table)                                                              \
+/* Defines a table, and the functions that UMBW_MESSAGE (messages.h) declares. The last arguments
+ * are those of UMBW_TABLE. */
+#define UMBW_CODEC(name, type, table, message_name, row_array, ...)                                \
+    UMBW_TABLE(table, message_name, row_array, "", __VA_ARGS__);                                   \
     enum umb_status umbw_decode_##name(const uint8_t *message, size_t size, type *out,             \
                                        struct umb_error *error)                                    \
     {                                                                                              \
-        return umbw_decode(table, message, size, out, error);                                      \
+        return umbw_decode(&table, message, size, out, error);                                     \
     }                                                                                              \
     enum umb_status umbw_encode_##name(const type *in, struct umbw_buffer *buffer,                 \
                                        struct umb_error *error)                                    \
     {                                                                                              \
-        return umbw_encode(table, in, buffer, error);                                              \
+        return umbw_encode(&table, in, buffer, error);                                             \
     }
 
 /* Writes the prefix and the message, except for bytes that the caller appends itself. If bytes is
  * NULL it only counts. Returns the number of bytes. The struct must be valid for the message. */
 size_t umbw_write(const struct umbw_table *table, const void *in, uint8_t *bytes);
+
+/* Checks a table against its message's descriptor, and stores the result in table->bits. Returns 0
+ * and fails with E_INTERNAL if the rows are too few, or not in the order of the fields. */
+uint64_t umbw_table_check(const struct umbw_table *table, struct umb_error *error);
+
+/* Returns table->bits, which the first use of a table sets. */
+static inline uint64_t umbw_table_bits(const struct umbw_table *table, struct umb_error *error)
+{
+    const uint64_t bits = atomic_load_explicit(table->bits, memory_order_relaxed);
+    return bits != 0 ? bits : umbw_table_check(table, error);
+}
+
+/* --- Single fields: tag and payload --- */
+
+enum umbw_wire_type {
+    UMBW_WIRE_VARINT = 0,
+    UMBW_WIRE_FIXED64 = 1,
+    UMBW_WIRE_BYTES = 2,
+    UMBW_WIRE_FIXED32 = 5,
+};
+
+/* One field in a message. */
+struct umbw_item {
+    uint32_t number;
+    uint32_t type;          /* enum umbw_wire_type */
+    const uint8_t *payload; /* Payload, behind the length of bytes */
+    size_t payload_size;
+    uint64_t value; /* Value of a varint or of 64 bits, else 0 */
+};
+
+/*
+ * Reads the field at *at and moves *at to the byte after the field.
+ *
+ * In:    message: start of the message, for offsets in errors. end: end of the message; *at < end.
+ * Fails: E_ARGUMENT (not a protobuf message).
+ * Source: Protocol Buffers, "Encoding" (varints of at most 10 bytes, wire types 0, 1, 2, 5).
+ */
+UMB_CHECKED enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at,
+                                           const uint8_t *end, struct umbw_item *item,
+                                           struct umb_error *error);
+
+/* Writes a varint (at most 10 bytes) and returns its length. */
+size_t umbw_varint_write(uint64_t value, uint8_t out[10]);
 
 #endif

@@ -16,11 +16,12 @@
 #include "base/compat.h"
 #include "base/try.h"
 #include "base/utf8.h"
-#include "wire/field.h"
 
-/* Last occurrence of a field, and the number of all. */
+#define FIELD_NUMBER_MAX 536870911U /* 2^29 - 1 */
+
+/* Last occurrence of a field, and the number of all; zeros if the field is absent. */
 struct found {
-    const uint8_t *bytes; /* Payload of the last occurrence; NULL if absent */
+    const uint8_t *bytes; /* Payload of the last occurrence */
     size_t size;          /* Its bytes; of a single sub-message: those of all pieces */
     size_t count;
     uint64_t value; /* Last value of a varint or of 64 bits */
@@ -64,10 +65,106 @@ struct slot {
 static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
                                      const struct span *span, uint8_t *out, size_t index);
 
-/* Moves to the next piece of a sub-message that is not empty; at == end if no piece is left. */
-static enum umb_status next_piece(struct span *span, struct umb_error *error)
+static __attribute__((noinline)) bool read_long_varint(const uint8_t **at, const uint8_t *end,
+                                                       uint64_t *value)
 {
-    struct umbw_item piece;
+    uint64_t result = 0;
+    for (unsigned i = 0; i < 10; i++) {
+        if (*at == end) {
+            return false;
+        }
+        uint8_t byte = *(*at)++;
+        if (i == 9 && byte > 1) {
+            return false;
+        }
+        result |= (uint64_t)(byte & 0x7f) << (7 * i);
+        if (byte < 0x80) {
+            *value = result;
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Most varints have one byte. */
+static inline bool read_varint(const uint8_t **at, const uint8_t *end, uint64_t *value)
+{
+    if (*at != end && **at < 0x80) {
+        *value = *(*at)++;
+        return true;
+    }
+    return read_long_varint(at, end, value);
+}
+
+/* Finds the payload of a field whose tag has been read. Returns false if the payload is cut off or
+ * is a group. */
+static inline bool read_payload(struct umbw_item *item, const uint8_t **at, const uint8_t *end)
+{
+    uint64_t size;
+    item->payload = *at;
+    item->value = 0;
+    switch (item->type) {
+    case UMBW_WIRE_VARINT:
+        if (!read_varint(at, end, &item->value)) {
+            return false;
+        }
+        item->payload_size = (size_t)(*at - item->payload);
+        return true;
+    case UMBW_WIRE_FIXED64:
+        size = 8;
+        break;
+    case UMBW_WIRE_FIXED32:
+        size = 4;
+        break;
+    case UMBW_WIRE_BYTES:
+        if (!read_varint(at, end, &size)) {
+            return false;
+        }
+        break;
+    default:
+        return false;
+    }
+    if (size > (uint64_t)(end - *at)) {
+        return false;
+    }
+    item->payload = *at;
+    item->payload_size = (size_t)size;
+    *at += size;
+    if (item->type == UMBW_WIRE_FIXED64) {
+        item->value = umb__load64(item->payload);
+    }
+    return true;
+}
+
+static inline __attribute__((always_inline)) enum umb_status
+read_item(const uint8_t *message, const uint8_t **at, const uint8_t *end, struct umbw_item *item,
+          struct umb_error *error)
+{
+    uint64_t tag;
+    size_t offset = (size_t)(*at - message);
+    if (!read_varint(at, end, &tag) || (tag >> 3) == 0 || (tag >> 3) > FIELD_NUMBER_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "message: no valid field tag at byte %zu", offset);
+    }
+    item->number = (uint32_t)(tag >> 3);
+    item->type = (uint32_t)(tag & 7);
+    if (!read_payload(item, at, end)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "message: field %lu at byte %zu (wire type %lu) is broken or cut short",
+                        (unsigned long)item->number, offset, (unsigned long)item->type);
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbw_item_read(const uint8_t *message, const uint8_t **at, const uint8_t *end,
+                               struct umbw_item *item, struct umb_error *error)
+{
+    return read_item(message, at, end, item, error);
+}
+
+/* Moves to the next piece of a sub-message that is not empty; at == end if no piece is left. */
+static inline enum umb_status next_piece(struct span *span, struct umb_error *error)
+{
+    struct umbw_item piece UMB__UNSET;
     while (span->at == span->end && span->more != span->more_end) {
         UMB__TRY(umbw_item_read(span->parent, &span->more, span->more_end, &piece, error));
         if (piece.number == span->number) {
@@ -82,9 +179,7 @@ static enum umb_status next_piece(struct span *span, struct umb_error *error)
 static inline enum umb_status next_item(struct span *span, struct umbw_item *item, bool *any,
                                         struct umb_error *error)
 {
-    if (span->at == span->end && span->more != span->more_end) {
-        UMB__TRY(next_piece(span, error));
-    }
+    UMB__TRY(next_piece(span, error));
     *any = span->at != span->end;
     return !*any ? UMB_OK : umbw_item_read(span->start, &span->at, span->end, item, error);
 }
@@ -105,67 +200,72 @@ static uint32_t wire_type(const ProtobufCFieldDescriptor *field)
     }
 }
 
-/* Finds a field; NULL: the message does not have it. Most fields come in order, so it tries *next,
- * the field behind the last one, first. */
-static inline const ProtobufCFieldDescriptor *find_field(const ProtobufCMessageDescriptor *message,
-                                                         uint32_t number,
-                                                         const ProtobufCFieldDescriptor **next)
+/* Index of a field in the descriptor's order; n_fields: the message does not have it. The numbers
+ * are stored as ranges, of which a message has few; the range behind the last marks the end. */
+static inline unsigned index_of(const ProtobufCMessageDescriptor *message, uint32_t number)
 {
-    const ProtobufCFieldDescriptor *field = *next;
-    if (field == message->fields + message->n_fields || field->id != number) {
-        field = protobuf_c_message_descriptor_get_field(message, number);
+    const ProtobufCIntRange *range = message->field_ranges;
+    for (unsigned left = message->n_field_ranges; left > 0; left--, range++) {
+        const uint32_t after = number - (uint32_t)range->start_value; /* wraps below the range */
+        if (after < range[1].orig_index - range->orig_index) {
+            return range->orig_index + after;
+        }
     }
-    *next = field != NULL ? field + 1 : *next;
-    return field;
+    return message->n_fields;
 }
 
+/* Fields of a message that the scan found, a bit for each, in the order of the table. */
+struct seen {
+    uint64_t bits;
+    struct found fields[UMBW_ROWS_MAX]; /* Set for these bits only */
+};
+
 static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,
-                                 const struct umbw_item *item, bool nested,
-                                 const ProtobufCFieldDescriptor **next, struct found *found)
+                                 const struct umbw_item *item, bool nested, struct seen *seen)
 {
-    const ProtobufCFieldDescriptor *field = find_field(table->descriptor, item->number, next);
-    if (field == NULL) { /* It may come from a newer peer */
+    const unsigned i = index_of(table->descriptor, item->number);
+    if (i == table->descriptor->n_fields) { /* It may come from a newer peer */
         return !nested || decoder->unknown++ < UMBW_FIELDS_MAX
                    ? UMB_OK
                    : umb_fail(decoder->error, UMB_E_TOO_LARGE,
                               "message: has more than %d unknown fields", UMBW_FIELDS_MAX);
     }
+    const ProtobufCFieldDescriptor *field = &table->descriptor->fields[i];
+    const struct umbw_row *row = &table->rows[i];
+    struct found *found = &seen->fields[i];
+    const bool repeated = field->label == PROTOBUF_C_LABEL_REPEATED;
     const uint32_t type = wire_type(field);
-    const bool packed = field->label == PROTOBUF_C_LABEL_REPEATED && item->type == UMBW_WIRE_BYTES;
-    if (item->type != type && !packed) {
+    if (item->type != type && !(repeated && item->type == UMBW_WIRE_BYTES)) {
         return umb_fail(decoder->error, UMB_E_ARGUMENT, "%s%s: wire type is %lu, must be %lu",
                         table->prefix, field->name, (unsigned long)item->type, (unsigned long)type);
     }
-    const size_t i = (size_t)(field - table->descriptor->fields);
-    const struct umbw_row *row = &table->rows[i];
-    found += i;
-    if (row->table != NULL && field->label == PROTOBUF_C_LABEL_REPEATED &&
-        (double)found->count >= row->most) {
+    const bool again = seen->bits >> i & 1;
+    const size_t count = again ? found->count : 0;
+    if (row->table != NULL && repeated && (double)count >= row->most) {
         return umb_fail(decoder->error, UMB_E_TOO_LARGE, "%s%s: %zu are over the limit of %.0f",
-                        table->prefix, field->name, found->count + 1, row->most);
+                        table->prefix, field->name, count + 1, row->most);
     }
     /* The pieces of a sub-message are joined: together they have its size. */
-    const bool joined = row->table != NULL && field->label != PROTOBUF_C_LABEL_REPEATED;
+    const bool joined = again && row->table != NULL && !repeated;
     const size_t before = joined ? found->size : 0;
-    *found =
-        (struct found){item->payload, before + item->payload_size, found->count + 1, item->value};
+    *found = (struct found){item->payload, before + item->payload_size, count + 1, item->value};
+    seen->bits |= (uint64_t)1 << i;
     return UMB_OK;
 }
 
 /* Notes all fields of a message. */
 static enum umb_status scan(struct decoder *decoder, const struct umbw_table *table,
-                            struct span span, struct found *found)
+                            struct span span, struct seen *seen)
 {
-    const ProtobufCFieldDescriptor *next = table->descriptor->fields;
     const bool is_one_of_many = span.number != 0 && span.parent == NULL;
-    struct umbw_item item;
-    bool any;
-    memset(found, 0, table->descriptor->n_fields * sizeof *found);
+    struct umbw_item item UMB__UNSET;
+    seen->bits = 0;
     for (size_t fields = 0;; fields++) {
-        UMB__TRY(next_item(&span, &item, &any, decoder->error));
-        if (!any) {
+        UMB__TRY(next_piece(&span, decoder->error));
+        if (span.at == span.end) {
             return UMB_OK;
         }
+        UMB__TRY(read_item(span.start, &span.at, span.end, &item, decoder->error));
         if (!is_one_of_many && fields == UMBW_FIELDS_MAX) {
             return umb_fail(decoder->error, UMB_E_ARGUMENT, "message: has more than %d fields",
                             UMBW_FIELDS_MAX);
@@ -174,7 +274,7 @@ static enum umb_status scan(struct decoder *decoder, const struct umbw_table *ta
             return umb_fail(decoder->error, UMB_E_TOO_LARGE,
                             "message: its parts have more than %d fields", UMBW_NESTED_MAX);
         }
-        UMB__TRY(note_item(decoder, table, &item, span.number != 0, &next, found));
+        UMB__TRY(note_item(decoder, table, &item, span.number != 0, seen));
     }
 }
 
@@ -205,22 +305,20 @@ static void *grab(struct decoder *decoder, size_t size, size_t alignment)
     return at;
 }
 
-static enum umb_status take_enum(const struct slot *slot, uint32_t *value)
+/* Fails: the .proto file does not have the enum's value. */
+static __attribute__((noinline)) enum umb_status refuse_enum(const struct slot *slot,
+                                                             uint32_t value)
 {
     const ProtobufCEnumDescriptor *type = slot->field->descriptor;
     char names[160] = "";
     size_t length = 0;
-    if (*value < type->n_values) { /* they count from 0 */
-        *value = slot->row->values != NULL ? (uint32_t)slot->row->values[*value] : *value;
-        return UMB_OK;
-    }
     for (unsigned i = 0; i < type->n_values && length < sizeof names; i++) {
         const char *name = strchr(type->values[i].name, '_');
         length += (size_t)snprintf(names + length, sizeof names - length, "%s%d (%s)",
                                    i > 0 ? ", " : "", type->values[i].value, name + 1);
     }
     return REFUSE_AS(slot, slot->row->flags & UMBW_NEWER ? UMB_E_UNSUPPORTED : UMB_E_ARGUMENT,
-                     "%ld is not one of %s", (long)(int32_t)*value, names);
+                     "%ld is not one of %s", (long)(int32_t)value, names);
 }
 
 /* Stores a single number at `offset` of the struct. As protobuf requires, a value is cut to the
@@ -241,7 +339,11 @@ static enum umb_status take_number(const struct slot *slot, uint64_t bits, size_
     }
     case PROTOBUF_C_TYPE_ENUM:
         if (row->flags & UMBW_CHECKED) {
-            UMB__TRY(take_enum(slot, &narrow));
+            const ProtobufCEnumDescriptor *type = slot->field->descriptor;
+            if (narrow >= type->n_values) { /* they count from 0 */
+                return refuse_enum(slot, narrow);
+            }
+            narrow = row->values != NULL ? (uint32_t)row->values[narrow] : narrow;
         }
         break;
     case PROTOBUF_C_TYPE_BOOL:
@@ -290,7 +392,7 @@ static enum umb_status take_elements(const struct slot *slot, const uint8_t *at,
         if (fixed) {
             bits = umb__load64(at);
             at += sizeof bits;
-        } else if (!umbw_varint_read(&at, end, &bits)) {
+        } else if (!read_varint(&at, end, &bits)) {
             return REFUSE(slot, "number %zu is broken or cut short", *count);
         }
         if (*count < most) {
@@ -301,8 +403,8 @@ static enum umb_status take_elements(const struct slot *slot, const uint8_t *at,
     return UMB_OK;
 }
 
-/* Stores a repeated number. An array must be absent or complete; with a stride up to `most`
- * elements. */
+/* Stores a repeated number. An array without a stride must be absent or complete; one with a stride
+ * may have up to row->most elements. */
 static enum umb_status take_numbers(const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
@@ -457,59 +559,87 @@ static enum umb_status take_field(const struct slot *slot)
     }
 }
 
+uint64_t umbw_table_check(const struct umbw_table *table, struct umb_error *error)
+{
+    const ProtobufCMessageDescriptor *message = table->descriptor;
+    uint64_t bits = UMBW_TABLE_SOUND;
+    if (message->n_fields > table->row_count) {
+        (void)umb_fail(error, UMB_E_INTERNAL, "%s: has %u fields, its table has %u rows",
+                       message->name, message->n_fields, table->row_count);
+        return 0;
+    }
+    for (unsigned i = 0; i < message->n_fields; i++) {
+        if (table->rows[i].number != message->fields[i].id) {
+            (void)umb_fail(error, UMB_E_INTERNAL, "%s%s: row %u of the table stands here",
+                           table->prefix, message->fields[i].name, table->rows[i].number);
+            return 0;
+        }
+        bits |= (uint64_t)((table->rows[i].flags & (UMBW_REQUIRED | UMBW_FILLED)) != 0) << i;
+    }
+    atomic_store_explicit(table->bits, bits, memory_order_relaxed);
+    return bits;
+}
+
 static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_table *table,
                                      const struct span *span, uint8_t *out, size_t index)
 {
-    struct found found[UMBW_ROWS_MAX] UMB__UNSET; /* set by the scan */
-    UMB__TRY(scan(decoder, table, *span, found));
+    static const struct found absent;
+    struct seen seen UMB__UNSET; /* set by the scan */
+    const uint64_t bits = umbw_table_bits(table, decoder->error);
+    if (bits == 0) {
+        return UMB_E_INTERNAL;
+    }
+    UMB__TRY(scan(decoder, table, *span, &seen));
     struct slot slot = {
         .decoder = decoder, .table = table, .span = span, .out = out, .index = index};
-    for (unsigned i = 0; i < table->descriptor->n_fields; i++) {
+    /* The struct of any other field is zero already. */
+    for (uint64_t left = seen.bits | (bits & ~UMBW_TABLE_SOUND); left != 0; left &= left - 1) {
+        const unsigned i = (unsigned)__builtin_ctzll(left);
         slot.row = &table->rows[i];
-        /* The struct of an absent field is zero already. */
-        if (found[i].count > 0 || (slot.row->flags & (UMBW_REQUIRED | UMBW_FILLED))) {
-            slot.field = &table->descriptor->fields[i];
-            slot.found = &found[i];
-            if (slot.row->number != slot.field->id) {
-                return REFUSE_AS(&slot, UMB_E_INTERNAL, "row %u of the table stands here",
-                                 (unsigned)slot.row->number);
-            }
-            UMB__TRY(take_field(&slot));
-        }
+        slot.field = &table->descriptor->fields[i];
+        slot.found = seen.bits >> i & 1 ? &seen.fields[i] : &absent;
+        UMB__TRY(take_field(&slot));
     }
     return UMB_OK;
 }
 
-/* Decodes a whole message. In: head: number of bytes in the block before arrays and texts. out: the
- * struct; NULL: the struct is at the start of the block. Out: block: the caller frees it, on
- * failure too. */
-static enum umb_status decode_message(const struct umbw_table *table, const uint8_t *message,
-                                      size_t size, void *out, size_t head, uint8_t **block,
-                                      struct umb_error *error)
+/* The bytes of a whole message. */
+static inline struct span whole(const uint8_t *message, size_t size)
 {
     static const uint8_t nothing;
-    struct decoder decoder = {.used = head, .error = error};
     const uint8_t *start = size > 0 ? message : &nothing;
-    const struct span span = {.start = start, .at = start, .end = start + size};
+    return (struct span){.start = start, .at = start, .end = start + size};
+}
+
+/* Decodes a message with arrays or texts. In: head: number of bytes in the block before them. out:
+ * the struct; NULL: the struct is at the start of the block. Out: block: the caller frees it, on
+ * failure too. */
+static enum umb_status decode_block(const struct umbw_table *table, const struct span *span,
+                                    void *out, size_t head, uint8_t **block,
+                                    struct umb_error *error)
+{
+    struct decoder decoder = {.used = head, .error = error};
     *block = NULL;
-    if (head > 0 || table->block_size > 0) {
-        UMB__TRY(decode_struct(&decoder, table, &span, NULL, 0));
-        *block = calloc(1, decoder.used + 1);
-        if (*block == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
-                            table->descriptor->name, size);
-        }
+    UMB__TRY(decode_struct(&decoder, table, span, NULL, 0));
+    *block = calloc(1, decoder.used + 1);
+    if (*block == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
+                        table->descriptor->name, (size_t)(span->end - span->start));
     }
     decoder = (struct decoder){.block = *block, .used = head, .error = error};
-    return decode_struct(&decoder, table, &span, out != NULL ? out : *block, 0);
+    return decode_struct(&decoder, table, span, out != NULL ? out : *block, 0);
 }
 
 enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *message, size_t size,
                             void *out, struct umb_error *error)
 {
-    uint8_t *block;
+    const struct span span = whole(message, size);
+    struct decoder decoder = {.error = error};
+    uint8_t *block = NULL;
     memset(out, 0, table->size);
-    enum umb_status status = decode_message(table, message, size, out, 0, &block, error);
+    enum umb_status status = table->block_size > 0
+                                 ? decode_block(table, &span, out, 0, &block, error)
+                                 : decode_struct(&decoder, table, &span, out, 0);
     if (status != UMB_OK) {
         memset(out, 0, table->size);
         free(block);
@@ -522,8 +652,9 @@ enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *messa
 enum umb_status umbw_decode_new(const struct umbw_table *table, const uint8_t *message, size_t size,
                                 void **out, struct umb_error *error)
 {
+    const struct span span = whole(message, size);
     uint8_t *block;
-    enum umb_status status = decode_message(table, message, size, NULL, table->size, &block, error);
+    enum umb_status status = decode_block(table, &span, NULL, table->size, &block, error);
     if (status != UMB_OK) {
         free(block);
         block = NULL;

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The encoder of all messages, see codec.h. The same code first counts the bytes and then writes
- * them. */
+/* The encoder of all messages, see codec.h, and its growing byte buffer. The same code first counts
+ * the bytes and then writes them. */
 #include "wire/codec.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/bytes.h"
 #include "base/compat.h"
 #include "base/try.h"
 #include "base/utf8.h"
-#include "wire/field.h"
 
 /* Destination of a message. */
 struct sink {
@@ -27,6 +27,7 @@ struct slot {
     const ProtobufCFieldDescriptor *field;
     const uint8_t *in; /* Struct */
     size_t index;      /* Index in the arrays that rows with a stride describe */
+    size_t count;      /* Count by the row; SIZE_MAX if the row has none */
 };
 
 /* Fails with a sentence that begins with the field's name. */
@@ -36,6 +37,17 @@ struct slot {
 
 static void put_struct(struct sink *sink, const struct umbw_table *table, const uint8_t *in,
                        size_t index);
+
+size_t umbw_varint_write(uint64_t value, uint8_t out[10])
+{
+    size_t length = 0;
+    while (value >= 0x80) {
+        out[length++] = (uint8_t)(value | 0x80);
+        value >>= 7;
+    }
+    out[length++] = (uint8_t)value;
+    return length;
+}
 
 static void put_bytes(struct sink *sink, const void *bytes, size_t size)
 {
@@ -85,16 +97,16 @@ static void put_piece(struct sink *sink, const struct slot *slot, const void *by
     put_bytes(sink, bytes, size);
 }
 
-/* Returns the count of a field; `otherwise` if its row has none. */
-static size_t load_count(const struct slot *slot, size_t otherwise)
+/* Returns the count of a row's field; SIZE_MAX if the row has none. */
+static inline size_t load_count(const struct umbw_row *row, const uint8_t *in)
 {
     uint32_t narrow;
-    size_t count = otherwise;
-    if (slot->row->count_size == sizeof narrow) {
-        memcpy(&narrow, slot->in + slot->row->count, sizeof narrow);
+    size_t count = SIZE_MAX;
+    if (row->count_size == sizeof narrow) {
+        memcpy(&narrow, in + row->count, sizeof narrow);
         count = narrow;
-    } else if (slot->row->count_size > 0) {
-        memcpy(&count, slot->in + slot->row->count, sizeof count);
+    } else if (row->count_size > 0) {
+        memcpy(&count, in + row->count, sizeof count);
     }
     return count;
 }
@@ -202,7 +214,7 @@ static void put_numbers(struct sink *sink, const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
     const size_t most = row->stride > 0 ? (size_t)row->most : row->size / sizeof(double);
-    size_t count = load_count(slot, most);
+    const size_t count = slot->count == SIZE_MAX ? most : slot->count;
     struct sink packed = {0};
     bool all_zero = true;
     for (size_t i = 0; i < count && row->stride == 0; i++) {
@@ -233,7 +245,7 @@ static void put_text(struct sink *sink, const struct slot *slot)
     const char *text = owned ? load_pointer(slot) : (const char *)slot->in + row->offset;
     if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
         const char *const *texts = load_pointer(slot);
-        for (size_t i = 0; i < load_count(slot, 0); i++) {
+        for (size_t i = 0; i < slot->count; i++) {
             put_piece(sink, slot, texts[i], strlen(texts[i]));
         }
         return;
@@ -254,22 +266,18 @@ static void put_blob(struct sink *sink, const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
     const bool in_place = row->size == sizeof(uint8_t *);
-    const size_t count = load_count(slot, row->size);
     const uint8_t *bytes = in_place ? load_pointer(slot) : slot->in + row->offset;
-    if (count == 0) {
-        return;
-    }
     if (row->flags & UMBW_LAST) {
         put_tag(sink, slot, UMBW_WIRE_BYTES);
-        put_varint(sink, count);
-        sink->last += count;
+        put_varint(sink, slot->count);
+        sink->last += slot->count;
     } else if (row->stride > 0) {
-        for (size_t i = 0; i < count; i++) {
+        for (size_t i = 0; i < slot->count; i++) {
             put_piece(sink, slot, sink->bytes != NULL ? bytes + i * row->stride : NULL,
                       row->stride);
         }
     } else {
-        put_piece(sink, slot, bytes, in_place ? count : row->size);
+        put_piece(sink, slot, bytes, in_place ? slot->count : row->size);
     }
 }
 
@@ -293,10 +301,7 @@ static void put_part(struct sink *sink, const struct slot *slot, const uint8_t *
 static void put_message(struct sink *sink, const struct slot *slot)
 {
     const struct umbw_row *row = slot->row;
-    const size_t count = load_count(slot, 1);
-    if (count == 0) {
-        return;
-    }
+    const size_t count = slot->count;
     if (row->table == NULL) {
         put_piece(sink, slot, load_pointer(slot), count);
         return;
@@ -345,27 +350,95 @@ static void put_struct(struct sink *sink, const struct umbw_table *table, const 
                        size_t index)
 {
     const struct umbw_row *last = NULL;
-    struct slot slot = {table, table->rows, table->descriptor->fields, in, index};
+    struct slot slot = {table, table->rows, table->descriptor->fields, in, index, SIZE_MAX};
+    if (umbw_table_bits(table, sink->error) == 0) {
+        sink->status = UMB_E_INTERNAL;
+        return;
+    }
     for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
         if (is_number(slot.field)) {
             const uint64_t bits = load_number(&slot);
             if (bits != 0 || slot.row->values != NULL) {
                 put_number(sink, &slot, bits);
             }
-        } else if (slot.row->flags & UMBW_LAST) {
-            last = slot.row;
         } else {
-            put_field(sink, &slot);
+            slot.count = load_count(slot.row, in);
+            if (slot.row->flags & UMBW_LAST) {
+                last = slot.row;
+            } else if (slot.count > 0) {
+                put_field(sink, &slot);
+            }
         }
         slot.row++;
         slot.field++;
     }
-    if (last != NULL) {
+    if (last != NULL && load_count(last, in) > 0) {
         slot.row = last;
         slot.field = &table->descriptor->fields[last - table->rows];
+        slot.count = load_count(last, in);
         put_field(sink, &slot);
     }
 }
+
+/* --- The growing byte buffer --- */
+
+void umbw_buffer_finish(struct umbw_buffer *buffer)
+{
+    free(buffer->bytes);
+    buffer->bytes = NULL;
+    buffer->size = 0;
+    buffer->capacity = 0;
+}
+
+enum umb_status umbw_buffer_reserve(struct umbw_buffer *buffer, size_t count,
+                                    struct umb_error *error)
+{
+    size_t needed;
+    if (__builtin_add_overflow(buffer->size, count, &needed)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", count);
+    }
+    if (needed <= buffer->capacity) {
+        return UMB_OK;
+    }
+    size_t capacity = buffer->capacity > SIZE_MAX / 2 ? needed : buffer->capacity * 2;
+    if (capacity < needed) {
+        capacity = needed;
+    }
+    uint8_t *bytes = realloc(buffer->bytes, capacity);
+    if (bytes == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", count);
+    }
+    buffer->bytes = bytes;
+    buffer->capacity = capacity;
+    return UMB_OK;
+}
+
+void umbw_prefix_write(uint64_t message_size, uint8_t bytes[UMBW_PREFIX_BYTES])
+{
+    bytes[0] = 0; /* not compressed */
+    for (unsigned i = 0; i < 4; i++) {
+        bytes[1 + i] = (uint8_t)(message_size >> (24 - 8 * i));
+    }
+}
+
+enum umb_status umbw_buffer_begin_message(struct umbw_buffer *buffer, uint64_t message_size,
+                                          size_t room, struct umb_error *error)
+{
+    if (message_size > UINT32_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "message: %llu bytes are over the limit of %lu bytes",
+                        (unsigned long long)message_size, (unsigned long)UINT32_MAX);
+    }
+    if (room > SIZE_MAX - UMBW_PREFIX_BYTES) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", room);
+    }
+    UMB__TRY(umbw_buffer_reserve(buffer, UMBW_PREFIX_BYTES + room, error));
+    umbw_prefix_write(message_size, buffer->bytes + buffer->size);
+    buffer->size += UMBW_PREFIX_BYTES;
+    return UMB_OK;
+}
+
+/* --- Whole messages --- */
 
 size_t umbw_write(const struct umbw_table *table, const void *in, uint8_t *bytes)
 {

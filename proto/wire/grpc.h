@@ -113,7 +113,8 @@ void umbw_reader_finish(struct umbw_reader *reader);
  * In:    max: most bytes of the result; UMBW_GUNZIP_MAX if that is less.
  * Out:   out: malloc, free() it; NULL on failure.
  * Fails: E_TOO_LARGE, E_ARGUMENT (not one whole gzip stream), E_NO_MEMORY.
- * Trust: safe on hostile bytes; memory grows with the inflated bytes, at most doubling.
+ * Trust: safe on hostile bytes. A stream that states too large a size is refused before it is
+ *        inflated; one that holds more than it states, or less, is refused where that shows.
  */
 UMB_CHECKED enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max,
                                         uint8_t **out, size_t *out_size, struct umb_error *error);

@@ -7,6 +7,7 @@
  */
 #include "wire/grpc.h"
 
+#include <stdio.h>
 #include <string.h>
 #include "base/bytes.h"
 #include "base/utf8.h"
@@ -108,20 +109,6 @@ enum umb_status umbw_timeout_parse(const char *text, size_t size, int64_t *nanos
     return UMB_E_ARGUMENT;
 }
 
-static size_t format_decimal(uint64_t value, char *text)
-{
-    char digits[20];
-    size_t count = 0;
-    do {
-        digits[count++] = (char)('0' + value % 10);
-        value /= 10;
-    } while (value != 0);
-    for (size_t i = 0; i < count; i++) {
-        text[i] = digits[count - 1 - i];
-    }
-    return count;
-}
-
 size_t umbw_timeout_format(int64_t nanoseconds, char text[16])
 {
     if (nanoseconds < 0) {
@@ -135,10 +122,7 @@ size_t umbw_timeout_format(int64_t nanoseconds, char text[16])
         int64_t step = TIMEOUT_UNITS[unit].nanoseconds;
         value = nanoseconds / step + (nanoseconds % step != 0);
     }
-    size_t length = format_decimal((uint64_t)value, text);
-    text[length++] = TIMEOUT_UNITS[unit].letter;
-    text[length] = '\0';
-    return length;
+    return (size_t)snprintf(text, 16, "%lld%c", (long long)value, TIMEOUT_UNITS[unit].letter);
 }
 
 /* Writes the escaped form of one character, at most 12 bytes. */

@@ -2,61 +2,41 @@
 /* Decompression of single messages by zlib, within a limit. */
 #include "wire/grpc.h"
 
-#include "base/try.h"
-
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
 
-#define GZIP_ONLY      (15 + 16) /* windowBits of zlib: the largest window, gzip framing */
-#define FIRST_CAPACITY 4096
+#define GZIP_ONLY  (15 + 16) /* windowBits of zlib: the largest window, gzip framing */
+#define GZIP_LEAST 18        /* Bytes of head and end: no stream is shorter */
 
-/* Grows the output block to at most the limit and one byte. That extra byte shows that the result
- * is too large. */
-static enum umb_status grow(uint8_t **block, size_t *capacity, size_t limit,
-                            struct umb_error *error)
+/* The size before compression, which a stream of gzip has in its last four bytes (RFC 1952). zlib
+ * compares it with what came out. */
+static size_t stated_size(const uint8_t *bytes, size_t size)
 {
-    if (*capacity > limit) {
-        return umb_fail(error, UMB_E_TOO_LARGE,
-                        "message: inflates to more than %zu bytes; send it uncompressed", limit);
-    }
-    size_t wanted = *capacity == 0 ? FIRST_CAPACITY : *capacity * 2;
-    wanted = wanted <= limit ? wanted : limit + 1;
-    uint8_t *bytes = realloc(*block, wanted);
-    if (bytes == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", wanted);
-    }
-    *block = bytes;
-    *capacity = wanted;
-    return UMB_OK;
+    const uint8_t *end = bytes + size - 4;
+    return (size_t)end[0] | (size_t)end[1] << 8 | (size_t)end[2] << 16 | (size_t)end[3] << 24;
 }
 
-/* Inflates the stream to its end. The loop ends, because each turn fills the block or ends the
- * stream. */
-static enum umb_status inflate_all(z_stream *stream, uint8_t **block, size_t *used, size_t limit,
-                                   struct umb_error *error)
+/* Inflates a whole stream into a block of the size that it states, and not one byte more. */
+static enum umb_status inflate_whole(const uint8_t *bytes, size_t size, uint8_t *block,
+                                     size_t stated, struct umb_error *error)
 {
-    size_t capacity = 0;
-    int code = Z_OK;
-    while (code == Z_OK) {
-        UMB__TRY(grow(block, &capacity, limit, error));
-        stream->next_out = *block + *used;
-        stream->avail_out = (uInt)(capacity - *used);
-        code = inflate(stream, Z_NO_FLUSH);
-        *used = capacity - stream->avail_out;
-        if (code == Z_OK && stream->avail_out > 0) {
-            code = Z_BUF_ERROR; /* The input ended before the stream */
-        }
+    z_stream stream;
+    memset(&stream, 0, sizeof stream);
+    int code = inflateInit2(&stream, GZIP_ONLY);
+    if (code == Z_OK) {
+        stream.next_in = (Bytef *)(uintptr_t)bytes; /* zlib only reads it */
+        stream.avail_in = (uInt)size;
+        stream.next_out = block;
+        stream.avail_out = (uInt)stated;
+        code = inflate(&stream, Z_FINISH);
+        (void)inflateEnd(&stream);
     }
     if (code == Z_MEM_ERROR) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for inflating a message");
     }
-    if (code != Z_STREAM_END || stream->avail_in > 0) {
+    if (code != Z_STREAM_END || stream.avail_in > 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "message: is not one whole gzip stream");
-    }
-    if (*used > limit) {
-        return umb_fail(error, UMB_E_TOO_LARGE,
-                        "message: inflates to more than %zu bytes; send it uncompressed", limit);
     }
     return UMB_OK;
 }
@@ -64,9 +44,7 @@ static enum umb_status inflate_all(z_stream *stream, uint8_t **block, size_t *us
 enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max, uint8_t **out,
                             size_t *out_size, struct umb_error *error)
 {
-    z_stream stream;
-    uint8_t *block = NULL;
-    size_t limit = max < UMBW_GUNZIP_MAX ? max : UMBW_GUNZIP_MAX;
+    const size_t limit = max < UMBW_GUNZIP_MAX ? max : UMBW_GUNZIP_MAX;
     *out = NULL;
     *out_size = 0;
     if (size > UMBW_GUNZIP_MAX) {
@@ -75,20 +53,26 @@ enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max, uint8
                         "uncompressed",
                         size, UMBW_GUNZIP_MAX);
     }
-    memset(&stream, 0, sizeof stream);
-    if (inflateInit2(&stream, GZIP_ONLY) != Z_OK) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for inflating a message");
+    if (size < GZIP_LEAST || bytes[0] != 0x1f || bytes[1] != 0x8b) {
+        return umb_fail(error, UMB_E_ARGUMENT, "message: is not one whole gzip stream");
     }
-    stream.next_in = (Bytef *)(uintptr_t)bytes; /* zlib only reads it */
-    stream.avail_in = (uInt)size;
-    size_t used = 0;
-    enum umb_status status = inflate_all(&stream, &block, &used, limit, error);
-    (void)inflateEnd(&stream);
+    const size_t stated = stated_size(bytes, size);
+    if (stated > limit) {
+        return umb_fail(error, UMB_E_TOO_LARGE,
+                        "message: says that it inflates to %zu bytes, over the limit of %zu; send "
+                        "it uncompressed",
+                        stated, limit);
+    }
+    uint8_t *block = malloc(stated + 1);
+    if (block == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a message of %zu bytes", stated);
+    }
+    enum umb_status status = inflate_whole(bytes, size, block, stated, error);
     if (status != UMB_OK) {
         free(block);
         return status;
     }
     *out = block;
-    *out_size = used;
+    *out_size = stated;
     return UMB_OK;
 }

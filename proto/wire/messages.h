@@ -17,22 +17,25 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/client.h"
+#include "umbrage/sample.h"
 
 #define UMBW_PATH_QUERY    "/umbrage.v1.Shadows/Query"
 #define UMBW_PATH_STREAM   "/umbrage.v1.Shadows/QueryStream"
 #define UMBW_PATH_DESCRIBE "/umbrage.v1.Shadows/Describe"
 #define UMBW_PATH_LIST     "/umbrage.v1.Shadows/List"
 #define UMBW_PATH_LIMITS   "/umbrage.v1.Shadows/Limits"
+#define UMBW_PATH_SAMPLE   "/umbrage.v1.Shadows/Sample"
 #define UMBW_PATH_CHECK    "/grpc.health.v1.Health/Check"
 #define UMBW_PATH_WATCH    "/grpc.health.v1.Health/Watch"
 /* grpc.reflection.v1 and v1alpha, whose messages have the same bytes. */
 #define UMBW_PATH_REFLECTION       "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo"
 #define UMBW_PATH_REFLECTION_ALPHA "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"
 
-#define UMBW_PREFIX_BYTES   5 /* compressed flag and big-endian length before each message */
-#define UMBW_ASSET_NAME_MAX 255
-#define UMBW_TARGETS_MAX    64    /* Most targets of one request */
-#define UMBW_LIST_MAX       65536 /* Most assets in one reply: a larger store needs paging */
+#define UMBW_PREFIX_BYTES       5 /* compressed flag and big-endian length before each message */
+#define UMBW_ASSET_NAME_MAX     255
+#define UMBW_TARGETS_MAX        64    /* Most targets of one request */
+#define UMBW_LIST_MAX           65536 /* Most assets in one reply: a larger store needs paging */
+#define UMBW_SAMPLE_POINT_BYTES (3 * sizeof(double))
 
 /* A growing byte buffer; zero it before use, umbw_buffer_finish frees it. */
 struct umbw_buffer {
@@ -147,9 +150,22 @@ struct umbw_list_reply {
     struct umb_client_asset *assets; /* [count]; decoded: free() them */
 };
 
+struct umbw_sample_request {
+    char asset[UMBW_ASSET_NAME_MAX + 1];
+    struct umb_sample_settings settings;
+};
+
+struct umbw_sample_reply {
+    struct umb_sample sample; /* Sample of sample.count points */
+    struct umbw_bytes points; /* double[3 * count], any alignment; the encoder ignores the size */
+};
+
 UMBW_MESSAGE(describe_request, struct umbw_describe_request);
 UMBW_MESSAGE(list_reply, struct umbw_list_reply);
 UMBW_MESSAGE(limits_reply, struct umbw_limits);
+/* The codecs of both check the ranges of count and scattered. */
+UMBW_MESSAGE(sample_request, struct umbw_sample_request);
+UMBW_MESSAGE(sample_reply, struct umbw_sample_reply);
 UMBW_MESSAGE(health_request, char); /* char[256], the name of a service */
 UMBW_MESSAGE(health_reply, int);    /* ServingStatus of the .proto file */
 

@@ -7,12 +7,13 @@
 #include "wire/messages.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdbool.h>
 #include <string.h>
+#include "base/query_settings.h"
 #include "base/try.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
-#include "wire/field.h"
 
 #define PICTURE_BYTES_MAX 512 /* Most bytes of a picture without depths: four times its fields */
 
@@ -30,13 +31,9 @@ UMBW_TABLE(PICTURE, umbrage__v1__picture, PICTURE_ROWS, "picture.", sizeof(struc
 #define BYTES(member)                                                                              \
     UMBW_AT(umbw_query_request, member.at), UMBW_COUNT(umbw_query_request, member.size)
 
-/* All settings of a query: number, place and range. */
-static const struct umbw_row REQUEST_ROWS[] = {
+/* Fields that are no settings, and settings that the message has in another form. */
+static const struct umbw_row OTHER_ROWS[] = {
     {1, FIELD(asset), .flags = UMBW_CHECKED},
-    {2, FIELD(settings.light)},
-    {3, FIELD(settings.taps)},
-    {4, FIELD(settings.bias_mode), .flags = UMBW_CHECKED},
-    {5, FIELD(settings.bias), .most = UMB_BIAS_MAX},
     {6, FIELD(settings.format), .flags = UMBW_CHECKED | UMBW_FILLED, .values = FORMATS},
     {7, FIELD(points.origin), .flags = UMBW_FINITE | UMBW_SPARSE},
     {8, FIELD(want_stats)},
@@ -45,7 +42,6 @@ static const struct umbw_row REQUEST_ROWS[] = {
     {12, BYTES(f32)},
     {13, BYTES(f64)},
     {14, BYTES(depth)},
-    {20, FIELD(settings.level)},
     {21, FIELD(dial.max_error_m)},
     {22, FIELD(dial.max_visibility)},
     {23, FIELD(dial.budget_ns)},
@@ -53,16 +49,63 @@ static const struct umbw_row REQUEST_ROWS[] = {
      .most = PICTURE_BYTES_MAX},
     {25, FIELD(pack)},
     {26, FIELD(base_mark)},
-    {30, FIELD(settings.filter), .flags = UMBW_CHECKED},
-    {31, FIELD(settings.light_extent), .most = UMB_EXTENT_MAX},
     {32, BYTES(footprints)},
-    {33, FIELD(settings.footprint_m)},
     {34, FIELD(settings.eye), UMBW_COUNT(umbw_query_request, eye_count)},
-    {35, FIELD(settings.pixel_rad)},
-    {36, FIELD(settings.opaque_only)},
+    {35, FIELD(settings.pixel_rad)}, /* Of any range: the core checks the angle */
 };
-UMBW_TABLE(REQUEST, umbrage__v1__query_request, REQUEST_ROWS, "",
+
+static struct umbw_row request_rows[UMBW_ROWS_MAX]; /* Made by make_rows */
+UMBW_TABLE(REQUEST, umbrage__v1__query_request, request_rows, "",
            sizeof(struct umbw_query_request));
+
+/* Makes the row of a field that has a setting's name. */
+static struct umbw_row setting_row(const ProtobufCFieldDescriptor *field)
+{
+    static const struct {
+        size_t size;
+        uint32_t flags;
+    } KINDS[] = {
+        [UMB__SETTING_COUNT] = {sizeof(uint32_t), 0},
+        [UMB__SETTING_ODD] = {sizeof(uint32_t), 0},
+        [UMB__SETTING_CHOICE] = {sizeof(uint32_t), UMBW_CHECKED},
+        [UMB__SETTING_FLAG] = {sizeof(int), 0},
+        [UMB__SETTING_NUMBER] = {sizeof(double), 0},
+        [UMB__SETTING_NUMBERS] = {3 * sizeof(double), UMBW_FINITE | UMBW_SPARSE},
+    };
+    for (size_t i = 0; i < umb__setting_count; i++) {
+        const struct umb__setting *setting = &umb__settings[i];
+        if (strcmp(setting->name, field->name) == 0) {
+            return (struct umbw_row){
+                .number = field->id,
+                .flags = KINDS[setting->kind].flags,
+                .offset = offsetof(struct umbw_query_request, settings) + setting->at,
+                .size = KINDS[setting->kind].size,
+                .most = setting->kind == UMB__SETTING_NUMBER ? setting->most : 0};
+        }
+    }
+    return (struct umbw_row){.flags = UMBW_SENT}; /* no such row: a test compares with the table */
+}
+
+static void make_rows(void)
+{
+    const ProtobufCMessageDescriptor *message = REQUEST.descriptor;
+    const size_t other_count = sizeof OTHER_ROWS / sizeof OTHER_ROWS[0];
+    for (unsigned i = 0; i < message->n_fields && i < UMBW_ROWS_MAX; i++) {
+        size_t other = 0;
+        while (other < other_count && OTHER_ROWS[other].number != message->fields[i].id) {
+            other++;
+        }
+        request_rows[i] =
+            other < other_count ? OTHER_ROWS[other] : setting_row(&message->fields[i]);
+    }
+}
+
+static const struct umbw_table *request_table(void)
+{
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    (void)pthread_once(&once, make_rows);
+    return &REQUEST;
+}
 
 static const struct umbw_row TARGET_ROWS[] = {
     {1, UMBW_AT(umbw_query_target, asset), .flags = UMBW_REQUIRED},
@@ -84,11 +127,14 @@ static enum umb_status check_dial(const struct umbw_query_request *request, stru
     const double wanted[3] = {dial->max_error_m, dial->max_visibility, dial->budget_ns};
     static const char *const names[3] = {"max_error_m", "max_visibility", "budget_ns"};
     for (int i = 0; i < 3; i++) {
+        if (wanted[i] == 0) {
+            continue;
+        }
         if (!isfinite(wanted[i]) || wanted[i] < 0) {
             return umb_fail(error, UMB_E_ARGUMENT, "%s: %.9g, must be finite and not below 0",
                             names[i], wanted[i]);
         }
-        if (wanted[i] > 0 && (taps != 0 || level != 0)) {
+        if (taps != 0 || level != 0) {
             return umb_fail(error, UMB_E_ARGUMENT,
                             "%s: %.9g beside taps %lu and level %lu, which it chooses", names[i],
                             wanted[i], (unsigned long)taps, (unsigned long)level);
@@ -270,7 +316,7 @@ enum umb_status umbw_decode_query_request(const uint8_t *message, size_t size, s
                                           struct umbw_query_request *request,
                                           struct umb_error *error)
 {
-    UMB__TRY(umbw_decode(&REQUEST, message, size, request, error));
+    UMB__TRY(umbw_decode(request_table(), message, size, request, error));
     request->targets_at = message;
     request->targets_end = size > 0 ? message + size : message;
     UMB__TRY(check_targets(request, error));
@@ -322,7 +368,7 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
         copy.settings.pixel_rad > 0 || eye[0] != 0 || eye[1] != 0 || eye[2] != 0 ? 3 : 0;
     UMB__TRY(put_points(&copy, error));
     UMB__TRY(check_request(&copy, error));
-    return umbw_encode(&REQUEST, &copy, buffer, error);
+    return umbw_encode(request_table(), &copy, buffer, error);
 }
 
 #define REPLY(member) UMBW_AT(umbw_query_reply, member)

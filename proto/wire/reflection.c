@@ -13,7 +13,6 @@
 #include "base/try.h"
 #include "grpc/reflection/v1/reflection.pb-c.h"
 #include "wire/codec.h"
-#include "wire/field.h"
 #include "wire/grpc.h"
 
 #define SERVICES_MAX     16  /* Most services of all files */

@@ -59,9 +59,8 @@ static const struct umbw_row REPLY_ROWS[] = {
     {2, UMBW_AT(umbw_region_reply, file_bytes)},
     {3, UMBW_AT(umbw_region_reply, data), UMBW_COUNT(umbw_region_reply, data_size)},
 };
-UMBW_TABLE(REPLY, umbrage__v1__region_reply, REPLY_ROWS, "", sizeof(struct umbw_region_reply));
-
-UMBW_CODEC(region_reply, struct umbw_region_reply, &REPLY)
+UMBW_CODEC(region_reply, struct umbw_region_reply, REPLY, umbrage__v1__region_reply, REPLY_ROWS,
+           sizeof(struct umbw_region_reply))
 
 /* The public enums, by their numbers on the wire. */
 static const int TECHNIQUES[] = {UMB_MAP_PCF, UMB_MAP_VSM, UMB_MAP_ESM, UMB_MAP_EVSM, UMB_MAP_MSM};

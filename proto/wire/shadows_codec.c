@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Describe, List and Limits of umbrage.v1.Shadows, and the health service. */
+/* Describe, List, Limits and Sample of umbrage.v1.Shadows, and the health service. */
+#include "base/try.h"
 #include "grpc/health/v1/health.pb-c.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
@@ -18,10 +19,8 @@ static const struct umbw_row LIST_ROWS[] = {
     {1, UMBW_AT(umbw_list_reply, assets), UMBW_COUNT(umbw_list_reply, count), .table = &ASSET,
      .most = UMBW_LIST_MAX},
 };
-UMBW_TABLE(LIST, umbrage__v1__list_reply, LIST_ROWS, "", sizeof(struct umbw_list_reply),
-           UMBW_BLOCK(umbw_list_reply, assets));
-
-UMBW_CODEC(list_reply, struct umbw_list_reply, &LIST)
+UMBW_CODEC(list_reply, struct umbw_list_reply, LIST, umbrage__v1__list_reply, LIST_ROWS,
+           sizeof(struct umbw_list_reply), UMBW_BLOCK(umbw_list_reply, assets))
 
 #define LIGHT(member) UMBW_AT(umb_client_light, member)
 #define ROW_STRIDE    .stride = sizeof(struct umb_curve_row)
@@ -88,10 +87,8 @@ static const struct umbw_row DESCRIBE_ROWS[] = {
     {1, UMBW_AT(umbw_describe_request, asset), .flags = UMBW_REQUIRED | UMBW_CHECKED},
     {2, UMBW_AT(umbw_describe_request, want_curves)},
 };
-UMBW_TABLE(DESCRIBE, umbrage__v1__describe_request, DESCRIBE_ROWS, "",
-           sizeof(struct umbw_describe_request));
-
-UMBW_CODEC(describe_request, struct umbw_describe_request, &DESCRIBE)
+UMBW_CODEC(describe_request, struct umbw_describe_request, DESCRIBE, umbrage__v1__describe_request,
+           DESCRIBE_ROWS, sizeof(struct umbw_describe_request))
 
 static const struct umbw_row LIMITS_ROWS[] = {
     {1, UMBW_AT(umbw_limits, client.max_points)},
@@ -111,19 +108,78 @@ static const struct umbw_row LIMITS_ROWS[] = {
     {14, UMBW_AT(umbw_limits, client.max_boxes)},
     {15, UMBW_AT(umbw_limits, client.max_box_steps)},
 };
-UMBW_TABLE(LIMITS, umbrage__v1__limits_reply, LIMITS_ROWS, "", sizeof(struct umbw_limits));
+UMBW_CODEC(limits_reply, struct umbw_limits, LIMITS, umbrage__v1__limits_reply, LIMITS_ROWS,
+           sizeof(struct umbw_limits))
 
-UMBW_CODEC(limits_reply, struct umbw_limits, &LIMITS)
+static const struct umbw_row SAMPLE_REQUEST_ROWS[] = {
+    {1, UMBW_AT(umbw_sample_request, asset), .flags = UMBW_REQUIRED | UMBW_CHECKED},
+    {2, UMBW_AT(umbw_sample_request, settings.light)},
+    {3, UMBW_AT(umbw_sample_request, settings.count)},
+    {4, UMBW_AT(umbw_sample_request, settings.seed)},
+    {5, UMBW_AT(umbw_sample_request, settings.scattered), .most = 1},
+};
+UMBW_TABLE(SAMPLE_REQUEST, umbrage__v1__sample_request, SAMPLE_REQUEST_ROWS, "",
+           sizeof(struct umbw_sample_request));
+
+static enum umb_status check_sample(const struct umbw_sample_request *request,
+                                    struct umb_error *error)
+{
+    const uint32_t count = request->settings.count;
+    return count >= 1 && count <= UMB_SAMPLE_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT, "count: %u, must be 1 to %u", count,
+                          UMB_SAMPLE_MAX);
+}
+
+enum umb_status umbw_decode_sample_request(const uint8_t *message, size_t size,
+                                           struct umbw_sample_request *out, struct umb_error *error)
+{
+    UMB__TRY(umbw_decode(&SAMPLE_REQUEST, message, size, out, error));
+    return check_sample(out, error);
+}
+
+enum umb_status umbw_encode_sample_request(const struct umbw_sample_request *in,
+                                           struct umbw_buffer *buffer, struct umb_error *error)
+{
+    UMB__TRY(check_sample(in, error));
+    return umbw_encode(&SAMPLE_REQUEST, in, buffer, error);
+}
+
+static const struct umbw_row SAMPLE_REPLY_ROWS[] = {
+    {1, UMBW_AT(umbw_sample_reply, sample.asset_id), .flags = UMBW_REQUIRED},
+    {2, UMBW_AT(umbw_sample_reply, sample.origin), .flags = UMBW_FINITE | UMBW_SPARSE},
+    {3, UMBW_AT(umbw_sample_reply, points.at), UMBW_COUNT(umbw_sample_reply, points.size)},
+    {4, UMBW_AT(umbw_sample_reply, sample.note)},
+};
+UMBW_TABLE(SAMPLE_REPLY, umbrage__v1__sample_reply, SAMPLE_REPLY_ROWS, "",
+           sizeof(struct umbw_sample_reply));
+
+enum umb_status umbw_decode_sample_reply(const uint8_t *message, size_t size,
+                                         struct umbw_sample_reply *out, struct umb_error *error)
+{
+    UMB__TRY(umbw_decode(&SAMPLE_REPLY, message, size, out, error));
+    out->sample.count = out->points.size / UMBW_SAMPLE_POINT_BYTES;
+    return out->points.size % UMBW_SAMPLE_POINT_BYTES == 0
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "points_f64: length is %zu bytes, must be a multiple of %zu",
+                          out->points.size, UMBW_SAMPLE_POINT_BYTES);
+}
+
+enum umb_status umbw_encode_sample_reply(const struct umbw_sample_reply *in,
+                                         struct umbw_buffer *buffer, struct umb_error *error)
+{
+    struct umbw_sample_reply copy = *in;
+    copy.points.size = in->sample.count * UMBW_SAMPLE_POINT_BYTES;
+    return umbw_encode(&SAMPLE_REPLY, &copy, buffer, error);
+}
 
 static const struct umbw_row SERVICE_ROWS[] = {{1, .size = 256, .flags = UMBW_CHECKED}};
-UMBW_TABLE(SERVICE, grpc__health__v1__health_check_request, SERVICE_ROWS, "", 256);
-
-UMBW_CODEC(health_request, char, &SERVICE)
+UMBW_CODEC(health_request, char, SERVICE, grpc__health__v1__health_check_request, SERVICE_ROWS, 256)
 
 static const struct umbw_row SERVING_ROWS[] = {{1, .size = sizeof(int)}};
-UMBW_TABLE(SERVING, grpc__health__v1__health_check_response, SERVING_ROWS, "", sizeof(int));
-
-UMBW_CODEC(health_reply, int, &SERVING)
+UMBW_CODEC(health_reply, int, SERVING, grpc__health__v1__health_check_response, SERVING_ROWS,
+           sizeof(int))
 
 enum umb_status umbw_encode_empty(struct umbw_buffer *buffer, struct umb_error *error)
 {

@@ -32,16 +32,18 @@ static const struct umbw_row REQUEST_ROWS[] = {
     {7, REQUEST(max_intervals)}, /* of segments */
 };
 
-#define REQUEST_TABLE(name)                                                                        \
-    {                                                                                              \
-        &umbrage__v1__##name##_request__descriptor, REQUEST_ROWS, "",                              \
-            .size = sizeof(struct umbw_volume_query_request)                                       \
-    }
+#define REQUEST_TABLE(table, message)                                                              \
+    UMBW_TABLE(table, umbrage__v1__##message##_request, REQUEST_ROWS, "",                          \
+               sizeof(struct umbw_volume_query_request))
 
-static const struct umbw_table REQUESTS[UMBW_VOLUME_QUERY_COUNT] = {
-    [UMBW_SEGMENTS] = REQUEST_TABLE(segments),
-    [UMBW_COLUMNS] = REQUEST_TABLE(columns),
-    [UMBW_BOXES] = REQUEST_TABLE(boxes),
+REQUEST_TABLE(SEGMENTS_REQUEST, segments);
+REQUEST_TABLE(COLUMNS_REQUEST, columns);
+REQUEST_TABLE(BOXES_REQUEST, boxes);
+
+static const struct umbw_table *const REQUESTS[UMBW_VOLUME_QUERY_COUNT] = {
+    [UMBW_SEGMENTS] = &SEGMENTS_REQUEST,
+    [UMBW_COLUMNS] = &COLUMNS_REQUEST,
+    [UMBW_BOXES] = &BOXES_REQUEST,
 };
 
 static size_t record_bytes(enum umbw_volume_query volume_query, enum umb_point_format format)
@@ -74,7 +76,7 @@ enum umb_status umbw_decode_volume_query_request(enum umbw_volume_query volume_q
                                                  struct umbw_volume_query_request *request,
                                                  struct umb_error *error)
 {
-    const struct umbw_table *table = &REQUESTS[volume_query];
+    const struct umbw_table *table = REQUESTS[volume_query];
     UMB__TRY(umbw_decode(table, message, size, request, error));
     const struct umbw_bytes *f32 = &request->f32, *f64 = &request->f64;
     const bool wide = f64->size > 0;
@@ -108,7 +110,7 @@ enum umb_status umbw_encode_volume_query_request(const struct umbw_volume_query_
                                                  struct umb_error *error)
 {
     struct umbw_volume_query_request copy = *request;
-    const struct umbw_table *table = &REQUESTS[request->volume_query];
+    const struct umbw_table *table = REQUESTS[request->volume_query];
     const bool wide = request->format == UMB_POINT_F64;
     const size_t bytes = record_bytes(request->volume_query, request->format);
     if (request->count > UINT32_MAX / bytes) {
@@ -141,16 +143,18 @@ static const struct umbw_row REPLY_ROWS[] = {
     {7, ANSWERS(3)}, /* of segments */
 };
 
-#define REPLY_TABLE(name)                                                                          \
-    {                                                                                              \
-        &umbrage__v1__##name##_reply__descriptor, REPLY_ROWS, "",                                  \
-            .size = sizeof(struct umbw_volume_query_reply)                                         \
-    }
+#define REPLY_TABLE(table, message)                                                                \
+    UMBW_TABLE(table, umbrage__v1__##message##_reply, REPLY_ROWS, "",                              \
+               sizeof(struct umbw_volume_query_reply))
 
-static const struct umbw_table REPLIES[UMBW_VOLUME_QUERY_COUNT] = {
-    [UMBW_SEGMENTS] = REPLY_TABLE(segments),
-    [UMBW_COLUMNS] = REPLY_TABLE(columns),
-    [UMBW_BOXES] = REPLY_TABLE(boxes),
+REPLY_TABLE(SEGMENTS_REPLY, segments);
+REPLY_TABLE(COLUMNS_REPLY, columns);
+REPLY_TABLE(BOXES_REPLY, boxes);
+
+static const struct umbw_table *const REPLIES[UMBW_VOLUME_QUERY_COUNT] = {
+    [UMBW_SEGMENTS] = &SEGMENTS_REPLY,
+    [UMBW_COLUMNS] = &COLUMNS_REPLY,
+    [UMBW_BOXES] = &BOXES_REPLY,
 };
 
 /* Checks the length of one array of answers. */
@@ -176,7 +180,7 @@ enum umb_status umbw_decode_volume_query_reply(enum umbw_volume_query volume_que
                                                struct umbw_volume_query_reply *reply,
                                                struct umb_error *error)
 {
-    const struct umbw_table *table = &REPLIES[volume_query];
+    const struct umbw_table *table = REPLIES[volume_query];
     UMB__TRY(umbw_decode(table, message, size, reply, error));
     reply->volume_query = volume_query;
     reply->count = count;
@@ -195,5 +199,5 @@ enum umb_status umbw_encode_volume_query_reply(const struct umbw_volume_query_re
         copy.sizes[k] = umbw_answer_sizes[reply->volume_query][k] *
                         (k == UMBW_FIELD_INTERVALS ? reply->interval_count : reply->count);
     }
-    return umbw_encode(&REPLIES[reply->volume_query], &copy, buffer, error);
+    return umbw_encode(REPLIES[reply->volume_query], &copy, buffer, error);
 }

@@ -13,7 +13,7 @@
  */
 #include "bake/analysis/analysis.h"
 #include "bake/options/bake_options.h"
-#include "format/transmittance_write.h"
+#include "format/transmittance.h"
 
 #define UMBB_TRANSMITTANCE_BYTES_MAX ((size_t)16 << 20)
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SHUT_IN_H
 #define UMBRAGE_SERVER_BAKE_SHUT_IN_H
-/* The sandbox of a bake (sandbox/bake_sandbox.h) with the paths that its options name. */
+/* The sandbox of a bake (sandbox/sandbox.h) with the paths that its options name. */
 #include "bake/options/bake_options.h"
 #include "scene/scene.h"
 

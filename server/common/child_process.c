@@ -105,14 +105,6 @@ int umbs_child_reap(pid_t child, int *exit_code, int *signal)
     return ended == child;
 }
 
-void umbs_hang_up(int *fd)
-{
-    if (*fd >= 0) {
-        (void)close(*fd);
-    }
-    *fd = -1;
-}
-
 void umbs_standard_streams_open(void)
 {
     int fd = 0;

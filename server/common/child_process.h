@@ -43,9 +43,6 @@ int umbs_child_has_ended(pid_t child);
  * because this process ignores SIGCHLD. Cost: waits for the child's end. */
 int umbs_child_reap(pid_t child, int *exit_code, int *signal);
 
-/* Closes a descriptor, unless it is -1, and sets it to -1. */
-void umbs_hang_up(int *fd);
-
 /*
  * Opens /dev/null in place of each closed standard descriptor. Otherwise the next file or socket
  * would get that number: printed text would go into it, and libuv ends the process when it closes

@@ -7,6 +7,16 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
+void umbs_hang_up(int *fd)
+{
+    const int cause = errno;
+    if (*fd >= 0) {
+        (void)close(*fd);
+    }
+    *fd = -1;
+    errno = cause;
+}
+
 ssize_t umbs_read_full(int fd, void *bytes, size_t size)
 {
     size_t have = 0;

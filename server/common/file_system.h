@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
 #define UMBRAGE_SERVER_COMMON_FILE_SYSTEM_H
-/* Reading files whole, and the kind of file system that a file is on. */
+/* Closing and reading files, and the kind of file system that a file is on. */
 #include <stdint.h>
 #include <sys/types.h>
 #include "umbrage/status.h"
+
+/* Closes a descriptor, unless it is -1, and sets it to -1. Keeps errno. */
+void umbs_hang_up(int *fd);
 
 /* Reads `size` bytes from a descriptor, or fewer at the file's end. Returns their number, or -1
  * with errno. */

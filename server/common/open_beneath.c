@@ -17,17 +17,11 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "common/file_system.h"
+
 /* Most attempts of an opening. A rename elsewhere makes at worst one attempt in dozens fail, so
  * this many failures in a row mean an attack. */
 #define TRIES_MAX 1000
-
-/* Closes a descriptor and keeps errno. */
-static void close_quietly(int fd)
-{
-    int saved = errno;
-    (void)close(fd);
-    errno = saved;
-}
 
 /* Opens one component at a time, following no symbolic links. */
 static int walk_beneath(int folder, const char *name)
@@ -53,7 +47,7 @@ static int walk_beneath(int folder, const char *name)
         } else {
             next = openat(at, *rest != '\0' ? rest : ".", flags | O_NOFOLLOW | O_CLOEXEC);
         }
-        close_quietly(at);
+        umbs_hang_up(&at);
         at = next;
         if (slash == NULL) {
             break;
@@ -95,7 +89,7 @@ int umbs_open_beneath(int folder, const char *name)
         return -1;
     }
     if (fstat(fd, &facts) != 0) {
-        close_quietly(fd);
+        umbs_hang_up(&fd);
         return -1;
     }
     if (!S_ISREG(facts.st_mode)) {

@@ -29,16 +29,14 @@ struct line {
 /* The first word of a small file; "-" where it cannot be read. */
 static void read_word(const char *path, char *word, size_t size)
 {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
     const ssize_t count = fd >= 0 ? read(fd, word, size - 1) : 0;
     word[count > 0 ? count : 0] = '\0';
     word[strcspn(word, " \n")] = '\0';
     if (word[0] == '\0') {
         (void)snprintf(word, size, "-");
     }
-    if (fd >= 0) {
-        (void)close(fd);
-    }
+    umbs_hang_up(&fd);
 }
 
 static void name_self(char owner[UMBS_OWNER_SIZE])
@@ -82,11 +80,9 @@ static struct line read_line(int fd)
 /* Reads the line through a new descriptor, so that NFS shows the latest bytes (owner_lock.h). */
 static struct line read_anew(const char *path)
 {
-    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+    int fd = open(path, O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
     const struct line line = fd >= 0 ? read_line(fd) : (struct line){""};
-    if (fd >= 0) {
-        (void)close(fd);
-    }
+    umbs_hang_up(&fd);
     return line;
 }
 
@@ -182,8 +178,7 @@ enum umb_status umbs__owner_lock_take(const char *path, enum umbs_reach reach, u
     name_self(lock->owner);
     enum umb_status status = take_open(lock, reach, watch_ms, error);
     if (status != UMB_OK) {
-        (void)close(lock->fd);
-        lock->fd = -1;
+        umbs_hang_up(&lock->fd);
     }
     return status;
 }
@@ -227,6 +222,5 @@ void umbs_owner_lock_release(struct umbs_owner_lock *lock)
     if (umbs_owner_lock_beat(lock, &ignored) != UMB_E_STATE) {
         (void)!ftruncate(lock->fd, 0); /* a line that stays costs the next owner a wait */
     }
-    (void)close(lock->fd);
-    lock->fd = -1;
+    umbs_hang_up(&lock->fd);
 }

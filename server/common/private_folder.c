@@ -11,6 +11,7 @@
 
 #include "base/open_status.h"
 #include "base/try.h"
+#include "common/file_system.h"
 
 static int is_ours(const struct stat *facts)
 {
@@ -119,24 +120,20 @@ static enum umb_status check_file(const char *path, int fd, struct umb_error *er
 static enum umb_status open_in(const char *folder, const char *path, const char *name, int *fd,
                                struct umb_error *error)
 {
-    const int at = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
+    int at = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
     /* O_NONBLOCK has no effect on regular files, but opening a pipe does not wait. */
     *fd = at < 0 ? -1 : openat(at, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
-    const int cause = errno;
-    if (at >= 0) {
-        (void)close(at);
-    }
-    if (*fd < 0 && cause == ELOOP) {
+    umbs_hang_up(&at);
+    if (*fd < 0 && errno == ELOOP) {
         return umb_fail(error, UMB_E_NO_INPUT,
                         "'%.200s' is a symbolic link; name the file that it leads to", path);
     }
     if (*fd < 0) {
-        return umb_fail_errno(error, umb__open_status(cause), cause, "cannot open '%.200s'", path);
+        return umb_fail_errno(error, umb__open_status(errno), errno, "cannot open '%.200s'", path);
     }
     const enum umb_status status = check_file(path, *fd, error);
     if (status != UMB_OK) {
-        (void)close(*fd);
-        *fd = -1;
+        umbs_hang_up(fd);
     }
     return status;
 }

@@ -20,6 +20,27 @@ void umbs_sha256_begin(struct umbs_sha256_run *run);
 void umbs_sha256_add(struct umbs_sha256_run *run, const void *bytes, size_t size);
 void umbs_sha256_end(struct umbs_sha256_run *run, uint8_t out[UMB_ID_BYTES]);
 
+/*
+ * The chain: a digest of any amount of data that does not keep the data. Each block of equal size
+ * is hashed together with the previous digest. The result is not the plain SHA-256 of the data, but
+ * as hard to forge. Call init, then add any number of times, then end.
+ */
+
+#define UMBS_CHAIN_BLOCK ((size_t)18432) /* 256 triangles of nine doubles */
+
+struct umbs_chain {
+    uint8_t digest[UMB_ID_BYTES]; /* digest of all blocks before */
+    size_t used;                  /* bytes used in block */
+    uint8_t block[UMBS_CHAIN_BLOCK];
+};
+
+void umbs_chain_init(struct umbs_chain *chain);
+void umbs_chain_add(struct umbs_chain *chain, const void *bytes, size_t count);
+
+/* Hashes the rest of the data and writes the digest. Initialise the chain again before another
+ * use. */
+void umbs_chain_end(struct umbs_chain *chain, uint8_t digest[UMB_ID_BYTES]);
+
 #define UMBS_KEY_BYTES 32U
 
 /* HMAC-SHA256 (RFC 2104) of one buffer: only a holder of the key can make it. */

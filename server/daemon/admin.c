@@ -2,7 +2,7 @@
 /* The admin port. It is small on purpose: it reads one request line and its Host header, and
  * answers. */
 #define _GNU_SOURCE /* strcasestr */
-#include "daemon/admin.h"
+#include "daemon/daemon.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -10,7 +10,7 @@
 
 #include "base/try.h"
 #include "daemon/base/service_manager.h"
-#include "daemon/transport/loop_group.h"
+#include "daemon/transport/loop.h"
 #include "daemon/work/calibrations.h"
 #include "daemon/work/pool.h"
 #include "jobs/service.h"
@@ -45,36 +45,12 @@ static int jobs_is_served(void *user, const uint8_t *asset)
 
 static enum umb_status start_jobs(struct umbd_daemon *daemon, struct umb_error *error)
 {
-    const struct umbd_options *options = &daemon->server.options;
-    const struct umbj_service_options service = {
-        .folder = options->jobs,
-        .table = options->jobs_db,
-        .tries.program = options->bake_program,
-        .tries.sandbox = options->job_sandbox,
-        .slurm = strcmp(options->executor, "slurm") == 0,
-        .tries.interval_ms = options->executor_interval_ms,
-        .slurm_words = options->slurm_options,
-        .tries.workers = options->bake_workers,
-        .tries.threads = options->bake_threads,
-        .tries.memory_bytes = options->bake_memory,
-        .tries.tile = options->bake_tile,
-        .tries.cache_bytes = options->tile_cache,
-        .tries.timeout_ms = options->job_time_ms,
-        .tries.max_output_bytes = options->max_asset,
-        .max_bundle_bytes = options->max_bundle,
-        .keep_ms = options->job_keep_ms,
-        .limits = {.owner_jobs = options->owner_jobs,
-                   .owner_bytes = (int64_t)options->owner_bytes,
-                   .total_bytes = (int64_t)options->job_bytes,
-                   .lease_ms = (int64_t)options->job_lease_ms,
-                   .owner_assets = (int64_t)options->owner_assets,
-                   .owner_history = options->owner_history},
-        .log = &daemon->server.log,
-        .store_changed = jobs_changed_store,
-        .replacing = jobs_replacing,
-        .is_served = jobs_is_served,
-        .user = daemon,
-    };
+    struct umbj_service_options service = daemon->server.options.bakes;
+    service.log = &daemon->server.log;
+    service.store_changed = jobs_changed_store;
+    service.replacing = jobs_replacing;
+    service.is_served = jobs_is_served;
+    service.user = daemon;
     return umbj_service_create(&service, &daemon->backend.jobs, error);
 }
 
@@ -130,13 +106,13 @@ static enum umb_status list_folders(struct umbd_daemon *daemon, struct umb_error
     while (daemon->folders[daemon->backend.store_count] != NULL) {
         daemon->backend.store_count++;
     }
-    if (options->jobs == NULL) {
+    if (options->bakes.folder == NULL) {
         return UMB_OK;
     }
     daemon->folders[daemon->backend.store_count] = daemon->job_assets;
-    UMB__TRY(umbd_daemon_check_apart(options, options->jobs, error));
-    UMB__TRY(
-        umbj_service_prepare(options->jobs, daemon->job_assets, sizeof daemon->job_assets, error));
+    UMB__TRY(umbd_daemon_check_apart(options, options->bakes.folder, error));
+    UMB__TRY(umbj_service_prepare(options->bakes.folder, daemon->job_assets,
+                                  sizeof daemon->job_assets, error));
     return umbd_daemon_check_apart(options, daemon->job_assets, error);
 }
 
@@ -197,7 +173,7 @@ static enum umb_status start_threads(struct umbd_daemon *daemon, struct umb_erro
                               &daemon->backend.pool, error));
     UMB__TRY(umbd_store_watch_start(daemon->watch, daemon->backend.store, daemon->folders,
                                     options->scrub_interval_ms, error));
-    return options->jobs != NULL ? start_jobs(daemon, error) : UMB_OK;
+    return options->bakes.folder != NULL ? start_jobs(daemon, error) : UMB_OK;
 }
 
 enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_options *options,

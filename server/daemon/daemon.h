@@ -58,6 +58,24 @@ int umbd_daemon_finish(struct umbd_daemon *daemon);
  */
 void umbd_daemon_reload(struct umbd_daemon *daemon);
 
+/*
+ * The admin port (admin.c): HTTP/1.1 on loopback for scrapers and probes. It answers GET and HEAD
+ * of /metrics, /livez and /readyz. Limits: one request for each connection, 4 KiB a request, 5
+ * seconds, 32 connections.
+ */
+
+/* Opens the admin port on the first loop, if the options name one. Only a failure at the start ends
+ * the daemon. */
+UMB_CHECKED enum umb_status umbd_admin_open(struct umbd_daemon *daemon, struct umb_error *error);
+
+/* "http:HOST:PORT" of the open port, or NULL. */
+const char *umbd_admin_text(const struct umbd_daemon *daemon);
+
+void umbd_admin_tick(struct umbd_daemon *daemon, uint64_t now_ms);
+
+/* Closes port and connections. */
+void umbd_admin_close(struct umbd_daemon *daemon);
+
 /* Handlers for umbd_server.daemon: admin port, signs of life, reload. */
 extern const struct umbd_daemon_events umbd_daemon_events;
 

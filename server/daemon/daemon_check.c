@@ -22,9 +22,7 @@ static enum umb_status check_stores(const struct umbd_options *options, struct u
 {
     struct umbs_store_options store = {.no_cache = 1};
     struct umbs_store *opened = NULL;
-    for (size_t i = 0; i < UMBS_STORE_FOLDERS_MAX && options->stores[i] != NULL; i++) {
-        store.folders[i] = options->stores[i];
-    }
+    memcpy(store.folders, options->stores, sizeof store.folders);
     enum umb_status status = umbs_store_open(&store, &opened, error);
     umbs_store_close(opened);
     return status;
@@ -89,8 +87,8 @@ static enum umb_status check_cache(const char *path, struct umb_error *error)
 static enum umb_status check_table(const struct umbd_options *options, struct umb_error *error)
 {
     struct umbj_place place;
-    return options->jobs_db != NULL || access(options->jobs, F_OK) == 0
-               ? umbj_place_check(options->jobs, options->jobs_db, &place, error)
+    return options->bakes.table != NULL || access(options->bakes.folder, F_OK) == 0
+               ? umbj_place_check(options->bakes.folder, options->bakes.table, &place, error)
                : UMB_OK;
 }
 
@@ -124,14 +122,14 @@ static enum umb_status check_slurm(struct umb_error *error)
 
 static enum umb_status check_jobs(const struct umbd_options *options, struct umb_error *error)
 {
-    UMB__TRY(check_folder("--jobs", options->jobs, error));
-    UMB__TRY(umbd_daemon_check_apart(options, options->jobs, error));
+    UMB__TRY(check_folder("--jobs", options->bakes.folder, error));
+    UMB__TRY(umbd_daemon_check_apart(options, options->bakes.folder, error));
     UMB__TRY(check_table(options, error));
-    if (options->bake_program != NULL && access(options->bake_program, X_OK) != 0) {
+    if (options->bakes.tries.program != NULL && access(options->bakes.tries.program, X_OK) != 0) {
         return umb_fail_errno(error, UMB_E_UNAVAILABLE, errno, "--bake-program: '%.200s'",
-                              options->bake_program);
+                              options->bakes.tries.program);
     }
-    return strcmp(options->executor, "slurm") == 0 ? check_slurm(error) : UMB_OK;
+    return options->bakes.slurm ? check_slurm(error) : UMB_OK;
 }
 
 enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb_error *error)
@@ -146,5 +144,5 @@ enum umb_status umbd_daemon_check(const struct umbd_options *options, struct umb
     if (options->tls_cert != NULL && options->tls_key != NULL) {
         UMB__TRY(check_tls(options, error));
     }
-    return options->jobs != NULL ? check_jobs(options, error) : UMB_OK;
+    return options->bakes.folder != NULL ? check_jobs(options, error) : UMB_OK;
 }

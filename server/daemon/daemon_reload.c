@@ -24,19 +24,6 @@ static char *settings_text(const struct umbd_options *options)
     return text;
 }
 
-/* Cuts the next line off; NULL at the end. */
-static char *next_line(char **rest)
-{
-    char *line = *rest;
-    char *end = strchr(line, '\n');
-    if (end == NULL) {
-        return NULL;
-    }
-    *end = '\0';
-    *rest = end + 1;
-    return line;
-}
-
 static int has_line(const char *text, const char *line)
 {
     size_t length = strlen(line);
@@ -50,7 +37,9 @@ static int has_line(const char *text, const char *line)
 /* Logs each setting of `after` that differs from `before`: such a setting needs a restart. */
 static void log_waiting(const struct umbs_log *log, const char *before, char *after)
 {
-    for (char *line = next_line(&after); line != NULL; line = next_line(&after)) {
+    char *rest;
+    for (char *line = strtok_r(after, "\n", &rest); line != NULL;
+         line = strtok_r(NULL, "\n", &rest)) {
         if (!has_line(before, line)) {
             char quoted[UMBS_LOG_QUOTE_SIZE];
             umbs_log_event(log, UMB_LOG_WARN, "restart_needed", "setting=%s",

@@ -91,28 +91,14 @@ static int compare_files(const void *a, const void *b)
     return strcmp((*left)->path, (*right)->path);
 }
 
-/* Compares names without the case of ASCII letters, independent of the locale: on a file system
- * that folds case, both names would be one file. Other letters are compared byte by byte. If a file
- * system folds other letters too, the second file exists already when it is created, and upload.c
- * refuses it. */
-static int fold(unsigned char letter)
-{
-    return letter >= 'A' && letter <= 'Z' ? letter - 'A' + 'a' : letter;
-}
-
-static int compare_folded(const char *left, const char *right)
-{
-    while (*left != '\0' && fold((unsigned char)*left) == fold((unsigned char)*right)) {
-        left++;
-        right++;
-    }
-    return fold((unsigned char)*left) - fold((unsigned char)*right);
-}
-
+/* Compares names without the case of ASCII letters (the locale is "C", because no program calls
+ * setlocale): on a file system that folds case, both names would be one file. Other letters are
+ * compared byte by byte. If a file system folds other letters too, the second file exists already
+ * when it is created, and upload.c refuses it. */
 static int compare_files_folded(const void *a, const void *b)
 {
     const struct umbj_bundle_file *const *left = a, *const *right = b;
-    const int order = compare_folded((*left)->path, (*right)->path);
+    const int order = strcasecmp((*left)->path, (*right)->path);
     return order != 0 ? order : strcmp((*left)->path, (*right)->path);
 }
 
@@ -136,7 +122,8 @@ static int differ_by_case(const char *one, const char *other)
 {
     int differ = 0, differ_here = 0;
     size_t i = 0;
-    for (; one[i] != '\0' && fold((unsigned char)one[i]) == fold((unsigned char)other[i]); i++) {
+    for (; one[i] != '\0' && tolower((unsigned char)one[i]) == tolower((unsigned char)other[i]);
+         i++) {
         differ_here |= one[i] != other[i];
         differ = one[i] == '/' ? differ_here : differ;
     }

@@ -19,6 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/file_system.h"
 #include "tool/clock.h"
 #include "jobs/bake_try.h"
 #include "jobs/folder.h"
@@ -109,38 +110,29 @@ static void *run_try(void *user)
     return NULL;
 }
 
-#define TEXTS 5
-
-/* The texts of a work. */
-static void texts_of(struct umbj_work *work, const char **texts[TEXTS])
-{
-    const char **const all[TEXTS] = {&work->bundle, &work->folder, &work->scene, &work->settings,
-                                     &work->cache};
-    memcpy(texts, all, sizeof all);
-}
-
 static void free_texts(struct umbj_work *work)
 {
-    const char **texts[TEXTS];
-    texts_of(work, texts);
-    for (size_t i = 0; i < TEXTS; i++) {
-        free((void *)*texts[i]);
-    }
+    free((void *)work->bundle);
+    free((void *)work->folder);
+    free((void *)work->scene);
+    free((void *)work->settings);
+    free((void *)work->cache);
+}
+
+/* Replaces a borrowed text by a copy; returns 0 if out of memory: it is then NULL. */
+static int own(const char **text)
+{
+    const int given = *text != NULL; /* there may be no cache */
+    *text = given ? strdup(*text) : NULL;
+    return !given || *text != NULL;
 }
 
 /* Copies a work; returns 0 if out of memory: some texts are then NULL. */
 static int copy_work(struct umbj_work *copy, const struct umbj_work *work)
 {
-    const char **texts[TEXTS];
-    int good = 1;
     *copy = *work;
-    texts_of(copy, texts);
-    for (size_t i = 0; i < TEXTS; i++) {
-        const int given = *texts[i] != NULL; /* there may be no cache */
-        *texts[i] = given ? strdup(*texts[i]) : NULL;
-        good &= !given || *texts[i] != NULL;
-    }
-    return good;
+    return own(&copy->bundle) & own(&copy->folder) & own(&copy->scene) & own(&copy->settings) &
+           own(&copy->cache);
 }
 
 static void release(struct slot *slot)
@@ -188,9 +180,7 @@ static enum umb_status executor_start(struct umbj_executor *self, const struct u
     *slot = (struct slot){.owner = executor, .stop = eventfd(0, EFD_CLOEXEC)};
     if (slot->stop < 0 || !copy_work(&slot->work, work) ||
         pthread_create(&slot->thread, NULL, run_try, slot) != 0) {
-        if (slot->stop >= 0) {
-            close(slot->stop);
-        }
+        umbs_hang_up(&slot->stop);
         free_texts(&slot->work);
         return umb_fail(error, UMB_E_NO_MEMORY, "worker: no memory or no thread to be had");
     }

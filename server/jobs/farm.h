@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_FARM_H
 #define UMBRAGE_SERVER_JOBS_FARM_H
 /*
- * A farm runs commands on other machines. Its interface has five calls: submit an array of tasks,
- * submit one task (the merge), status, cancel, reconcile. Slurm is a farm (slurm_farm.c).
+ * A farm runs commands on other machines. Its interface has four calls: submit, status, cancel,
+ * reconcile. Slurm is a farm (slurm_farm.c).
  *
  * The farm's answers are not trusted. A task has ended when its end file is in the folder of its
  * stage, which all machines share. The task's own script gives that file its name:
@@ -43,14 +43,12 @@ enum umbj_task_state {
 
 struct umbj_farm {
     /* Submits tasks: those with wanted[number] != 0, each as the command with --only=NUMBER
-     * appended. Clears wanted[number] of each task that the farm accepted, even on failure. Fails:
-     * E_UNAVAILABLE with the farm's message, or because it was stopped. After a failure the farm
-     * may have accepted some tasks that are still marked as wanted; status tells. */
-    enum umb_status (*submit_array)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
-                                    uint8_t *wanted, struct umb_error *error);
-    /* Submits the command once, unchanged: task 0. Fails: as submit_array. */
-    enum umb_status (*submit_merge)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
-                                    struct umb_error *error);
+     * appended. wanted: NULL = the command once, unchanged: task 0. Clears wanted[number] of each
+     * task that the farm accepted, even on failure. Fails: E_UNAVAILABLE with the farm's message,
+     * or because it was stopped. After a failure the farm may have accepted some tasks that are
+     * still marked as wanted; status tells. */
+    enum umb_status (*submit)(struct umbj_farm *self, const struct umbj_farm_stage *stage,
+                              uint8_t *wanted, struct umb_error *error);
     /* Sets known[number] to the state of each task, enum umbj_task_state. Releases tasks that the
      * farm only holds back. Fails: E_UNAVAILABLE: no state is known. */
     enum umb_status (*status)(struct umbj_farm *self, const struct umbj_farm_stage *stage,

@@ -226,8 +226,7 @@ static enum umbj_failure submit(struct stage *stage)
     }
     memcpy(stage->asked, stage->wanted, stage->farm.count);
     const enum umb_status status =
-        stage->is_array ? farm->submit_array(farm, &stage->farm, stage->wanted, &error)
-                        : farm->submit_merge(farm, &stage->farm, &error);
+        farm->submit(farm, &stage->farm, stage->is_array ? stage->wanted : NULL, &error);
     if (status == UMB_OK) {
         memset(stage->wanted, 0, stage->farm.count);
         stage->answered_ms = umbu_clock_ms();

@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/file_system.h"
 #include "tool/output.h"
 
 void umbj_names_finish(struct umbj_names *names)
@@ -39,9 +40,7 @@ int umbj_names_read(int folder, struct umbj_names *names)
     int copy = openat(folder, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     DIR *listing = copy >= 0 ? fdopendir(copy) : NULL;
     if (listing == NULL) {
-        if (copy >= 0) {
-            close(copy);
-        }
+        umbs_hang_up(&copy);
         return -1;
     }
     int failed = 0;

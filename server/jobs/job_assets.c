@@ -90,24 +90,16 @@ enum umb_status umbj_table_count(struct umbj_table *table, int64_t counts[UMBJ_S
                         "SELECT state, count FROM state_count", "");
 }
 
-static enum umb_status take_kept(void *user, sqlite3_stmt *row)
-{
-    struct umbj_kept *kept = user;
-    kept->jobs = sqlite3_column_int64(row, 0);
-    kept->asset_bytes = sqlite3_column_int64(row, 1);
-    return UMB_OK;
-}
-
 enum umb_status umbj_table_kept(struct umbj_table *table, const char *owner, struct umbj_kept *kept,
                                 struct umb_error *error)
 {
     *kept = (struct umbj_kept){0, 0};
     return owner != NULL
-               ? umbj_sql_run(&table->sql, error, take_kept, kept,
-                              "SELECT jobs, bytes FROM tally WHERE owner = ?", "t", owner)
-               : umbj_sql_run(&table->sql, error, take_kept, kept,
-                              "SELECT coalesce(sum(jobs), 0), coalesce(sum(bytes), 0) FROM tally",
-                              "");
+               ? umbj_sql_do(&table->sql, error,
+                             "SELECT sum(jobs), sum(bytes) FROM tally WHERE owner = ?", "t>ii",
+                             owner, &kept->jobs, &kept->asset_bytes)
+               : umbj_sql_do(&table->sql, error, "SELECT sum(jobs), sum(bytes) FROM tally", ">ii",
+                             &kept->jobs, &kept->asset_bytes);
 }
 
 enum umb_status umbj_table_trim(struct umbj_table *table, const char *owner,
@@ -165,17 +157,14 @@ enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *own
 static enum umb_status count_unfinished(struct umbj_table *table, const char *owner,
                                         struct umbj_pending *used, struct umb_error *error)
 {
-    struct umbj_sql *sql = &table->sql;
-    UMB__TRY(umbj_sql_number(sql, error, &used->own_jobs,
-                             "SELECT count(*) FROM job WHERE state IN (0, 1) AND owner = ?", "t",
-                             owner));
-    UMB__TRY(umbj_sql_number(
-        sql, error, &used->own_bytes,
-        "SELECT sum(bundle_bytes) FROM job WHERE state IN (0, 1) AND owner = ?", "t", owner));
-    return umbj_sql_number(sql, error, &used->all_bytes,
-                           "SELECT sum(bytes) FROM (SELECT max(bundle_bytes) AS bytes FROM job"
-                           " WHERE state IN (0, 1) GROUP BY key)",
-                           "");
+    UMB__TRY(umbj_sql_do(&table->sql, error,
+                         "SELECT count(*), sum(bundle_bytes) FROM job WHERE state IN (0, 1)"
+                         " AND owner = ?",
+                         "t>ii", owner, &used->own_jobs, &used->own_bytes));
+    return umbj_sql_do(&table->sql, error,
+                       "SELECT sum(bytes) FROM (SELECT max(bundle_bytes) AS bytes FROM job"
+                       " WHERE state IN (0, 1) GROUP BY key)",
+                       ">i", &used->all_bytes);
 }
 
 enum umb_status umbj_table_check_quota(struct umbj_table *table, const char *owner,
@@ -232,39 +221,35 @@ enum umb_status umbj_table_announce(struct umbj_table *table, const uint8_t *ass
                        asset);
 }
 
-struct bake_found {
-    int found;
-    uint8_t *asset;
-    int64_t *bake_ms;
-};
-
-static enum umb_status take_bake(void *user, sqlite3_stmt *row)
+/* Adds the message where a statement has found no row. */
+static enum umb_status explain(enum umb_status status, const char *otherwise,
+                               struct umb_error *error)
 {
-    struct bake_found *bake = user;
-    *bake->bake_ms = sqlite3_column_int64(row, 1);
-    bake->found = umbj_sql_hash(row, 0, bake->asset) && *bake->bake_ms >= 0 &&
-                  *bake->bake_ms <= UMBJ__BAKE_MS_MAX;
-    return UMB_OK;
+    return status == UMB_E_NOT_FOUND ? umb_fail(error, status, "%s", otherwise) : status;
 }
 
 enum umb_status umbj_table_find_bake(struct umbj_table *table, const uint8_t *key,
                                      uint8_t asset[UMBJ_HASH_BYTES], int64_t *bake_ms,
                                      struct umb_error *error)
 {
-    struct bake_found bake = {0, asset, bake_ms};
-    UMB__TRY(umbj_sql_run(&table->sql, error, take_bake, &bake,
-                          "SELECT asset, bake_ms FROM bake WHERE key = ?", "h", key));
-    return bake.found ? UMB_OK : umb_fail(error, UMB_E_NOT_FOUND, "no bake of this scene is known");
+    *bake_ms = 0;
+    enum umb_status status =
+        umbj_sql_do(&table->sql, error, "SELECT asset, bake_ms FROM bake WHERE key = ?", "h>hi",
+                    key, asset, bake_ms);
+    if (status == UMB_OK && (*bake_ms < 0 || *bake_ms > UMBJ__BAKE_MS_MAX)) {
+        status = UMB_E_NOT_FOUND;
+    }
+    return explain(status, "no bake of this scene is known", error);
 }
 
 enum umb_status umbj_table_asset(struct umbj_table *table, const uint8_t *asset, const char *owner,
                                  int *owned, struct umb_error *error)
 {
     int64_t owners = 0;
-    const enum umb_status status = umbj_sql_number(&table->sql, error, &owners,
-                                                   "SELECT count(*) FROM owned WHERE asset = ?1"
-                                                   " AND (?2 IS NULL OR owner = ?2)",
-                                                   "ht", asset, owner);
+    const enum umb_status status = umbj_sql_do(&table->sql, error,
+                                               "SELECT count(*) FROM owned WHERE asset = ?1"
+                                               " AND (?2 IS NULL OR owner = ?2)",
+                                               "ht>i", asset, owner, &owners);
     *owned = owners > 0;
     return status;
 }
@@ -280,33 +265,26 @@ enum umb_status umbj_table_disown(struct umbj_table *table, const uint8_t *asset
                : umb_fail(error, UMB_E_NOT_FOUND, "asset: no job of yours made it");
 }
 
-static enum umb_status take_hash(void *user, sqlite3_stmt *row)
-{
-    struct bake_found *bake = user;
-    bake->found = umbj_sql_hash(row, 0, bake->asset);
-    return UMB_OK;
-}
-
 enum umb_status umbj_table_unowned(struct umbj_table *table, uint8_t asset[UMBJ_HASH_BYTES],
                                    struct umb_error *error)
 {
-    struct bake_found found = {.asset = asset};
-    UMB__TRY(umbj_sql_run(&table->sql, error, take_hash, &found,
-                          "SELECT id FROM asset WHERE owners < 1 AND length(id) = 32 LIMIT 1", ""));
-    return found.found ? UMB_OK : umb_fail(error, UMB_E_NOT_FOUND, "every asset has an owner");
+    const enum umb_status status = umbj_sql_do(
+        &table->sql, error, "SELECT id FROM asset WHERE owners < 1 AND length(id) = 32 LIMIT 1",
+        ">h", asset);
+    return explain(status, "every asset has an owner", error);
 }
 
 enum umb_status umbj_table_next_unsized(struct umbj_table *table, uint8_t asset[UMBJ_HASH_BYTES],
                                         struct umb_error *error)
 {
     uint8_t after[UMBJ_HASH_BYTES];
-    struct bake_found found = {.asset = asset};
     memcpy(after, asset, sizeof after);
-    UMB__TRY(umbj_sql_run(&table->sql, error, take_hash, &found,
-                          "SELECT id FROM asset WHERE bytes = 0 AND id > ? AND length(id) = 32"
-                          " ORDER BY id LIMIT 1",
-                          "h", after));
-    return found.found ? UMB_OK : umb_fail(error, UMB_E_NOT_FOUND, "every asset has a size");
+    const enum umb_status status =
+        umbj_sql_do(&table->sql, error,
+                    "SELECT id FROM asset WHERE bytes = 0 AND id > ? AND length(id) = 32"
+                    " ORDER BY id LIMIT 1",
+                    "h>h", after, asset);
+    return explain(status, "every asset has a size", error);
 }
 
 static enum umb_status forget(struct umbj_sql *sql, const uint8_t *asset, struct umb_error *error)

@@ -1,27 +1,46 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Changes of a job's state: submitted, claimed, renewed, finished, failed, cancelled. Each change
- * is one statement or one transaction. Changes on behalf of a worker name its epoch.
+ * Names of job states and failures, and changes of a job's state: submitted, claimed, renewed,
+ * finished, failed, cancelled. Each change is one statement or one transaction. Changes on behalf
+ * of a worker name its epoch.
  */
 #include "jobs/job_table_internal.h"
 
-#include <string.h>
+#include <stdio.h>
 #include <sys/random.h>
 
 #include "base/try.h"
+#include "umbrage/asset.h"
+
+const char *umbj_state_name(enum umbj_state state)
+{
+    static const char *const names[UMBJ_STATE_COUNT] = {"queued", "running", "done", "failed",
+                                                        "poison"};
+    return (unsigned)state < UMBJ_STATE_COUNT ? names[state] : "unknown";
+}
+
+const char *umbj_failure_name(enum umbj_failure failure)
+{
+    static const char *const names[UMBJ_FAILURE_COUNT] = {
+        "none",   "rejected", "temporary", "io",       "lost",     "crash",
+        "memory", "sandbox",  "timeout",   "internal", "cancelled"};
+    return (unsigned)failure < UMBJ_FAILURE_COUNT ? names[failure] : "unknown";
+}
+
+int umbj_is_over(enum umbj_state state)
+{
+    return state != UMBJ_QUEUED && state != UMBJ_RUNNING;
+}
 
 static enum umb_status make_id(char id[UMBJ_ID_SIZE], struct umb_error *error)
 {
-    static const char digits[] = "0123456789abcdef";
-    uint8_t bytes[(UMBJ_ID_SIZE - 1) / 2];
+    uint8_t bytes[UMB_ID_BYTES];
+    char text[UMB_ID_TEXT_SIZE];
     if (getrandom(bytes, sizeof bytes, 0) != (ssize_t)sizeof bytes) {
         return umb_fail(error, UMB_E_INTERNAL, "no random bytes to be had for a job's id");
     }
-    for (size_t i = 0; i < sizeof bytes; i++) {
-        id[2 * i] = digits[bytes[i] >> 4];
-        id[2 * i + 1] = digits[bytes[i] & 15];
-    }
-    id[UMBJ_ID_SIZE - 1] = '\0';
+    umb_id_to_text(bytes, text);
+    (void)snprintf(id, UMBJ_ID_SIZE, "%.*s", UMBJ_ID_SIZE - 1, text);
     return UMB_OK;
 }
 

@@ -45,13 +45,6 @@ static enum umb_status fail(const struct umbj_sql *sql, int code, struct umb_err
                     sql->database != NULL ? sqlite3_errmsg(sql->database) : sqlite3_errstr(code));
 }
 
-/* The answer to a pragma, as text. */
-static enum umb_status take_answer(void *user, sqlite3_stmt *row)
-{
-    umbj_sql_text(row, 0, user, ANSWER_SIZE);
-    return UMB_OK;
-}
-
 /*
  * Sets one mode and reads it back. If the file system or the build of SQLite does not allow a mode,
  * SQLite keeps the old one without an error.
@@ -61,7 +54,7 @@ static enum umb_status set_up(struct umbj_sql *sql, const struct mode *mode,
 {
     char answer[ANSWER_SIZE] = "";
     UMB__TRY(umbj_sql_do(sql, error, mode->set, ""));
-    UMB__TRY(umbj_sql_run(sql, error, take_answer, answer, mode->ask, ""));
+    UMB__TRY(umbj_sql_do(sql, error, mode->ask, ">t", answer, sizeof answer));
     if (strcmp(answer, mode->answer) != 0) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "job table: '%s' gives '%.20s', not '%s', so acknowledged jobs would not "
@@ -100,21 +93,41 @@ void umbj_sql_close(struct umbj_sql *sql)
     sql->database = NULL;
 }
 
-static int bind(sqlite3_stmt *statement, const char *types, va_list arguments)
+/* Binds the arguments; returns SQLite's code. *types moves to the '>' or the end. */
+static int bind(sqlite3_stmt *statement, const char **types, va_list *arguments)
 {
     int code = SQLITE_OK;
-    for (int i = 0; code == SQLITE_OK && types[i] != '\0'; i++) {
-        if (types[i] == 't') {
-            code = sqlite3_bind_text(statement, i + 1, va_arg(arguments, const char *), -1,
+    for (int i = 1; code == SQLITE_OK && **types != '\0' && **types != '>'; i++, ++*types) {
+        if (**types == 't') {
+            code = sqlite3_bind_text(statement, i, va_arg(*arguments, const char *), -1,
                                      SQLITE_STATIC);
-        } else if (types[i] == 'i') {
-            code = sqlite3_bind_int64(statement, i + 1, va_arg(arguments, int64_t));
+        } else if (**types == 'i') {
+            code = sqlite3_bind_int64(statement, i, va_arg(*arguments, int64_t));
         } else {
-            code = sqlite3_bind_blob(statement, i + 1, va_arg(arguments, const uint8_t *),
+            code = sqlite3_bind_blob(statement, i, va_arg(*arguments, const uint8_t *),
                                      UMBJ_HASH_BYTES, SQLITE_STATIC);
         }
     }
     return code;
+}
+
+/* Stores the columns of a row. Fails: E_NOT_FOUND: a column is not a hash. */
+static enum umb_status store(sqlite3_stmt *row, const char *types, va_list *arguments)
+{
+    int good = 1;
+    for (int i = 0; good && types[i] != '\0'; i++) {
+        if (types[i] == 't') {
+            char *text = va_arg(*arguments, char *);
+            umbj_sql_text(row, i, text, va_arg(*arguments, size_t));
+        } else if (types[i] == 'h') {
+            good = umbj_sql_hash(row, i, va_arg(*arguments, uint8_t *));
+        } else {
+            int64_t *number = va_arg(*arguments, int64_t *);
+            const int is_null = sqlite3_column_type(row, i) == SQLITE_NULL;
+            *number = is_null ? *number : sqlite3_column_int64(row, i);
+        }
+    }
+    return good ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
 enum umb_status umbj_sql_run_list(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
@@ -122,25 +135,32 @@ enum umb_status umbj_sql_run_list(struct umbj_sql *sql, struct umb_error *error,
                                   va_list arguments)
 {
     sqlite3_stmt *statement = NULL;
-    enum umb_status status = UMB_OK;
+    va_list list;
+    va_copy(list, arguments);
     int code = sqlite3_prepare_v2(sql->database, text, -1, &statement, NULL);
     if (code == SQLITE_OK) {
-        code = bind(statement, types, arguments);
+        code = bind(statement, &types, &list);
     }
     if (code == SQLITE_OK) {
         code = SQLITE_ROW;
     }
+    int stores = *types == '>';
+    enum umb_status status = UMB_OK;
     while (code == SQLITE_ROW && status == UMB_OK) {
         code = sqlite3_step(statement);
-        if (code == SQLITE_ROW && row != NULL) {
+        if (code == SQLITE_ROW && stores) {
+            stores = 0;
+            status = store(statement, types + 1, &list);
+        } else if (code == SQLITE_ROW && row != NULL) {
             status = row(user, statement);
         }
     }
+    va_end(list);
     if (status == UMB_OK && code != SQLITE_DONE) {
         status = fail(sql, code, error);
     }
     (void)sqlite3_finalize(statement); /* repeats the status of step */
-    return status;
+    return status == UMB_OK && stores ? UMB_E_NOT_FOUND : status;
 }
 
 enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error, umbj_row_fn row,
@@ -158,14 +178,6 @@ enum umb_status umbj_sql_do_all(struct umbj_sql *sql, struct umb_error *error,
 {
     for (size_t i = 0; i < count; i++) {
         UMB__TRY(umbj_sql_do(sql, error, texts[i], ""));
-    }
-    return UMB_OK;
-}
-
-enum umb_status umbj_sql_take_number(void *user, sqlite3_stmt *row)
-{
-    if (sqlite3_column_type(row, 0) != SQLITE_NULL) {
-        *(int64_t *)user = sqlite3_column_int64(row, 0);
     }
     return UMB_OK;
 }

@@ -37,8 +37,11 @@ typedef enum umb_status (*umbj_row_fn)(void *user, sqlite3_stmt *row);
  *
  * In:    row: callback for each row, or NULL. types: one letter for each `?` of the text and its
  *        argument: t const char *, i int64_t, h const uint8_t[UMBJ_HASH_BYTES]. A NULL pointer is
- *        SQL's NULL.
+ *        SQL's NULL. After a '>' one letter for each column of the result's only row, and where to
+ *        store it: t char * and its size_t; i int64_t *, unchanged if the column is NULL; h uint8_t
+ *        [UMBJ_HASH_BYTES]. Such a statement has no callback.
  * Fails: E_IO, E_BUSY, E_LIMIT (disk full), E_CORRUPT, E_NO_MEMORY, or the status of row.
+ *        E_NOT_FOUND, without a message: there is no row to store, or a column is not a hash.
  */
 UMB_CHECKED enum umb_status umbj_sql_run(struct umbj_sql *sql, struct umb_error *error,
                                          umbj_row_fn row, void *user, const char *text,
@@ -47,15 +50,8 @@ UMB_CHECKED enum umb_status umbj_sql_run_list(struct umbj_sql *sql, struct umb_e
                                               umbj_row_fn row, void *user, const char *text,
                                               const char *types, va_list arguments);
 
-/* The same as umbj_sql_run, for a statement without rows: umbj_sql_do(sql, error, text, types,
- * ...). */
+/* The same as umbj_sql_run, without a callback: umbj_sql_do(sql, error, text, types, ...). */
 #define umbj_sql_do(sql, error, ...) umbj_sql_run(sql, error, NULL, NULL, __VA_ARGS__)
-
-/* The same as umbj_sql_run, for a number in the first column of one row. number: int64_t *;
- * unchanged if there is no row, or the column is NULL. */
-#define umbj_sql_number(sql, error, number, ...)                                                   \
-    umbj_sql_run(sql, error, umbj_sql_take_number, number, __VA_ARGS__)
-enum umb_status umbj_sql_take_number(void *user, sqlite3_stmt *row);
 
 /* Runs `count` statements without rows and arguments, in order. */
 UMB_CHECKED enum umb_status umbj_sql_do_all(struct umbj_sql *sql, struct umb_error *error,

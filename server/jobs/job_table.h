@@ -26,7 +26,7 @@
  * failed, one with lost is poison. Crash, memory and sandbox are tried once more; then the job is
  * poison.
  *
- * Rows are checked when they are read (job_rows.c): a damaged row is a failed job.
+ * Rows are checked when they are read: a damaged row is a failed job.
  *
  * Threads: one at a time.
  */

@@ -2,9 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 /*
- * Shared by the files of the job table. Each file uses only those before it: job_rows.c finds jobs
- * and validates rows, job_assets.c keeps owners, counts and quotas, job_table.c reads, job_moves.c
- * changes.
+ * Shared by the files of the job table. Each file uses only those before it: job_assets.c keeps
+ * owners, counts and quotas, job_table.c validates rows and finds jobs, job_moves.c changes them.
  */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
@@ -16,7 +15,7 @@ struct umbj_table {
     int64_t refused[UMBJ_QUOTA_COUNT];
 };
 
-/* Beginning of a statement whose rows umbj__read_job reads. */
+/* Beginning of a statement that reads whole rows. */
 #define UMBJ__SELECT_JOBS                                                                          \
     "SELECT id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms,"     \
     " started_ms, ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"        \
@@ -31,11 +30,7 @@ struct umbj_table {
 /* SQL condition for a queued job whose pause is over. ?1: now; ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
 
-/* --- job_rows.c --- */
-
-/* Reads a row of UMBJ__SELECT_JOBS. For a damaged row `damage` is set, and the job is failed with a
- * cause; its id is empty if the row has no valid owner. */
-void umbj__read_job(sqlite3_stmt *row, struct umbj_job *job);
+/* --- job_table.c --- */
 
 /*
  * Finds the one job of a statement that begins with UMBJ__SELECT_JOBS. Damaged rows are retired,

@@ -18,6 +18,7 @@
 
 #include "base/try.h"
 #include "tool/clock.h"
+#include "common/file_system.h"
 #include "common/private_folder.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
@@ -285,16 +286,11 @@ static enum umb_status open_folder(struct umbj_service *service, struct umb_erro
 /* Makes a path absolute and without links. */
 static enum umb_status make_absolute(const char *path, char absolute[4096], struct umb_error *error)
 {
-    char *found = realpath(path, NULL);
-    const size_t length = found != NULL ? strlen(found) : 0;
-    const int good = length > 0 && length <= 3800;
-    if (good) {
-        memcpy(absolute, found, length + 1);
-    }
-    free(found);
-    return good ? UMB_OK
-                : umb_fail_errno(error, UMB_E_NO_INPUT, length > 0 ? ENAMETOOLONG : errno,
-                                 "'%.200s'", path);
+    const int found = realpath(path, absolute) != NULL;
+    return found && strlen(absolute) <= 3800
+               ? UMB_OK
+               : umb_fail_errno(error, UMB_E_NO_INPUT, found ? ENAMETOOLONG : errno, "'%.200s'",
+                                path);
 }
 
 /* Finds umbrage-bake. Fails: E_UNAVAILABLE. */
@@ -470,9 +466,7 @@ void umbj_service_destroy(struct umbj_service *service)
     leave_uploads(service);
     umbj_file_threads_destroy(service->file_threads);
     umbj_place_release(&service->place);
-    if (service->folder >= 0) {
-        close(service->folder);
-    }
+    umbs_hang_up(&service->folder);
     pthread_cond_destroy(&service->wake);
     pthread_mutex_destroy(&service->mutex);
     free(service);

@@ -45,7 +45,7 @@ struct umbj_clocks {
 struct umbj_service_options {
     const char *folder;      /* Path of the jobs folder; made if it does not exist */
     const char *table;       /* File of the job table; NULL = FOLDER/jobs.db */
-    int slurm;               /* 1 = tiles are baked by Slurm, 0 = on this machine */
+    unsigned slurm;          /* 1 = tiles are baked by Slurm, 0 = on this machine */
     const char *slurm_words; /* More options of sbatch, with blanks between; NULL = none */
     /* Options of each bake. tries.program: path of umbrage-bake; NULL = in the running program's
      * folder. The service sets assets, work, farm, report and user. */

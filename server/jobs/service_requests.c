@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "base/try.h"
+#include "common/file_system.h"
 #include "jobs/staging.h"
 
 /* Removes the rows of an asset whose file was removed from outside. Otherwise the asset could never
@@ -212,12 +213,8 @@ enum umb_status umbj_service_open_asset(struct umbj_service *service, const uint
     umbj_asset_path(service->assets_path, asset, path, sizeof path);
     *fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (*fd < 0 || fstat(*fd, &info) != 0 || !S_ISREG(info.st_mode)) {
-        const int cause = errno;
-        if (*fd >= 0) {
-            close(*fd);
-            *fd = -1;
-        }
-        return umb_fail_errno(error, cause == ENOENT ? UMB_E_NOT_FOUND : UMB_E_IO, cause,
+        umbs_hang_up(fd);
+        return umb_fail_errno(error, errno == ENOENT ? UMB_E_NOT_FOUND : UMB_E_IO, errno,
                               "asset: its file cannot be read");
     }
     *bytes = (uint64_t)info.st_size;

@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/memory.h"
 #include "base/try.h"
 #include "common/sha256.h"
 #include "jobs/folder.h"
@@ -292,15 +293,10 @@ static void tell_served(struct umbj_service *service, const struct umbj_job *job
 
 static void wait_until_served(struct umbj_service *service, const struct umbj_job *job)
 {
-    if (service->loading_count == service->loading_capacity) {
-        size_t capacity = service->loading_capacity * 2 + 8;
-        struct umbj_loading *loading = realloc(service->loading, capacity * sizeof *loading);
-        if (loading == NULL) {
-            tell_served(service, job); /* a little early, for lack of memory */
-            return;
-        }
-        service->loading = loading;
-        service->loading_capacity = capacity;
+    if (!umb__grow(NULL, &service->loading, &service->loading_capacity, service->loading_count + 1,
+                   sizeof *service->loading)) {
+        tell_served(service, job); /* a little early, for lack of memory */
+        return;
     }
     service->loading[service->loading_count++] =
         (struct umbj_loading){.job = *job, .since_ms = umbj__steady_ms(service)};

@@ -72,11 +72,10 @@ struct patience {
     int stop; /* Descriptor as in umbj_process.stop */
 };
 
-/* Output of a command: its last words, or a callback for each line. */
+/* Output of a command: its last words, and a callback for each line of standard output. */
 struct talk {
     char last[UMBJ_CAUSE_SIZE];
-    /* Called for each line of standard output; may be NULL. */
-    void (*line)(void *user, const char *line);
+    void (*line)(void *user, const char *line); /* may be NULL */
     void *user;
 };
 
@@ -108,10 +107,12 @@ static void begin_words(const struct slurm *slurm, const char *command, struct u
                        configuration != NULL ? configuration : "", command, NULL);
 }
 
-/* Runs a command of Slurm; finishes words. */
+/* Runs a command of Slurm; finishes words. In: line: as in struct talk. */
 static enum umb_status call(const char *command, struct umbj_words *words, struct patience patience,
-                            struct talk *talk, struct umb_error *error)
+                            void (*line)(void *user, const char *line), void *user,
+                            struct umb_error *error)
 {
+    struct talk talk = {.line = line, .user = user};
     struct umbj_process_end end;
     const struct umbj_process process = {
         .folder = "/",
@@ -121,7 +122,7 @@ static enum umb_status call(const char *command, struct umbj_words *words, struc
         .stop = patience.stop,
         .said = on_said,
         .progress = on_line,
-        .user = talk,
+        .user = &talk,
     };
     UMB__TRY(umbj_process_run(&process, words, &end, error));
     if (end.stopped || end.timed_out) {
@@ -131,7 +132,7 @@ static enum umb_status call(const char *command, struct umbj_words *words, struc
     return end.exit_code == 0
                ? UMB_OK
                : umb_fail(error, UMB_E_UNAVAILABLE, "Slurm: %s ended with %d: %.300s", command,
-                          end.exit_code, talk->last);
+                          end.exit_code, talk.last);
 }
 
 /* Writes the script into the try's folder, once; returns 0 or -1. */
@@ -166,7 +167,6 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
                               uint32_t offset, const char *array, struct umb_error *error)
 {
     struct umbj_words words = {0};
-    struct talk talk = {0};
     char path[4300];
     snprintf(path, sizeof path, "%s/task", stage->folder);
     if (write_script(path) != 0) {
@@ -183,7 +183,7 @@ static enum umb_status submit(const struct slurm *slurm, const struct umbj_farm_
     for (size_t i = 0; stage->words[i] != NULL; i++) {
         umbj_words_add_all(&words, stage->words[i], NULL);
     }
-    return call("sbatch", &words, (struct patience){CALL_MS, stage->stop}, &talk, error);
+    return call("sbatch", &words, (struct patience){CALL_MS, stage->stop}, NULL, NULL, error);
 }
 
 /* Writes the wanted task numbers of one submission in Slurm's form: "0-15,17". Returns the first
@@ -210,11 +210,13 @@ static uint32_t write_array(const uint8_t *wanted, uint32_t from, uint32_t to, c
     return number;
 }
 
-static enum umb_status slurm_submit_array(struct umbj_farm *self,
-                                          const struct umbj_farm_stage *stage, uint8_t *wanted,
-                                          struct umb_error *error)
+static enum umb_status slurm_submit(struct umbj_farm *self, const struct umbj_farm_stage *stage,
+                                    uint8_t *wanted, struct umb_error *error)
 {
     char array[WORD_MOST];
+    if (wanted == NULL) {
+        return submit((struct slurm *)self, stage, 0, NULL, error);
+    }
     enum umb_status status = UMB_OK;
     for (uint32_t from = 0; status == UMB_OK && from < stage->count;) {
         const uint32_t most = stage->count - from < ARRAY_MOST ? stage->count - from : ARRAY_MOST;
@@ -228,13 +230,6 @@ static enum umb_status slurm_submit_array(struct umbj_farm *self,
         from = next;
     }
     return status;
-}
-
-static enum umb_status slurm_submit_merge(struct umbj_farm *self,
-                                          const struct umbj_farm_stage *stage,
-                                          struct umb_error *error)
-{
-    return submit((struct slurm *)self, stage, 0, NULL, error);
 }
 
 /* A line of the queue. */
@@ -276,10 +271,9 @@ static void on_task(void *user, const char *line)
 static enum umb_status look_at_queue(struct look *look, struct umb_error *error)
 {
     struct umbj_words words = {0};
-    struct talk talk = {.line = on_task, .user = look};
     begin_words(look->slurm, "squeue", &words);
     umbj_words_add_all(&words, "--noheader", "--array", "--me", "--format=%i %K %t %j %r", NULL);
-    return call("squeue", &words, look->patience, &talk, error);
+    return call("squeue", &words, look->patience, on_task, look, error);
 }
 
 /* Cancels tasks and finishes the ids. If Slurm does not answer, the tasks end by themselves. */
@@ -290,13 +284,12 @@ static void end_tasks(struct look *look)
     struct umb_error ignored;
     for (size_t from = 0; status == UMB_OK && from < ids->count; from += IDS_MOST) {
         struct umbj_words words = {0};
-        struct talk talk = {0};
         begin_words(look->slurm, "scancel", &words);
         umbj_words_add_all(&words, "--quiet", NULL);
         for (size_t i = from; i < ids->count && i < from + IDS_MOST; i++) {
             umbj_words_add_all(&words, ids->list[i], NULL);
         }
-        status = call("scancel", &words, look->patience, &talk, &ignored);
+        status = call("scancel", &words, look->patience, NULL, NULL, &ignored);
     }
     umbj_words_finish(&look->ending);
 }
@@ -310,7 +303,6 @@ static void start_tasks(struct look *look)
     char *list = malloc(IDS_MOST * ID_SIZE);
     for (size_t from = 0; list != NULL && from < ids->count; from += IDS_MOST) {
         struct umbj_words words = {0};
-        struct talk talk = {0};
         size_t used = 0;
         for (size_t i = from; i < ids->count && i < from + IDS_MOST; i++) {
             used += (size_t)snprintf(list + used, IDS_MOST * ID_SIZE - used, "%s%s",
@@ -320,7 +312,7 @@ static void start_tasks(struct look *look)
         umbj_words_add(&words, "update");
         umbj_words_add(&words, "JobId=%s", list);
         umbj_words_add(&words, "StartTime=now");
-        if (call("scontrol", &words, look->patience, &talk, &ignored) != UMB_OK && from == 0) {
+        if (call("scontrol", &words, look->patience, NULL, NULL, &ignored) != UMB_OK && from == 0) {
             break; /* perhaps the controller is gone: it is not tried for each list */
         }
     }
@@ -434,8 +426,7 @@ enum umb_status umbj_slurm_farm_create(const struct umbj_slurm_options *options,
     umbs_sha256_bytes(options->tag_of, strlen(options->tag_of), hash);
     snprintf(slurm->tag, sizeof slurm->tag, "umbrage-%02x%02x%02x%02x-", hash[0], hash[1], hash[2],
              hash[3]);
-    slurm->interface = (struct umbj_farm){.submit_array = slurm_submit_array,
-                                          .submit_merge = slurm_submit_merge,
+    slurm->interface = (struct umbj_farm){.submit = slurm_submit,
                                           .status = slurm_status,
                                           .cancel = slurm_cancel,
                                           .reconcile = slurm_reconcile,

@@ -20,35 +20,25 @@ struct block {
     size_t size;
 };
 
-/* Reads an open regular file whole. */
-static enum umb_status read_open(int fd, uint64_t most, struct block *block,
-                                 struct umb_error *error)
-{
-    struct stat info;
-    if (fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot read the asset that was baked");
-    }
-    if ((uint64_t)info.st_size > most) {
-        return umb_fail(error, UMB_E_TOO_LARGE,
-                        "the asset has %llu bytes, the server allows %llu (--max-asset)",
-                        (unsigned long long)info.st_size, (unsigned long long)most);
-    }
-    block->size = (size_t)info.st_size;
-    const enum umb_status status =
-        umbs_read_file(fd, block->size, "the asset that was baked", &block->bytes, error);
-    return status == UMB_E_TRUNCATED ? UMB_E_IO : status; /* another try may help */
-}
-
+/* Reads a regular file whole. */
 static enum umb_status read_file(const char *path, uint64_t most, struct block *block,
                                  struct umb_error *error)
 {
-    const int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot read the asset that was baked");
+    struct stat info;
+    enum umb_status status;
+    int fd = open(path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read the asset that was baked");
+    } else if ((uint64_t)info.st_size > most) {
+        status = umb_fail(error, UMB_E_TOO_LARGE,
+                          "the asset has %llu bytes, the server allows %llu (--max-asset)",
+                          (unsigned long long)info.st_size, (unsigned long long)most);
+    } else {
+        block->size = (size_t)info.st_size;
+        status = umbs_read_file(fd, block->size, "the asset that was baked", &block->bytes, error);
     }
-    const enum umb_status status = read_open(fd, most, block, error);
-    close(fd);
-    return status;
+    umbs_hang_up(&fd);
+    return status == UMB_E_TRUNCATED ? UMB_E_IO : status; /* another try may help */
 }
 
 /* Reads a file and proves that it is a packed asset. */

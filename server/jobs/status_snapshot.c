@@ -9,29 +9,29 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/queue.h>
 
 #define BUCKETS 1024 /* a power of 2 */
 
 struct entry {
-    struct entry *next;
-    struct entry *older; /* next finished job, in the order of their ends */
+    LIST_ENTRY(entry) link;
+    STAILQ_ENTRY(entry) over; /* link of finished jobs, in the order of their ends */
     struct umbj_standing standing;
-    char *plan, *notices;
     int64_t phase_at_ms; /* when the phase began; 0 = not known */
     int is_over;
 };
 
 struct owned {
-    struct owned *next;
+    LIST_ENTRY(owned) link;
     uint8_t asset[UMBJ_HASH_BYTES];
     char owner[UMBJ_OWNER_SIZE];
 };
 
 struct umbj_snapshot {
     pthread_mutex_t mutex;
-    struct entry *jobs[BUCKETS];
-    struct owned *assets[BUCKETS];
-    struct entry *over_first, *over_last;
+    LIST_HEAD(, entry) jobs[BUCKETS];
+    LIST_HEAD(, owned) assets[BUCKETS];
+    STAILQ_HEAD(, entry) over;
     size_t over_count;
     uint64_t version;
 };
@@ -42,15 +42,23 @@ enum umb_status umbj_snapshot_create(struct umbj_snapshot **out, struct umb_erro
     if (*out == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the jobs' snapshot");
     }
+    STAILQ_INIT(&(*out)->over);
     pthread_mutex_init(&(*out)->mutex, NULL);
     return UMB_OK;
 }
 
 static void entry_free(struct entry *entry)
 {
-    free(entry->plan);
-    free(entry->notices);
+    LIST_REMOVE(entry, link);
+    free(entry->standing.plan);
+    free(entry->standing.notices);
     free(entry);
+}
+
+static void owned_free(struct owned *owned)
+{
+    LIST_REMOVE(owned, link);
+    free(owned);
 }
 
 void umbj_snapshot_destroy(struct umbj_snapshot *snapshot)
@@ -59,15 +67,11 @@ void umbj_snapshot_destroy(struct umbj_snapshot *snapshot)
         return;
     }
     for (size_t i = 0; i < BUCKETS; i++) {
-        while (snapshot->jobs[i] != NULL) {
-            struct entry *entry = snapshot->jobs[i];
-            snapshot->jobs[i] = entry->next;
-            entry_free(entry);
+        while (!LIST_EMPTY(&snapshot->jobs[i])) {
+            entry_free(LIST_FIRST(&snapshot->jobs[i]));
         }
-        while (snapshot->assets[i] != NULL) {
-            struct owned *owned = snapshot->assets[i];
-            snapshot->assets[i] = owned->next;
-            free(owned);
+        while (!LIST_EMPTY(&snapshot->assets[i])) {
+            owned_free(LIST_FIRST(&snapshot->assets[i]));
         }
     }
     pthread_mutex_destroy(&snapshot->mutex);
@@ -91,9 +95,9 @@ static size_t bucket_of_asset(const uint8_t *asset)
 
 static struct entry *find(struct umbj_snapshot *snapshot, const char *id)
 {
-    struct entry *entry = snapshot->jobs[bucket_of_job(id)];
+    struct entry *entry = LIST_FIRST(&snapshot->jobs[bucket_of_job(id)]);
     while (entry != NULL && strcmp(entry->standing.job.id, id) != 0) {
-        entry = entry->next;
+        entry = LIST_NEXT(entry, link);
     }
     return entry;
 }
@@ -102,42 +106,25 @@ static struct entry *find_or_add(struct umbj_snapshot *snapshot, const char *id)
 {
     struct entry *entry = find(snapshot, id);
     if (entry == NULL && (entry = calloc(1, sizeof *entry)) != NULL) {
-        struct entry **bucket = &snapshot->jobs[bucket_of_job(id)];
-        entry->next = *bucket;
-        *bucket = entry;
+        LIST_INSERT_HEAD(&snapshot->jobs[bucket_of_job(id)], entry, link);
         entry->standing.left_ms = -1;
     }
     return entry;
 }
 
-static void drop_oldest(struct umbj_snapshot *snapshot)
-{
-    struct entry *oldest = snapshot->over_first;
-    struct entry **at = &snapshot->jobs[bucket_of_job(oldest->standing.job.id)];
-    snapshot->over_first = oldest->older;
-    snapshot->over_last = snapshot->over_first != NULL ? snapshot->over_last : NULL;
-    snapshot->over_count--;
-    while (*at != oldest) {
-        at = &(*at)->next;
-    }
-    *at = oldest->next;
-    entry_free(oldest);
-}
-
+/* Notes a finished job, and drops the one that ended first if there are too many. */
 static void note_end(struct umbj_snapshot *snapshot, struct entry *entry)
 {
     if (entry->is_over) {
         return;
     }
     entry->is_over = 1;
-    if (snapshot->over_last != NULL) {
-        snapshot->over_last->older = entry;
-    } else {
-        snapshot->over_first = entry;
-    }
-    snapshot->over_last = entry;
+    STAILQ_INSERT_TAIL(&snapshot->over, entry, over);
     if (++snapshot->over_count > UMBJ_SNAPSHOT_MAX) {
-        drop_oldest(snapshot);
+        struct entry *oldest = STAILQ_FIRST(&snapshot->over);
+        STAILQ_REMOVE_HEAD(&snapshot->over, over);
+        snapshot->over_count--;
+        entry_free(oldest);
     }
 }
 
@@ -228,21 +215,19 @@ static void take_report(struct entry *entry, const struct umbj_report *report, i
     } else if (report->kind == UMBJ_REPORT_PROGRESS) {
         take_progress(entry, report, now_ms);
     } else if (report->kind == UMBJ_REPORT_PLAN) {
-        add_line(&entry->plan, report->text);
+        add_line(&entry->standing.plan, report->text);
     } else if (report->kind == UMBJ_REPORT_NOTICE) {
-        add_line(&entry->notices, report->text);
+        add_line(&entry->standing.notices, report->text);
     }
-    entry->standing.plan = entry->plan;
-    entry->standing.notices = entry->notices;
 }
 
 /* Clears plan, notices and tiles, which each try reports anew. */
 static void forget_try(struct entry *entry)
 {
     entry->standing.tiles = (struct umbj_tiles){0, 0, 0};
-    free(entry->plan);
-    free(entry->notices);
-    entry->plan = entry->notices = NULL;
+    free(entry->standing.plan);
+    free(entry->standing.notices);
+    entry->standing.plan = entry->standing.notices = NULL;
 }
 
 struct umbj_tiles umbj_snapshot_report(struct umbj_snapshot *snapshot,
@@ -271,7 +256,9 @@ struct umbj_tiles umbj_snapshot_tiles(struct umbj_snapshot *snapshot)
     struct umbj_tiles sum = {0, 0, 0};
     pthread_mutex_lock(&snapshot->mutex);
     for (size_t i = 0; i < BUCKETS; i++) {
-        for (const struct entry *at = snapshot->jobs[i]; at != NULL; at = at->next) {
+        const struct entry *at;
+        LIST_FOREACH(at, &snapshot->jobs[i], link)
+        {
             const int running = at->standing.job.state == UMBJ_RUNNING;
             sum.done += running ? at->standing.tiles.done : 0;
             sum.total += running ? at->standing.tiles.total : 0;
@@ -305,46 +292,39 @@ uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id)
     return version;
 }
 
-/* Returns the address of the link to the pair; if there is no such pair, of the link at the list's
- * end. */
-static struct owned **find_owned(struct umbj_snapshot *snapshot, const uint8_t *asset,
-                                 const char *owner)
+static struct owned *find_owned(struct umbj_snapshot *snapshot, const uint8_t *asset,
+                                const char *owner)
 {
-    struct owned **at = &snapshot->assets[bucket_of_asset(asset)];
-    while (*at != NULL && (memcmp((*at)->asset, asset, UMBJ_HASH_BYTES) != 0 ||
-                           strcmp((*at)->owner, owner) != 0)) {
-        at = &(*at)->next;
+    struct owned *at = LIST_FIRST(&snapshot->assets[bucket_of_asset(asset)]);
+    while (at != NULL &&
+           (memcmp(at->asset, asset, UMBJ_HASH_BYTES) != 0 || strcmp(at->owner, owner) != 0)) {
+        at = LIST_NEXT(at, link);
     }
     return at;
 }
 
 void umbj_snapshot_own(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
 {
+    struct owned *owned = NULL;
     pthread_mutex_lock(&snapshot->mutex);
-    struct owned **at = find_owned(snapshot, asset, owner);
-    if (*at == NULL) {
-        *at = calloc(1, sizeof **at);
-        if (*at != NULL) {
-            memcpy((*at)->asset, asset, UMBJ_HASH_BYTES);
-            memcpy((*at)->owner, owner, strlen(owner) + 1); /* checked where owners are read */
-        }
+    if (find_owned(snapshot, asset, owner) == NULL && (owned = calloc(1, sizeof *owned)) != NULL) {
+        memcpy(owned->asset, asset, UMBJ_HASH_BYTES);
+        memcpy(owned->owner, owner, strlen(owner) + 1); /* checked where owners are read */
+        LIST_INSERT_HEAD(&snapshot->assets[bucket_of_asset(asset)], owned, link);
     }
     pthread_mutex_unlock(&snapshot->mutex);
 }
 
 void umbj_snapshot_disown(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
 {
+    struct owned *next;
     pthread_mutex_lock(&snapshot->mutex);
-    struct owned **at = owner != NULL ? find_owned(snapshot, asset, owner)
-                                      : &snapshot->assets[bucket_of_asset(asset)];
-    while (*at != NULL) {
-        struct owned *owned = *at;
-        if (memcmp(owned->asset, asset, UMBJ_HASH_BYTES) == 0 &&
-            (owner == NULL || strcmp(owned->owner, owner) == 0)) {
-            *at = owned->next;
-            free(owned);
-        } else {
-            at = &owned->next;
+    for (struct owned *at = LIST_FIRST(&snapshot->assets[bucket_of_asset(asset)]); at != NULL;
+         at = next) {
+        next = LIST_NEXT(at, link);
+        if (memcmp(at->asset, asset, UMBJ_HASH_BYTES) == 0 &&
+            (owner == NULL || strcmp(at->owner, owner) == 0)) {
+            owned_free(at);
         }
     }
     pthread_mutex_unlock(&snapshot->mutex);
@@ -353,7 +333,7 @@ void umbj_snapshot_disown(struct umbj_snapshot *snapshot, const uint8_t *asset, 
 int umbj_snapshot_owns(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner)
 {
     pthread_mutex_lock(&snapshot->mutex);
-    const int owns = *find_owned(snapshot, asset, owner) != NULL;
+    const int owns = find_owned(snapshot, asset, owner) != NULL;
     pthread_mutex_unlock(&snapshot->mutex);
     return owns;
 }

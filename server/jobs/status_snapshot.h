@@ -29,9 +29,9 @@ struct umbj_standing {
     int64_t left_ms;         /* time left of the phase; -1 = not known */
     double rate;             /* units a second */
     struct umbj_tiles tiles; /* tiles of the try; kept when the job is done */
-    const char *plan, *notices;
-    int loading;      /* done, and not served yet: watchers see it as running */
-    uint64_t version; /* number that grows with each change of any job */
+    char *plan, *notices;    /* lines, for reading only; NULL = none */
+    int loading;             /* done, and not served yet: watchers see it as running */
+    uint64_t version;        /* number that grows with each change of any job */
 };
 
 UMB_CHECKED enum umb_status umbj_snapshot_create(struct umbj_snapshot **out,

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "base/try.h"
-#include "common/child_process.h"
+#include "common/file_system.h"
 #include "common/sha256.h"
 #include "jobs/folder.h"
 #include "tool/output.h"
@@ -22,19 +22,13 @@
 #define NAME_SIZE     40
 #define SYNC_EACH_MAX 8 /* files and folders that are synced one by one; more: syncfs */
 
-struct upload_file {
-    char *path;
-    uint64_t size;
-    uint8_t sha256[UMBJ_HASH_BYTES];
-};
-
 struct umbj_upload {
     const char *path;           /* path of the jobs folder */
     const atomic_int *stop;     /* may be NULL */
     int jobs, incoming, folder; /* descriptors */
     char name[NAME_SIZE];       /* in incoming */
     char key[UMB_ID_TEXT_SIZE];
-    struct upload_file *files;
+    struct umbj_bundle_file *files; /* with own copies of the paths */
     size_t file_count, current;
     int fd; /* descriptor of the current file, -1 = not open */
     uint64_t written;
@@ -62,10 +56,9 @@ static enum umb_status copy_manifest(struct umbj_upload *upload,
 {
     upload->files = calloc(manifest->file_count, sizeof *upload->files);
     for (size_t i = 0; upload->files != NULL && i < manifest->file_count; i++) {
-        struct upload_file *file = &upload->files[i];
-        file->path = strdup(manifest->files[i].path);
-        file->size = manifest->files[i].size;
-        memcpy(file->sha256, manifest->files[i].sha256, sizeof file->sha256);
+        struct umbj_bundle_file *file = &upload->files[i];
+        *file = manifest->files[i];
+        file->path = strdup(file->path);
         if (file->path == NULL) {
             break;
         }
@@ -140,9 +133,7 @@ static int open_parent(struct umbj_upload *upload, const char *path, const char 
         int next = made == 0 || errno == EEXIST
                        ? openat(folder, component, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)
                        : -1;
-        const int cause = errno;
-        close(folder);
-        errno = cause;
+        umbs_hang_up(&folder);
         folder = next;
         path = slash + 1;
         slash = strchr(path, '/');
@@ -154,13 +145,11 @@ static int open_parent(struct umbj_upload *upload, const char *path, const char 
 static enum umb_status open_current(struct umbj_upload *upload, struct umb_error *error)
 {
     const char *path = upload->files[upload->current].path, *name = NULL;
-    const int parent = open_parent(upload, path, &name);
+    int parent = open_parent(upload, path, &name);
     if (parent >= 0) {
         upload->fd =
             openat(parent, name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
-        const int cause = errno;
-        close(parent);
-        errno = cause;
+        umbs_hang_up(&parent);
     }
     if (upload->fd < 0 && (errno == EEXIST || errno == ENOTDIR || errno == EISDIR ||
                            errno == ENAMETOOLONG || errno == EILSEQ)) {
@@ -178,7 +167,7 @@ static enum umb_status open_current(struct umbj_upload *upload, struct umb_error
 
 static enum umb_status close_current(struct umbj_upload *upload, struct umb_error *error)
 {
-    const struct upload_file *file = &upload->files[upload->current];
+    const struct umbj_bundle_file *file = &upload->files[upload->current];
     uint8_t hash[UMBJ_HASH_BYTES];
     umbs_sha256_end(&upload->hash, hash);
     const int synced = upload->file_count <= SYNC_EACH_MAX ? fsync(upload->fd) : 0;
@@ -215,23 +204,6 @@ static enum umb_status advance(struct umbj_upload *upload, struct umb_error *err
     return UMB_OK;
 }
 
-static enum umb_status write_all(int fd, const char *bytes, size_t count, const char *path,
-                                 struct umb_error *error)
-{
-    while (count > 0) {
-        ssize_t written = write(fd, bytes, count);
-        if (written < 0 && errno == EINTR) {
-            continue;
-        }
-        if (written <= 0) {
-            return fail_io(error, "write", path);
-        }
-        bytes += written;
-        count -= (size_t)written;
-    }
-    return UMB_OK;
-}
-
 /* Checks a file's first bytes once they have arrived. */
 static enum umb_status look_at_head(struct umbj_upload *upload, const char *bytes, size_t count,
                                     struct umb_error *error)
@@ -257,11 +229,14 @@ enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
             return umb_fail(error, UMB_E_ARGUMENT,
                             "data: %zu bytes more than the files of the manifest have", count);
         }
-        const struct upload_file *file = &upload->files[upload->current];
+        const struct umbj_bundle_file *file = &upload->files[upload->current];
         const uint64_t left = file->size - upload->written;
         const size_t part = count < left ? count : (size_t)left;
         UMB__TRY(look_at_head(upload, from, part, error));
-        UMB__TRY(write_all(upload->fd, from, part, file->path, error));
+        errno = umbu_write_all(upload->fd, from, part);
+        if (errno != 0) {
+            return fail_io(error, "write", file->path);
+        }
         umbs_sha256_add(&upload->hash, from, part);
         upload->written += part;
         from += part;
@@ -375,7 +350,7 @@ void umbj_upload_let_go(struct umbj_upload *upload)
         return;
     }
     for (size_t i = 0; i < upload->file_count; i++) {
-        free(upload->files[i].path);
+        free((void *)upload->files[i].path);
     }
     free(upload->files);
     free(upload);

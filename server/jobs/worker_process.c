@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "common/child_process.h"
+#include "common/file_system.h"
 #include "tool/clock.h"
 
 #define NOT_STARTED 127

@@ -17,7 +17,6 @@
 
 #include "base/memory.h"
 #include "base/vec.h"
-#include "rays/ray_holes.h"
 
 #define PAD 0x1p-19
 
@@ -34,7 +33,6 @@ struct umbr_exact {
     double radius;                 /* metres, of the scene around base */
 };
 
-/* Purpose of a ray. */
 enum wanted {
     WANT_ANY,
     WANT_NEAREST,
@@ -68,6 +66,21 @@ void umbr_sphere_of(const double (*corners)[3][3], size_t count, double centre[3
         square += half * half;
     }
     *radius = sqrt(square);
+}
+
+int umbr_is_hole(const struct umbs_cuts *cuts, uint32_t triangle, double second, double third)
+{
+    const uint32_t number = cuts->of[triangle];
+    if (number >= UMBS_CUT_CLEAR || umbs_cut_is_translucent(cuts, number)) {
+        return number != UMBS_CUT_NONE;
+    }
+    const float(*uv)[2] = cuts->cuts[number].uv;
+    const double first = 1 - second - third;
+    const double u =
+        first * (double)uv[0][0] + second * (double)uv[1][0] + third * (double)uv[2][0];
+    const double v =
+        first * (double)uv[0][1] + second * (double)uv[1][1] + third * (double)uv[2][1];
+    return !umbs_cut_keeps(cuts, number, u, v);
 }
 
 static void triangle_bounds(const struct RTCBoundsFunctionArguments *arguments)

@@ -60,4 +60,8 @@ void umbr_exact_nearest(const struct umbr_exact *exact, const struct umbr_exact_
 int umbr_exact_winding(const struct umbr_exact *exact, const struct umbr_exact_ray *ray,
                        const uint8_t *closed);
 
+/* Returns 1 if a ray passes through a triangle at these weights of its second and third corner: a
+ * hole of a cut-out, a triangle that casts nothing, or a translucent one. */
+int umbr_is_hole(const struct umbs_cuts *cuts, uint32_t triangle, double second, double third);
+
 #endif

@@ -28,7 +28,6 @@
 
 #include "base/memory.h"
 #include "base/vec.h"
-#include "rays/ray_holes.h"
 
 enum {
     HITS_MAX = 128, /* hits kept at a time; rays through a city have fewer than twenty */
@@ -78,7 +77,6 @@ struct crossing_list {
     struct crossing last;
 };
 
-/* Keeps Embree's first message. */
 struct build_report {
     enum RTCError code;
     char text[160];

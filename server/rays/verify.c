@@ -19,7 +19,6 @@ enum {
     DEFAULT_POINTS = 1000000,
 };
 
-/* The job and its sums. */
 struct crew {
     struct umbr_verify_job job;
     const struct umbr_exact *exact; /* NULL: no frustum needs it */
@@ -45,34 +44,11 @@ static void add_result(struct crew *crew, uint64_t number, const struct umbr_ver
     (void)pthread_mutex_unlock(&crew->lock);
 }
 
-/* Compares `count` records. */
-static void run_block(struct umbr_verify_block *block, uint64_t count)
-{
-    uint64_t missing;
-    switch (block->job->options->kind) {
-    case UMBR_VERIFY_SEGMENTS:
-        umbr_verify_segments(block, count);
-        break;
-    case UMBR_VERIFY_COLUMNS:
-        umbr_verify_columns(block, count);
-        break;
-    case UMBR_VERIFY_BOXES:
-        umbr_verify_boxes(block, count);
-        break;
-    default:
-        if (block->job->is_static) {
-            umbr_verify_surfaces(block, count);
-            break;
-        }
-        umbr_verify_outside(block, count / 4);
-        missing = umbr_verify_near(block, count / 2);
-        umbr_verify_uniform(block, count - count / 2 + missing);
-    }
-}
-
 static enum umb_status compare_block(void *user, size_t first, size_t count,
                                      struct umb_error *error)
 {
+    static void (*const run[])(struct umbr_verify_block * block, uint64_t count) = {
+        umbr_verify_points, umbr_verify_segments, umbr_verify_columns, umbr_verify_boxes};
     struct crew *crew = user;
     const struct umbr_verify_job *job = &crew->job;
     const uint64_t number = first / BLOCK_POINTS;
@@ -88,7 +64,7 @@ static enum umb_status compare_block(void *user, size_t first, size_t count,
     /* Two steps of the generator keep neighbouring seeds and blocks apart. */
     block.random = umbr_next_random(&block) + number * UINT64_C(0xd1342543de82ef95);
     block.random = umbr_next_random(&block);
-    run_block(&block, count);
+    run[job->options->kind](&block, count);
     if (block.status != UMB_OK) {
         return umb_fail(error, UMB_E_NO_MEMORY, "verification: memory for rays in doubles refused");
     }
@@ -113,7 +89,6 @@ static void place_light(struct umbr_verify_job *job, const struct umb_asset_info
     job->free_m = 0x1p-27 * sqrt(square);
 }
 
-/* Makes rays in doubles if some frustum needs them. */
 static enum umb_status prepare_exact(struct crew *crew, struct umb_error *error)
 {
     const struct umbr_verify_job *job = &crew->job;

@@ -8,6 +8,7 @@
  * A block's random numbers follow from the seed and its number alone, and sums do not depend on
  * order, so the result is the same for every number of threads.
  */
+#include <math.h>
 #include <stddef.h>
 #include "rays/verify.h"
 #include "rays/verify_light_frame.h"
@@ -65,6 +66,25 @@ static inline double umbr_next_unit(struct umbr_verify_block *block)
 int umbr_verify_needs_exact(const struct umbr_light_frame *light_frame,
                             const struct umbr_rays *rays);
 
+/* Draws a point anywhere in voxel space. */
+static inline void umbr_draw_anywhere(struct umbr_verify_block *block, double voxel[3])
+{
+    for (int k = 0; k < 3; k++) {
+        voxel[k] = umbr_next_unit(block) * block->light_frame->size;
+    }
+}
+
+#define UMBR_RING_PLACES 32
+
+/* Offset in voxels, across the light, of a place on one of four rings around a voxel's centre. */
+static inline void umbr_ring_offset(int i, double offset[2])
+{
+    static const double rings[] = {0.001, 0.01, 0.1, 0.25};
+    const double turn = 0.78539816339744831 * (i % 8);
+    offset[0] = rings[i / 8] * cos(turn);
+    offset[1] = rings[i / 8] * sin(turn);
+}
+
 /* Looks up places; answers[i]: 1 lit, 0 shadowed. */
 void umbr_verify_ask(const struct umbr_verify_job *job, const double (*local)[3], size_t count,
                      uint8_t *lit);
@@ -101,8 +121,17 @@ uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
 int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                           int truth);
 
-/* Records a disagreement outside the band. */
-void umbr_verify_note(struct umbr_verify_block *block, const double local[3]);
+/* Verdict on an answer. */
+enum umbr_verdict {
+    UMBR_AGREES,
+    UMBR_SAYS_NOTHING, /* inside a closed solid, where any answer is right */
+    UMBR_IN_BAND,
+    UMBR_WRONG, /* by float rays: judge it again (umbr_verify_look_again) */
+};
+
+/* Counts a verdict on an answer at a place. Returns 1 if the answer was compared, else 0. */
+uint64_t umbr_verify_count(struct umbr_verify_block *block, enum umbr_verdict verdict,
+                           const double local[3]);
 
 /* Computes the light's path through column (x, y) of the block's frustum. ray: from the first voxel
  * of the column, or from the lamp if it stands within the column, to the last voxel. z_first: the
@@ -121,31 +150,11 @@ int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, doubl
  * it is not. */
 void umbr_verify_judge_outside(struct umbr_verify_block *block, const double local[3]);
 
-/*
- * Draws places in the casters' box, and judges those that a lamp should cover and does not. A point
- * light covers all places, a spot light with several faces those in front of it. This finds a face
- * that is missing or turned; all other points are drawn in the existing faces.
- */
-void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws);
-
-/* Draws and judges `count` segments, columns or boxes (verify_volume_queries.c). */
+/* Draw and judge `count` points, segments, columns or boxes: verify_draw.c, and for all but points
+ * verify_volume_queries.c. A scene may have too few places to draw, and fewer are judged then. */
+void umbr_verify_points(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count);
 void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count);
-
-/* Draws and judges points near boundaries until `wanted` were compared; returns the number that is
- * missing: a scene may have few boundaries. */
-uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted);
-
-/*
- * Draws and judges points of surfaces, moved off them by the automatic bias of one tap, until
- * `wanted` were compared or too many draws failed. Assets baked under the static rule answer such
- * points.
- */
-void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted);
-
-/* Draws and judges points uniform in the box until `wanted` were compared or too many draws
- * failed. */
-void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted);
 
 #endif

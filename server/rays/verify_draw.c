@@ -92,7 +92,12 @@ static int is_covered(const struct umbr_verify_job *job, const double local[3])
            voxel[0] < found->size && voxel[1] >= 0 && voxel[1] < found->size;
 }
 
-void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws)
+/*
+ * Draws places in the casters' box, and judges those that a lamp should cover and does not. A point
+ * light covers all places, a spot light with several faces those in front of it. This finds a face
+ * that is missing or turned; all other points are drawn in the existing faces.
+ */
+static void judge_uncovered(struct umbr_verify_block *block, uint64_t draws)
 {
     const struct umbr_verify_job *job = block->job;
     const struct umb_light_info *light = &job->light;
@@ -114,22 +119,10 @@ void umbr_verify_outside(struct umbr_verify_block *block, uint64_t draws)
     }
 }
 
-static void draw_anywhere(struct umbr_verify_block *block, double voxel[3])
-{
-    for (int k = 0; k < 3; k++) {
-        voxel[k] = umbr_next_unit(block) * block->light_frame->size;
-    }
-}
-
 static int find_anywhere(struct umbr_verify_block *block, struct umbr_sample *sample)
 {
-    draw_anywhere(block, sample->voxel);
+    umbr_draw_anywhere(block, sample->voxel);
     return umbr_verify_place(block, sample);
-}
-
-void umbr_verify_uniform(struct umbr_verify_block *block, uint64_t wanted)
-{
-    compare_drawn(block, find_anywhere, wanted, wanted * DRAWS_A_POINT);
 }
 
 int umbr_verify_column(const struct umbr_verify_block *block, double x, double y,
@@ -267,7 +260,9 @@ int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, doubl
     return 0;
 }
 
-uint64_t umbr_verify_near(struct umbr_verify_block *block, uint64_t wanted)
+/* Judges points near boundaries until `wanted` were compared; returns the number that is missing: a
+ * scene may have few boundaries. */
+static uint64_t judge_near(struct umbr_verify_block *block, uint64_t wanted)
 {
     uint64_t walks = wanted * TRIES_A_POINT / POINTS_A_BOUNDARY;
     while (wanted > 0 && walks > 0) {
@@ -312,7 +307,7 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
 {
     const double *light = block->job->light.direction, *origin = block->job->origin;
     double from[3], world[3], local[3];
-    draw_anywhere(block, sample->voxel);
+    umbr_draw_anywhere(block, sample->voxel);
     struct umbr_hit hit;
     if (!umbr_light_frame_local(block->light_frame, sample->voxel, from)) {
         return 0;
@@ -329,7 +324,14 @@ static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sa
            umbr_verify_place(block, sample);
 }
 
-void umbr_verify_surfaces(struct umbr_verify_block *block, uint64_t wanted)
+void umbr_verify_points(struct umbr_verify_block *block, uint64_t count)
 {
-    compare_drawn(block, find_receiver, wanted, wanted * TRIES_A_POINT);
+    if (block->job->is_static) {
+        compare_drawn(block, find_receiver, count, count * TRIES_A_POINT);
+        return;
+    }
+    judge_uncovered(block, count / 4);
+    const uint64_t missing = judge_near(block, count / 2);
+    const uint64_t anywhere = count - count / 2 + missing;
+    compare_drawn(block, find_anywhere, anywhere, anywhere * DRAWS_A_POINT);
 }

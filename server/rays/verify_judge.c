@@ -186,34 +186,19 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
     return votes >= VOTES_NEEDED;
 }
 
-/* Returns 1 if the truth differs among eight places at the distance `voxels` around a point, across
- * the light. voxel: the point in voxel space. */
-static int changes_around(const struct umbr_verify_block *block, const double voxel[3],
-                          double voxels, int truth)
-{
-    for (int i = 0; i < 8; i++) {
-        const double turn = 0.78539816339744831 * i;
-        const double at[3] = {voxel[0] + voxels * cos(turn), voxel[1] + voxels * sin(turn),
-                              voxel[2]};
-        double local[3];
-        if (umbr_light_frame_local(block->light_frame, at, local) &&
-            traced_lit(block, local) != truth) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* Returns 1 if the truth changes next to the centre of the point's voxel: a rod may be thinner than
  * the grid of the band, and its edge may run exactly through the centre. */
 static int has_edge_at_centre(const struct umbr_verify_block *block,
                               const struct umbr_sample *sample, int truth)
 {
-    static const double rings[] = {0.001, 0.01, 0.1, 0.25};
-    const double centre[3] = {floor(sample->voxel[0]) + 0.5, floor(sample->voxel[1]) + 0.5,
+    for (int i = 0; i < UMBR_RING_PLACES; i++) {
+        double offset[2], local[3];
+        umbr_ring_offset(i, offset);
+        const double at[3] = {floor(sample->voxel[0]) + 0.5 + offset[0],
+                              floor(sample->voxel[1]) + 0.5 + offset[1],
                               floor(sample->voxel[2]) + 0.5};
-    for (size_t i = 0; i < sizeof rings / sizeof rings[0]; i++) {
-        if (changes_around(block, centre, rings[i], truth)) {
+        if (umbr_light_frame_local(block->light_frame, at, local) &&
+            traced_lit(block, local) != truth) {
             return 1;
         }
     }
@@ -256,7 +241,7 @@ int umbr_verify_look_again(struct umbr_verify_block *block)
     return status == UMB_OK;
 }
 
-void umbr_verify_note(struct umbr_verify_block *block, const double local[3])
+static void note(struct umbr_verify_block *block, const double local[3])
 {
     struct umbr_verify_result *result = &block->result;
     result->outside_band++;
@@ -268,45 +253,50 @@ void umbr_verify_note(struct umbr_verify_block *block, const double local[3])
     }
 }
 
+uint64_t umbr_verify_count(struct umbr_verify_block *block, enum umbr_verdict verdict,
+                           const double local[3])
+{
+    const int compared = verdict != UMBR_SAYS_NOTHING;
+    block->result.skipped_inside += !compared;
+    block->result.points += (uint64_t)compared;
+    block->result.inside_band += verdict == UMBR_IN_BAND;
+    if (verdict == UMBR_WRONG) {
+        note(block, local);
+    }
+    return (uint64_t)compared;
+}
+
 int umbr_verify_is_unsure(const struct umbr_verify_block *block, const struct umbr_sample *sample,
                           int truth)
 {
     return in_band(block, sample, truth) || is_inside_by_vote(block, sample->centre);
 }
 
-/* Verdict on an answer. */
-enum verdict {
-    AGREES,
-    SAYS_NOTHING, /* inside a closed solid, where any answer is right */
-    IN_BAND,
-    WRONG,
-};
-
-static enum verdict judge_answer(const struct umbr_verify_block *block,
-                                 const struct umbr_sample *sample, int lit)
+static enum umbr_verdict judge_answer(const struct umbr_verify_block *block,
+                                      const struct umbr_sample *sample, int lit)
 {
     int buried;
     const int truth = umbr_verify_trace(block, sample->local, &buried);
     if (truth == lit) {
-        return buried ? SAYS_NOTHING : AGREES;
+        return buried ? UMBR_SAYS_NOTHING : UMBR_AGREES;
     }
     if (is_inside(block, sample->centre) && is_inside_by_vote(block, sample->centre)) {
-        return SAYS_NOTHING;
+        return UMBR_SAYS_NOTHING;
     }
     if (in_band(block, sample, truth)) {
-        return IN_BAND;
+        return UMBR_IN_BAND;
     }
     return is_inside_by_vote(block, sample->centre) || is_inside_by_vote(block, sample->local)
-               ? SAYS_NOTHING
-               : WRONG;
+               ? UMBR_SAYS_NOTHING
+               : UMBR_WRONG;
 }
 
 /* Judges a sample, and judges it again in doubles if float rays judge it wrong. */
-static enum verdict judge_sample(struct umbr_verify_block *block, const struct umbr_sample *sample,
-                                 int lit)
+static enum umbr_verdict judge_sample(struct umbr_verify_block *block,
+                                      const struct umbr_sample *sample, int lit)
 {
-    enum verdict verdict = judge_answer(block, sample, lit);
-    if (verdict == WRONG && umbr_verify_look_again(block)) {
+    enum umbr_verdict verdict = judge_answer(block, sample, lit);
+    if (verdict == UMBR_WRONG && umbr_verify_look_again(block)) {
         verdict = judge_answer(block, sample, lit);
         block->exact = NULL;
     }
@@ -321,7 +311,7 @@ void umbr_verify_judge_outside(struct umbr_verify_block *block, const double loc
         block->exact = NULL;
     }
     if (is_wrong && !is_inside(block, local)) {
-        umbr_verify_note(block, local);
+        note(block, local);
     }
 }
 
@@ -331,15 +321,9 @@ uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
 {
     uint64_t compared = 0;
     for (size_t i = 0; i < count; i++) {
-        const enum verdict verdict = judge_sample(block, &samples[i], lit[i]);
-        block->result.skipped_inside += verdict == SAYS_NOTHING;
-        block->result.inside_band += verdict == IN_BAND;
-        compared += verdict != SAYS_NOTHING;
-        if (verdict == WRONG) {
-            umbr_verify_note(block, samples[i].local);
-        }
+        const enum umbr_verdict verdict = judge_sample(block, &samples[i], lit[i]);
+        compared += umbr_verify_count(block, verdict, samples[i].local);
     }
-    block->result.points += compared;
     return compared;
 }
 

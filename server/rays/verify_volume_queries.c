@@ -18,20 +18,18 @@ enum {
     BOX_VOXELS = 5,      /* longest side */
     BOX_ROOM = (BOX_VOXELS + 2) * (BOX_VOXELS + 2) * (BOX_VOXELS + 2),
     OFFSETS = 5, /* rays along each axis of the grid around a column, half a texel apart */
-    RINGS = 4,
 };
 
-/* Draws a point in voxel space: at a boundary if `near`, else anywhere. Returns 0 if no boundary
- * was found within *walks. */
-static int draw_voxel(struct umbr_verify_block *block, int near, uint64_t *walks, double voxel[3])
+/* Draws a point in voxel space: at a boundary if one of `tries` finds one, else anywhere. */
+static void draw_voxel(struct umbr_verify_block *block, uint64_t tries, uint64_t *walks,
+                       double voxel[3])
 {
-    if (near) {
-        return *walks > 0 && umbr_verify_boundary(block, walks, voxel);
+    for (; tries > 0 && *walks > 0; tries--) {
+        if (umbr_verify_boundary(block, walks, voxel)) {
+            return;
+        }
     }
-    for (int k = 0; k < 3; k++) {
-        voxel[k] = umbr_next_unit(block) * block->light_frame->size;
-    }
-    return 1;
+    umbr_draw_anywhere(block, voxel);
 }
 
 /* Draws the ends of a segment around a voxel: any direction, and every order of length equally
@@ -63,7 +61,6 @@ static int draw_segment(struct umbr_verify_block *block, const double voxel[3], 
     return 1;
 }
 
-/* 1 if a parameter lies in one of the intervals. */
 static uint8_t is_lit_at(const struct umb_interval *intervals, size_t count, double t)
 {
     for (size_t i = 0; i < count; i++) {
@@ -87,7 +84,6 @@ static double draw_parameter(struct umbr_verify_block *block, const struct umb_i
     return end + (2 * umbr_next_unit(block) - 1) * NEAR_VOXELS / voxels;
 }
 
-/* Queries one segment and judges its intervals. */
 static void judge_segment(struct umbr_verify_block *block, const double ends[2][3])
 {
     struct umb_interval intervals[KEPT];
@@ -130,11 +126,8 @@ void umbr_verify_segments(struct umbr_verify_block *block, uint64_t count)
     uint64_t walks = count * TRIES_A_RECORD;
     for (uint64_t i = 0; i < count; i++) {
         double voxel[3], ends[2][3];
-        int found = draw_voxel(block, i % 2 == 0, &walks, voxel);
-        while (!found && walks > 0) {
-            found = draw_voxel(block, 1, &walks, voxel);
-        }
-        if ((found || draw_voxel(block, 0, &walks, voxel)) && draw_segment(block, voxel, ends)) {
+        draw_voxel(block, i % 2 == 0 ? UINT64_MAX : 0, &walks, voxel);
+        if (draw_segment(block, voxel, ends)) {
             judge_segment(block, (const double(*)[3])ends);
         }
     }
@@ -171,15 +164,13 @@ static double lit_before(const struct umbr_verify_block *block, double depth)
  */
 static int is_near_column(const struct umbr_verify_block *block, const double texel[2], double lit)
 {
-    static const double rings[RINGS] = {0.001, 0.01, 0.1, 0.25};
     double least = INFINITY, most = -INFINITY;
-    for (int i = 0; i < OFFSETS * OFFSETS + 8 * RINGS; i++) {
+    for (int i = 0; i < OFFSETS * OFFSETS + UMBR_RING_PLACES; i++) {
         const int on_ring = i - OFFSETS * OFFSETS;
         double offset[2] = {0.5 * (i % OFFSETS) - 1, 0.5 * (i / OFFSETS) - 1};
         double depth;
         if (on_ring >= 0) {
-            offset[0] = rings[on_ring / 8] * cos(atan(1) * (on_ring % 8));
-            offset[1] = rings[on_ring / 8] * sin(atan(1) * (on_ring % 8));
+            umbr_ring_offset(on_ring, offset);
         }
         if (traced_depth(block, texel[0] + offset[0], texel[1] + offset[1], &depth) > 0) {
             least = fmin(least, lit_before(block, depth));
@@ -189,25 +180,24 @@ static int is_near_column(const struct umbr_verify_block *block, const double te
     return lit >= least - 1 && lit <= most + 1;
 }
 
-/* Returns 1 if a column's answer is right, 2 if it is in the band, 0 if it is wrong. */
-static int column_verdict(const struct umbr_verify_block *block, const double voxel[3],
-                          const struct umb_column_answer *answer)
+static enum umbr_verdict column_verdict(const struct umbr_verify_block *block,
+                                        const double voxel[3],
+                                        const struct umb_column_answer *answer)
 {
     double depth;
     const double step_m = traced_depth(block, voxel[0], voxel[1], &depth);
-    const double lit = (double)answer->lit, expected = lit_before(block, depth);
+    const double lit = (double)answer->lit;
     const int none = lit >= block->light_frame->size;
-    /* The occluder is half a voxel off at most; rays have float errors. */
-    const int is_told =
-        none ? isinf(answer->distance_m)
-             : fabs(answer->distance_m - (depth - voxel[2]) * step_m) <= 0.51 * step_m;
     if (answer->outside || none != isinf(answer->distance_m)) {
-        return 0; /* the texel is the frustum's own */
+        return UMBR_WRONG; /* the texel is the frustum's own */
     }
-    if (lit != expected) {
-        return is_near_column(block, voxel, lit) ? 2 : 0;
+    if (lit != lit_before(block, depth)) {
+        return is_near_column(block, voxel, lit) ? UMBR_IN_BAND : UMBR_WRONG;
     }
-    return is_told;
+    /* The occluder is half a voxel off at most; rays have float errors. */
+    return none || fabs(answer->distance_m - (depth - voxel[2]) * step_m) <= 0.51 * step_m
+               ? UMBR_AGREES
+               : UMBR_WRONG;
 }
 
 static void judge_column(struct umbr_verify_block *block, const double texel[2], double z)
@@ -225,16 +215,12 @@ static void judge_column(struct umbr_verify_block *block, const double texel[2],
     }
     umb_volume_columns(&block->job->volume, &point, 0, 1, &answers);
     block->result.records++;
-    block->result.points++;
-    int verdict = column_verdict(block, sample.voxel, &answer);
-    if (verdict == 0 && umbr_verify_look_again(block)) {
+    enum umbr_verdict verdict = column_verdict(block, sample.voxel, &answer);
+    if (verdict == UMBR_WRONG && umbr_verify_look_again(block)) {
         verdict = column_verdict(block, sample.voxel, &answer);
         block->exact = NULL;
     }
-    block->result.inside_band += verdict == 2;
-    if (verdict == 0) {
-        umbr_verify_note(block, sample.local);
-    }
+    (void)umbr_verify_count(block, verdict, sample.local);
 }
 
 void umbr_verify_columns(struct umbr_verify_block *block, uint64_t count)
@@ -271,17 +257,9 @@ static size_t list_voxels(const struct umbr_verify_block *block, const struct um
     return count;
 }
 
-/* Verdict on a box's answer. */
-enum box_verdict {
-    BOX_RIGHT,
-    BOX_SAYS_NOTHING,
-    BOX_IN_BAND,
-    BOX_WRONG
-};
-
-static enum box_verdict box_verdict(const struct umbr_verify_block *block,
-                                    const struct umb_box_answer *answer,
-                                    const struct umbr_sample *samples, size_t count)
+static enum umbr_verdict box_verdict(const struct umbr_verify_block *block,
+                                     const struct umb_box_answer *answer,
+                                     const struct umbr_sample *samples, size_t count)
 {
     uint8_t truths[BOX_ROOM], burieds[BOX_ROOM];
     uint64_t lit = 0, buried = 0, unsure = 0, sure = 0;
@@ -293,10 +271,10 @@ static enum box_verdict box_verdict(const struct umbr_verify_block *block,
         buried += burieds[i];
     }
     if (count > 0 && buried == count) {
-        return BOX_SAYS_NOTHING;
+        return UMBR_SAYS_NOTHING;
     }
     if (answer->voxels == count && answer->lit >= lit && answer->lit <= lit + buried) {
-        return BOX_RIGHT;
+        return UMBR_AGREES;
     }
     for (size_t i = 0; i < count; i++) {
         const int either = burieds[i] || umbr_verify_is_unsure(block, &samples[i], truths[i]);
@@ -304,33 +282,27 @@ static enum box_verdict box_verdict(const struct umbr_verify_block *block,
         sure += (uint64_t)(truths[i] && !either);
     }
     return answer->voxels == count && answer->lit >= sure && answer->lit <= sure + unsure
-               ? BOX_IN_BAND
-               : BOX_WRONG;
+               ? UMBR_IN_BAND
+               : UMBR_WRONG;
 }
 
-/* Judges a box whose voxels are listed. */
 static void judge_box(struct umbr_verify_block *block, const struct umb_box *box,
                       const struct umbr_sample *samples, size_t count)
 {
     struct umb_box_answer answer;
     struct umb_box_answers answers = {.boxes = &answer};
+    double corner[3];
     const enum umb_status status =
         umb_volume_boxes(&block->job->volume, box, 0, 1, NULL, &answers, NULL);
     block->result.records++;
-    enum box_verdict verdict =
-        status == UMB_OK ? box_verdict(block, &answer, samples, count) : BOX_WRONG;
-    if (verdict == BOX_WRONG && umbr_verify_look_again(block)) {
+    enum umbr_verdict verdict =
+        status == UMB_OK ? box_verdict(block, &answer, samples, count) : UMBR_WRONG;
+    if (verdict == UMBR_WRONG && umbr_verify_look_again(block)) {
         verdict = box_verdict(block, &answer, samples, count);
         block->exact = NULL;
     }
-    block->result.skipped_inside += verdict == BOX_SAYS_NOTHING;
-    block->result.points += verdict != BOX_SAYS_NOTHING;
-    block->result.inside_band += verdict == BOX_IN_BAND;
-    if (verdict == BOX_WRONG) {
-        double corner[3];
-        umb__subtract(box->min, block->job->origin, corner);
-        umbr_verify_note(block, corner);
-    }
+    umb__subtract(box->min, block->job->origin, corner);
+    (void)umbr_verify_count(block, verdict, corner);
 }
 
 void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
@@ -340,14 +312,12 @@ void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
         struct umbr_sample samples[BOX_ROOM];
         struct umb_box box;
         double middle[3], world[3], edge = INFINITY;
-        int found = draw_voxel(block, i % 2 == 0, &walks, middle);
-        if ((!found && !draw_voxel(block, 0, &walks, middle)) ||
-            !umbr_light_frame_world(block->light_frame, middle, world)) {
+        draw_voxel(block, i % 2 == 0, &walks, middle);
+        if (!umbr_light_frame_world(block->light_frame, middle, world)) {
             continue;
         }
         for (int axis = 0; axis < 3; axis++) {
-            const double *step = block->light_frame->step[axis];
-            edge = fmin(edge, sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]));
+            edge = fmin(edge, umb__length(block->light_frame->step[axis]));
         }
         /* No extent of the box in voxels is longer than the diagonal. */
         for (int k = 0; k < 3; k++) {

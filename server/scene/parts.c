@@ -19,6 +19,7 @@
 
 #include "base/memory.h"
 #include "base/try.h"
+#include "base/vec.h"
 #include "scene/parts_nest.h"
 #include "scene/parts_weld.h"
 
@@ -51,16 +52,15 @@ static uint32_t edge_to(const struct finder *f, uint32_t half_edge)
     return f->vertex_of[half_edge % 3 == 2 ? half_edge - 2 : half_edge + 1];
 }
 
+static uint32_t edge_low(const struct finder *f, uint32_t half_edge)
+{
+    const uint32_t from = edge_from(f, half_edge), to = edge_to(f, half_edge);
+    return from < to ? from : to;
+}
+
 static uint32_t edge_third(const struct finder *f, uint32_t half_edge)
 {
     return f->vertex_of[half_edge % 3 == 0 ? half_edge + 2 : half_edge - 1];
-}
-
-static void cross_product(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
 /* Returns 1 if two corners are equal, or if the area in doubles is 0 or not finite. */
@@ -72,20 +72,10 @@ static int is_degenerate(const struct finder *f, uint32_t t)
     }
     const double(*c)[3] = f->corners[t];
     double u[3], w[3], n[3];
-    for (int i = 0; i < 3; i++) {
-        u[i] = c[1][i] - c[0][i];
-        w[i] = c[2][i] - c[0][i];
-    }
-    cross_product(u, w, n);
-    double size = 0;
-    for (int i = 0; i < 3; i++) {
-        if (n[i] != n[i]) {
-            return 1;
-        }
-        double magnitude = n[i] < 0 ? -n[i] : n[i];
-        size = magnitude > size ? magnitude : size;
-    }
-    return !(size > 0);
+    umb__subtract(c[1], c[0], u);
+    umb__subtract(c[2], c[0], w);
+    umb__cross(u, w, n);
+    return !(fabs(n[0]) + fabs(n[1]) + fabs(n[2]) > 0); /* also if one is NaN */
 }
 
 static uint32_t forest_root(uint32_t *parent, uint32_t t)
@@ -145,8 +135,7 @@ static int bucket_edges(struct finder *f, struct umbs_parts *parts)
             h += 2;
             continue;
         }
-        uint32_t from = edge_from(f, h), to = edge_to(f, h);
-        f->bucket[from < to ? from : to]++;
+        f->bucket[edge_low(f, h)]++;
     }
     uint32_t total = 0;
     for (size_t v = 0; v <= f->vertex_count; v++) {
@@ -162,9 +151,8 @@ static int bucket_edges(struct finder *f, struct umbs_parts *parts)
             h -= 2;
             continue;
         }
-        uint32_t from = edge_from(f, h), to = edge_to(f, h);
-        uint32_t low = from < to ? from : to, high = from < to ? to : from;
-        f->entries[--f->bucket[low]] = (uint64_t)high << 32 | h;
+        const uint32_t from = edge_from(f, h), to = edge_to(f, h), low = edge_low(f, h);
+        f->entries[--f->bucket[low]] = (uint64_t)(from == low ? to : from) << 32 | h;
     }
     for (size_t v = 0; v < f->vertex_count; v++) {
         sort_entries(f->entries + f->bucket[v], f->bucket[v + 1] - f->bucket[v]);
@@ -292,18 +280,15 @@ static void judge_edges(struct finder *f, struct umbs_parts *parts)
 
 static void add_to_box(struct umbs_part *part, const double (*c)[3])
 {
-    for (int i = 0; i < 3; i++) {
-        double low = c[0][i], high = c[0][i];
-        for (int k = 1; k < 3; k++) {
-            low = c[k][i] < low ? c[k][i] : low;
-            high = c[k][i] > high ? c[k][i] : high;
-        }
-        if (part->triangle_count == 0 || low < part->box.min[i]) {
-            part->box.min[i] = low;
-        }
-        if (part->triangle_count == 0 || high > part->box.max[i]) {
-            part->box.max[i] = high;
-        }
+    double *min = part->box.min, *max = part->box.max;
+    if (part->triangle_count == 0) {
+        memcpy(min, c[0], sizeof part->box.min);
+        memcpy(max, c[0], sizeof part->box.max);
+    }
+    for (int i = 0; i < 9; i++) {
+        const double place = c[i / 3][i % 3];
+        min[i % 3] = place < min[i % 3] ? place : min[i % 3];
+        max[i % 3] = place > max[i % 3] ? place : max[i % 3];
     }
 }
 
@@ -317,8 +302,8 @@ static double signed_volume(const struct umbs_part *part, const double (*c)[3])
             p[k][i] = c[k][i] - (0.5 * part->box.min[i] + 0.5 * part->box.max[i]);
         }
     }
-    cross_product(p[1], p[2], n);
-    return (p[0][0] * n[0] + p[0][1] * n[1] + p[0][2] * n[2]) / 6.0;
+    umb__cross(p[1], p[2], n);
+    return umb__dot(p[0], n) / 6.0;
 }
 
 static void measure_parts(const struct finder *f, struct umbs_parts *parts)

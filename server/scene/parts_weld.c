@@ -39,11 +39,6 @@ static struct key key_of(const double position[3])
     return key;
 }
 
-static int keys_equal(const struct key *a, const struct key *b)
-{
-    return a->bits[0] == b->bits[0] && a->bits[1] == b->bits[1] && a->bits[2] == b->bits[2];
-}
-
 /* Mixes the key's bits by three rounds of multiply and xor-shift. Coordinates are often small
  * multiples of one step, so all bits of each word must reach all bits of the hash. */
 static uint32_t hash_of(const struct key *key, uint64_t seed)
@@ -113,7 +108,7 @@ static uint32_t table_find_or_add(struct table *table, const double (*positions)
         if ((uint32_t)(slot >> 32) == hash) {
             uint32_t other = (uint32_t)slot - 1;
             struct key other_key = key_of(positions[other]);
-            if (keys_equal(key, &other_key)) {
+            if (memcmp(key, &other_key, sizeof other_key) == 0) {
                 return other;
             }
         }

@@ -159,6 +159,12 @@ UMB_CHECKED enum umb_status umbs_scene_import(const char *path,
 UMB_CHECKED enum umb_status umbs_scene_view(const void *bytes, size_t size,
                                             struct umbs_scene_view *view, struct umb_error *error);
 
+/* Checks the scene buffer in scene->map, and the limit of triangles, and sets scene->view.
+ * In: name: name of the scene in messages. Fails: as umbs_scene_view; E_LIMIT. */
+UMB_CHECKED enum umb_status umbs__scene_check(struct umbs_scene *scene, const char *name,
+                                              const struct umbs_import_options *options,
+                                              struct umb_error *error);
+
 void umbs_scene_destroy(struct umbs_scene *scene);
 
 /*

@@ -9,6 +9,7 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
+#include "common/file_system.h"
 #include "common/open_beneath.h"
 
 /* Room for one descriptor, aligned as the header of a control message must be. */
@@ -62,9 +63,7 @@ int umbs_broker_serve(int end, int folder, uint32_t *left)
         fd = memchr(name, '\0', (size_t)length) == NULL ? umbs_open_beneath(folder, name) : -1;
     }
     answer(end, fd, fd >= 0 ? 0 : errno);
-    if (fd >= 0) {
-        (void)close(fd);
-    }
+    umbs_hang_up(&fd);
     return 1;
 }
 

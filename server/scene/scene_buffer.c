@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/try.h"
+#include "base/vec.h"
 #include "common/clean_text.h"
 
 _Static_assert(sizeof(struct umbs_scene_header) == 200, "header without padding");
@@ -300,9 +301,7 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
 
 static const char *light_fault(const struct umbs_light *light)
 {
-    const double *direction = light->direction;
-    double length =
-        direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2];
+    const double length = umb__dot(light->direction, light->direction); /* squared */
     if (!is_name(light->name)) {
         return "name is not clean text";
     }

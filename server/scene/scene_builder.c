@@ -9,49 +9,43 @@
 #include <string.h>
 
 #include "base/try.h"
-#include "scene/scene_buffer.h"
 #include "common/clean_text.h"
 
 #define WARNINGS_MAX 65536U
 
-void *umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_bytes)
+enum umb_status umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_bytes,
+                                   struct umb_error *error)
 {
-    if (more > SIZE_MAX / item_bytes - array->count) {
-        return NULL;
+    const size_t most = SIZE_MAX / item_bytes, need = array->count + more;
+    size_t capacity = array->capacity + array->capacity / 2;
+    if (more <= array->capacity - array->count) {
+        return UMB_OK;
     }
-    size_t need = array->count + more;
-    if (need > array->capacity) {
-        size_t capacity = array->capacity + array->capacity / 2;
-        capacity = capacity < need ? need : capacity;
-        capacity = capacity < 16 ? 16 : capacity;
-        if (capacity > SIZE_MAX / item_bytes) {
-            capacity = need;
-        }
-        void *data = realloc(array->data, capacity * item_bytes);
-        if (data == NULL) {
-            return NULL;
-        }
-        array->data = data;
-        array->capacity = capacity;
+    capacity = capacity < need ? need : capacity;
+    capacity = capacity < 16 ? 16 : capacity;
+    capacity = capacity > most ? need : capacity;
+    void *data = more > most - array->count ? NULL : realloc(array->data, capacity * item_bytes);
+    if (data == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu items of %zu bytes", need,
+                        item_bytes);
     }
-    return (char *)array->data + array->count * item_bytes;
+    array->data = data;
+    array->capacity = capacity;
+    return UMB_OK;
 }
 
-/* Appends items; their number stays within 32 bits. */
-static enum umb_status append(struct umbs_array *array, const void *items, size_t count,
-                              enum umbs_section section, struct umb_error *error)
+/* Appends items to a section; their number stays within 32 bits. */
+static enum umb_status append(struct umbs_scene_builder *builder, enum umbs_section section,
+                              const void *items, size_t count, struct umb_error *error)
 {
-    size_t item_bytes = umbs_section_item_bytes(section);
+    struct umbs_array *array = &builder->sections[section];
+    const size_t item_bytes = umbs_section_item_bytes(section);
     if (section != UMBS_SECTION_ALPHA && array->count + count > UINT32_MAX - 1U) {
         return umb_fail(error, UMB_E_LIMIT, "more than %u items of one kind", UINT32_MAX - 1U);
     }
-    void *room = umbs_array_reserve(array, count, item_bytes);
-    if (room == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu items of %zu bytes",
-                        array->count + count, item_bytes);
-    }
+    UMB__TRY(umbs_array_reserve(array, count, item_bytes, error));
     if (count > 0) {
-        memcpy(room, items, count * item_bytes);
+        memcpy((char *)array->data + array->count * item_bytes, items, count * item_bytes);
     }
     array->count += count;
     return UMB_OK;
@@ -70,13 +64,8 @@ void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_forma
 
 void umbs_scene_builder_finish(struct umbs_scene_builder *builder)
 {
-    struct umbs_array *const arrays[] = {
-        &builder->meshes,   &builder->instances, &builder->materials, &builder->lights,
-        &builder->textures, &builder->positions, &builder->uvs,       &builder->triangles,
-        &builder->alpha,    &builder->warnings,
-    };
-    for (size_t i = 0; i < sizeof(arrays) / sizeof(arrays[0]); i++) {
-        free(arrays[i]->data);
+    for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
+        free(builder->sections[i].data);
     }
     memset(builder, 0, sizeof(*builder));
 }
@@ -85,11 +74,8 @@ void umbs_scene_builder_finish(struct umbs_scene_builder *builder)
 static enum umb_status start_uvs(struct umbs_scene_builder *builder, struct umb_error *error)
 {
     size_t count = builder->positions.count;
-    void *room = umbs_array_reserve(&builder->uvs, count, 2 * sizeof(float));
-    if (room == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu uvs", count);
-    }
-    memset(room, 0, count * 2 * sizeof(float));
+    UMB__TRY(umbs_array_reserve(&builder->uvs, count, 2 * sizeof(float), error));
+    memset(builder->uvs.data, 0, count * 2 * sizeof(float));
     builder->uvs.count = count;
     return UMB_OK;
 }
@@ -101,12 +87,12 @@ enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder, const 
     if (uv != NULL && builder->uvs.count != builder->positions.count) {
         UMB__TRY(start_uvs(builder, error));
     }
-    UMB__TRY(append(&builder->positions, position, 1, UMBS_SECTION_POSITIONS, error));
+    UMB__TRY(append(builder, UMBS_SECTION_POSITIONS, position, 1, error));
     if (uv == NULL && builder->uvs.count == 0) {
         return UMB_OK;
     }
     const enum umb_status status =
-        append(&builder->uvs, uv != NULL ? uv : zero, 1, UMBS_SECTION_UVS, error);
+        append(builder, UMBS_SECTION_UVS, uv != NULL ? uv : zero, 1, error);
     builder->positions.count -= status != UMB_OK;
     return status;
 }
@@ -118,7 +104,7 @@ enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
         return umb_fail(error, UMB_E_LIMIT, "more than %llu triangles",
                         (unsigned long long)builder->max_triangles);
     }
-    return append(&builder->triangles, corners, 1, UMBS_SECTION_TRIANGLES, error);
+    return append(builder, UMBS_SECTION_TRIANGLES, corners, 1, error);
 }
 
 enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder, uint32_t first_vertex,
@@ -136,7 +122,7 @@ enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder, uint32_t
         const struct umbs_mesh *last = &meshes[builder->meshes.count - 1];
         mesh.first_triangle = last->first_triangle + last->triangle_count;
     }
-    return append(&builder->meshes, &mesh, 1, UMBS_SECTION_MESHES, error);
+    return append(builder, UMBS_SECTION_MESHES, &mesh, 1, error);
 }
 
 enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *builder, uint32_t mesh,
@@ -155,7 +141,7 @@ enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *builder, uint
         return umb_fail(error, UMB_E_LIMIT, "%llu triangles with instances, limit %llu",
                         (unsigned long long)world, (unsigned long long)builder->max_triangles);
     }
-    UMB__TRY(append(&builder->instances, &instance, 1, UMBS_SECTION_INSTANCES, error));
+    UMB__TRY(append(builder, UMBS_SECTION_INSTANCES, &instance, 1, error));
     builder->world_triangles = world;
     return UMB_OK;
 }
@@ -175,13 +161,13 @@ enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
                                         const struct umbs_material *material,
                                         struct umb_error *error)
 {
-    return append(&builder->materials, material, 1, UMBS_SECTION_MATERIALS, error);
+    return append(builder, UMBS_SECTION_MATERIALS, material, 1, error);
 }
 
 enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
                                      const struct umbs_light *light, struct umb_error *error)
 {
-    return append(&builder->lights, light, 1, UMBS_SECTION_LIGHTS, error);
+    return append(builder, UMBS_SECTION_LIGHTS, light, 1, error);
 }
 
 enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
@@ -190,12 +176,10 @@ enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
 {
     struct umbs_texture copy = *texture;
     copy.offset = builder->alpha.count;
-    UMB__TRY(append(&builder->textures, &copy, 1, UMBS_SECTION_TEXTURES, error));
-    enum umb_status status = append(&builder->alpha, pixels, (size_t)copy.width * copy.height,
-                                    UMBS_SECTION_ALPHA, error);
-    if (status != UMB_OK) {
-        builder->textures.count--;
-    }
+    UMB__TRY(append(builder, UMBS_SECTION_TEXTURES, &copy, 1, error));
+    enum umb_status status =
+        append(builder, UMBS_SECTION_ALPHA, pixels, (size_t)copy.width * copy.height, error);
+    builder->textures.count -= status != UMB_OK;
     return status;
 }
 
@@ -213,13 +197,11 @@ void umbs_scene_warn(struct umbs_scene_builder *builder, const char *format, ...
     umbs_text_clean(clean, sizeof(clean) - 1, line, sizeof(line));
     size_t used = strlen(clean);
     clean[used++] = '\n';
-    if (builder->warnings.count + used > WARNINGS_MAX) {
-        return;
-    }
-    char *room = umbs_array_reserve(&builder->warnings, used, 1);
-    if (room != NULL) { /* a warning that does not fit is dropped */
-        memcpy(room, clean, used);
-        builder->warnings.count += used;
+    struct umbs_array *warnings = &builder->warnings; /* a warning that does not fit is dropped */
+    if (warnings->count + used <= WARNINGS_MAX &&
+        umbs_array_reserve(warnings, used, 1, NULL) == UMB_OK) {
+        memcpy((char *)warnings->data + warnings->count, clean, used);
+        warnings->count += used;
     }
 }
 
@@ -259,27 +241,12 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
         .dropped_faces = builder->dropped_faces,
         .world_triangle_count = builder->world_triangles,
     };
-    char *end = umbs_array_reserve(&builder->warnings, 1, 1);
-    if (end == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for warnings");
-    }
-    *end = '\0';
-    const struct umbs_array *const sections[UMBS_SECTION_COUNT] = {
-        [UMBS_SECTION_MESHES] = &builder->meshes,
-        [UMBS_SECTION_INSTANCES] = &builder->instances,
-        [UMBS_SECTION_MATERIALS] = &builder->materials,
-        [UMBS_SECTION_LIGHTS] = &builder->lights,
-        [UMBS_SECTION_TEXTURES] = &builder->textures,
-        [UMBS_SECTION_POSITIONS] = &builder->positions,
-        [UMBS_SECTION_UVS] = &builder->uvs,
-        [UMBS_SECTION_TRIANGLES] = &builder->triangles,
-        [UMBS_SECTION_ALPHA] = &builder->alpha,
-        [UMBS_SECTION_WARNINGS] = &builder->warnings,
-    };
+    UMB__TRY(umbs_array_reserve(&builder->warnings, 1, 1, error));
+    ((char *)builder->warnings.data)[builder->warnings.count] = '\0';
     clear_unusable_positions(&builder->positions);
     memcpy(header.magic, UMBS_SCENE_MAGIC, sizeof(header.magic));
     for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
-        header.counts[i] = sections[i]->count + (i == UMBS_SECTION_WARNINGS);
+        header.counts[i] = builder->sections[i].count + (i == UMBS_SECTION_WARNINGS);
     }
     const char *field = umbs_scene_layout(header.counts, header.offsets, &header.total_bytes);
     if (field != NULL) {
@@ -287,7 +254,7 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
     }
     enum umb_status status = write_section(sink, &header, sizeof(header));
     for (int i = 0; status == UMB_OK && i < UMBS_SECTION_COUNT; i++) {
-        status = write_section(sink, sections[i]->data,
+        status = write_section(sink, builder->sections[i].data,
                                header.counts[i] * umbs_section_item_bytes((enum umbs_section)i));
     }
     return status != UMB_OK ? umb_fail(error, status, "cannot write the scene buffer") : UMB_OK;

@@ -15,8 +15,10 @@
  * Failure: E_NO_MEMORY and E_LIMIT leave the builder as it was.
  * Threads: one thread.
  */
-#include "scene/scene.h"
+#include <string.h>
+#include "base/try.h"
 #include "format/content.h"
+#include "scene/scene_buffer.h"
 
 /* A growable array of items of one size. */
 struct umbs_array {
@@ -28,23 +30,40 @@ struct umbs_array {
 struct umbs_scene_builder {
     enum umbs_format format;
     int z_up;
-    uint64_t max_triangles;      /* limit, instances multiplied */
-    struct umbs_array meshes;    /* struct umbs_mesh */
-    struct umbs_array instances; /* struct umbs_instance */
-    struct umbs_array materials; /* struct umbs_material */
-    struct umbs_array lights;    /* struct umbs_light */
-    struct umbs_array textures;  /* struct umbs_texture */
-    struct umbs_array positions; /* double[3] */
-    struct umbs_array uvs;       /* float[2]: none, or as many as positions */
-    struct umbs_array triangles; /* uint32_t[3] */
-    struct umbs_array alpha;     /* uint8_t */
-    struct umbs_array warnings;  /* char, without a NUL */
-    uint64_t world_triangles;    /* number of triangles of all instances so far */
-    uint32_t dropped_faces;      /* number of faces that could not be used */
+    uint64_t max_triangles; /* limit, instances multiplied */
+    union {
+        struct {                         /* in the order of enum umbs_section */
+            struct umbs_array meshes;    /* struct umbs_mesh */
+            struct umbs_array instances; /* struct umbs_instance */
+            struct umbs_array materials; /* struct umbs_material */
+            struct umbs_array lights;    /* struct umbs_light */
+            struct umbs_array textures;  /* struct umbs_texture */
+            struct umbs_array positions; /* double[3] */
+            struct umbs_array uvs;       /* float[2]: none, or as many as positions */
+            struct umbs_array triangles; /* uint32_t[3] */
+            struct umbs_array alpha;     /* uint8_t */
+            struct umbs_array warnings;  /* char, without a NUL */
+        };
+        struct umbs_array sections[UMBS_SECTION_COUNT];
+    };
+    uint64_t world_triangles; /* number of triangles of all instances so far */
+    uint32_t dropped_faces;   /* number of faces that could not be used */
 };
 
-/* Makes room for `more` items behind the last and returns them (not counted yet), or NULL. */
-void *umbs_array_reserve(struct umbs_array *array, size_t more, size_t item_bytes);
+/* Makes room for `more` items behind the last. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbs_array_reserve(struct umbs_array *array, size_t more,
+                                               size_t item_bytes, struct umb_error *error);
+
+/* Appends an item. Fails: E_NO_MEMORY. */
+static inline enum umb_status umbs_array_add(struct umbs_array *array, const void *item,
+                                             size_t item_bytes, struct umb_error *error)
+{
+    if (array->count == array->capacity) {
+        UMB__TRY(umbs_array_reserve(array, 1, item_bytes, error));
+    }
+    memcpy((char *)array->data + array->count++ * item_bytes, item, item_bytes);
+    return UMB_OK;
+}
 
 /* Starts an empty scene. max_triangles: 0 = the hard limit. Needs umbs_scene_builder_finish. */
 void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_format format, int z_up,

@@ -16,6 +16,7 @@
 
 #include "base/bytes.h"
 #include "base/try.h"
+#include "common/file_system.h"
 #include "common/private_folder.h"
 #include "tool/output.h"
 
@@ -40,21 +41,6 @@ enum umb_status umbs_scene_save(const struct umbs_scene *scene, const char *path
     return status;
 }
 
-/* Reads exactly count bytes; 0 at the end of the file or on an error. */
-static int read_all(int fd, void *to, size_t count)
-{
-    char *at = to;
-    while (count > 0) {
-        const ssize_t got = read(fd, at, count);
-        if (got <= 0 && !(got < 0 && errno == EINTR)) {
-            return 0;
-        }
-        at += got > 0 ? got : 0;
-        count -= got > 0 ? (size_t)got : 0;
-    }
-    return 1;
-}
-
 /* Reads a scene from an open file, whose head was read. */
 static enum umb_status load(int fd, const char *path, uint64_t checksum,
                             const struct umbs_import_options *options, struct umbs_scene *scene,
@@ -77,17 +63,11 @@ static enum umb_status load(int fd, const char *path, uint64_t checksum,
     }
     scene->map = map;
     scene->map_bytes = (size_t)size;
-    if (!read_all(fd, map, (size_t)size) || XXH3_64bits(map, (size_t)size) != checksum) {
+    if (umbs_read_full(fd, map, (size_t)size) != (ssize_t)size ||
+        XXH3_64bits(map, (size_t)size) != checksum) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene file '%.200s' is damaged", path);
     }
-    const enum umb_status status = umbs_scene_view(map, (size_t)size, &scene->view, error);
-    const uint64_t most = options->max_triangles > 0 ? options->max_triangles : UMBS_TRIANGLES_MAX;
-    if (status == UMB_OK && scene->view.world_triangle_count > most) {
-        return umb_fail(error, UMB_E_LIMIT, "%.200s: %llu triangles, limit %llu", path,
-                        (unsigned long long)scene->view.world_triangle_count,
-                        (unsigned long long)most);
-    }
-    return status;
+    return umbs__scene_check(scene, path, options, error);
 }
 
 /* Reads and checks the head, then the rest. */
@@ -96,7 +76,7 @@ static enum umb_status read_scene(int fd, const char *what, const char *path,
                                   struct umbs_scene *scene, struct umb_error *error)
 {
     uint8_t head[HEAD_BYTES];
-    if (!read_all(fd, head, sizeof head) ||
+    if (umbs_read_full(fd, head, sizeof head) != (ssize_t)sizeof head ||
         memcmp(head, UMBS_SCENE_FILE_MAGIC, UMBS_SCENE_FILE_MAGIC_BYTES) != 0) {
         return umb_fail(error, UMB_E_BAD_SCENE,
                         "%s: '%.200s' is not a file that umbrage-bake import made", what, path);

@@ -273,8 +273,7 @@ static enum umb_status copy_file(struct umbs_asset_map *map, struct umb_error *e
     if (mprotect(base, map->bytes, PROT_READ) != 0) {
         return umb_fail_errno(error, UMB_E_IO, errno, "cannot protect a copy");
     }
-    close(map->fd);
-    map->fd = -1;
+    umbs_hang_up(&map->fd);
     return UMB_OK;
 }
 
@@ -394,9 +393,7 @@ void umbs_asset_map_close(struct umbs_asset_map *map)
     if (map->base != NULL) {
         munmap(map->base, map->reserved);
     }
-    if (map->fd >= 0) {
-        close(map->fd);
-    }
+    umbs_hang_up(&map->fd);
     free(map);
 }
 

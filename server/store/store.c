@@ -21,14 +21,14 @@ static enum umb_status open_cache(struct umbs_store *store, const char *path, in
     struct umbs_cache *cache = &store->caches[store->cache_count++];
     struct umb_error cause;
     char quoted[UMBS_LOG_QUOTE_SIZE];
-    UMB__TRY(umbs__cache_init(cache, path, store->log, error));
+    UMB__TRY(umbs__cache_init(cache, path, store->options.log, error));
     if (umbs__cache_ready(cache, NULL, &cause) == UMB_OK) {
         return UMB_OK;
     }
     if (is_asked_for) {
         return umb_fail(error, cause.status, "--cache: %s", cause.message);
     }
-    umbs_log_event(store->log, UMB_LOG_WARN, "cache_refused", "reason=%s option=--cache",
+    umbs_log_event(store->options.log, UMB_LOG_WARN, "cache_refused", "reason=%s option=--cache",
                    umbs_log_quote(cause.message, quoted));
     return UMB_OK;
 }
@@ -49,7 +49,7 @@ static enum umb_status open_folder(struct umbs_store *store, const char *path, c
     if (folder->path == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
     }
-    if (store->no_cache) {
+    if (store->options.no_cache) {
         return UMB_OK;
     }
     if (cache != NULL) {
@@ -91,15 +91,10 @@ enum umb_status umbs_store_open(const struct umbs_store_options *options, struct
     if (store == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the store");
     }
-    store->max_memory_bytes =
-        options->max_memory_bytes != 0 ? options->max_memory_bytes : (uint64_t)64 << 30;
-    store->no_cache = options->no_cache;
-    store->copy = options->copy;
-    store->warm = options->warm;
-    store->log = options->log;
-    store->retired = options->retired;
-    store->faulted = options->faulted;
-    store->owner = options->owner;
+    store->options = *options;
+    if (store->options.max_memory_bytes == 0) {
+        store->options.max_memory_bytes = (uint64_t)64 << 30;
+    }
     pthread_mutex_init(&store->scan, NULL);
     pthread_mutex_init(&store->mutex, NULL);
     umbs__lane_init(&store->lane);
@@ -143,8 +138,8 @@ static struct umbs_entry *take_due(struct umbs_store *store, uint64_t interval_m
     uint64_t now_ms = (uint64_t)umbu_clock_ms();
     struct umbs_entry *due = NULL;
     struct umbs_table *table = umbs__table_hold(store);
-    for (size_t i = 0; i < table->count; i++) {
-        struct umbs_entry *entry = table->by_name[i];
+    for (size_t i = 0; i < table->all.count; i++) {
+        struct umbs_entry *entry = table->all.list[i];
         if (entry->map != NULL && !atomic_load(&entry->faulted) &&
             !umbs_asset_map_is_copy(entry->map) &&
             (due == NULL || entry->checked_ms < due->checked_ms)) {

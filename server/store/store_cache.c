@@ -210,30 +210,17 @@ enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable, struc
     return status;
 }
 
-static int copy_record(const struct umbs_record *found, struct umbs_record *record)
-{
-    if (found != NULL) {
-        *record = *found;
-    }
-    return found != NULL;
-}
-
-int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
+int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, const uint8_t *id,
                      struct umbs_record *record)
 {
     pthread_mutex_lock(&cache->mutex);
-    const int found = copy_record(umbs__records_find(&cache->records, packed), record);
+    const struct umbs_record *found = packed != NULL ? umbs__records_find(&cache->records, packed)
+                                                     : umbs__records_of_id(&cache->records, id);
+    if (found != NULL) {
+        *record = *found;
+    }
     pthread_mutex_unlock(&cache->mutex);
-    return found;
-}
-
-int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
-                        struct umbs_record *record)
-{
-    pthread_mutex_lock(&cache->mutex);
-    const int found = copy_record(umbs__records_of_id(&cache->records, id), record);
-    pthread_mutex_unlock(&cache->mutex);
-    return found;
+    return found != NULL;
 }
 
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record)

@@ -65,11 +65,9 @@ void umbs__cache_finish(struct umbs_cache *cache);
 UMB_CHECKED enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable,
                                               struct umb_error *error);
 
-/* Copies the record of a packed file, or of an id. Returns 0 if there is no record. */
-int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed,
+/* Copies the record of a packed file; packed: NULL = of an id. Returns 0 if there is no record. */
+int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, const uint8_t *id,
                      struct umbs_record *record);
-int umbs__cache_find_id(struct umbs_cache *cache, const uint8_t id[UMB_ID_BYTES],
-                        struct umbs_record *record);
 
 /* Adds a record unless its packed file has one. */
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);

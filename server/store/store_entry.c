@@ -20,6 +20,7 @@
 
 #include "base/compat.h"
 #include "base/try.h"
+#include "common/file_system.h"
 #include "format/layout.h"
 
 int umbs__is_damage(enum umb_status status)
@@ -47,6 +48,7 @@ struct umbs_entry *umbs__entry_create(struct umbs_store *store, const struct umb
     if (entry != NULL) {
         snprintf(entry->item.name, sizeof entry->item.name, "%s", name->text);
         entry->store = store;
+        entry->serial = atomic_fetch_add(&store->entries, 1) + 1;
         entry->folder = name->folder;
         atomic_init(&entry->references, 1);
         atomic_fetch_add(&store->holders, 1);
@@ -78,14 +80,14 @@ static void entry_retire(struct umbs_entry *entry)
 
 void umbs__table_free(struct umbs_table *table)
 {
-    for (size_t i = 0; i < table->count; i++) {
-        if (atomic_fetch_sub(&table->by_name[i]->references, 1) == 1) {
-            entry_retire(table->by_name[i]);
+    for (size_t i = 0; i < table->all.count; i++) {
+        if (atomic_fetch_sub(&table->all.list[i]->references, 1) == 1) {
+            entry_retire(table->all.list[i]);
         }
     }
-    free(table->by_name);
-    free(table->by_id);
-    free(table->damaged);
+    free(table->all.list);
+    free(table->by_id.list);
+    free(table->damaged.list);
     free(table);
 }
 
@@ -117,8 +119,8 @@ void umbs_store_reap(struct umbs_store *store)
 
 void umbs__reap_soon(struct umbs_store *store)
 {
-    if (store->retired != NULL && !atomic_load(&store->closed)) {
-        store->retired(store->owner);
+    if (store->options.retired != NULL && !atomic_load(&store->closed)) {
+        store->options.retired(store->options.owner);
     } else {
         umbs_store_reap(store);
     }
@@ -152,13 +154,13 @@ void umbs__entry_quarantine(struct umbs_entry *entry, const struct umb_error *er
         entry->error = *error;
         atomic_store(&entry->faulted, 1);
         store->faults++;
-        faulted = atomic_load(&store->closed) ? NULL : store->faulted;
-        owner = store->owner;
+        faulted = atomic_load(&store->closed) ? NULL : store->options.faulted;
+        owner = store->options.owner;
     }
     pthread_mutex_unlock(&store->mutex);
     if (first) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(store->log, UMB_LOG_ERROR, "asset_quarantined", "asset=%s reason=%s",
+        umbs_log_event(store->options.log, UMB_LOG_ERROR, "asset_quarantined", "asset=%s reason=%s",
                        entry->item.name, umbs_log_quote(error->message, quoted));
     }
     if (faulted != NULL) {
@@ -208,6 +210,11 @@ const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)
     return entry->asset;
 }
 
+uint64_t umbs_entry_serial(const struct umbs_entry *entry)
+{
+    return entry->serial;
+}
+
 const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry)
 {
     return &entry->item;
@@ -248,10 +255,7 @@ enum umb_status umbs_entry_open_packed(const struct umbs_entry *entry, int *fd, 
     if (*fd >= 0 && is_of(entry, *fd, size)) {
         return UMB_OK;
     }
-    if (*fd >= 0) {
-        close(*fd);
-        *fd = -1;
-    }
+    umbs_hang_up(fd);
     return umb_fail(error, UMB_E_STATE, "asset: the packed file of this version of '%.64s' is gone",
                     entry->item.name);
 }

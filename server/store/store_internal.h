@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_STORE_STORE_INTERNAL_H
 /*
  * Shared by the files of the store. Each file uses those before it: store_entry.c (entries and
- * their end), store_table.c (look-ups), store_load.c (one file), store_lane.c, store_names.c,
- * store_scan.c, store.c.
+ * their end), store_table.c (look-ups), store_load.c (one file), store_lane.c, store_scan.c,
+ * store.c.
  */
 #include <pthread.h>
 #include <stdatomic.h>
@@ -17,6 +17,7 @@
 
 struct umbs_entry {
     struct umbs_store *store;
+    uint64_t serial;               /* Number of the entry, from 1 on; never reused */
     atomic_size_t references;      /* Number of references; each table with this entry holds one */
     const struct umb_asset *asset; /* NULL if the file cannot answer */
     struct umbs_asset_map *map;    /* Map that owns the asset, or NULL */
@@ -35,13 +36,17 @@ struct umbs_entry {
     struct umbs_entry *next_retired;
 };
 
+struct umbs_entry_list {
+    struct umbs_entry **list; /* [count] */
+    size_t count;
+};
+
 /* A table of entries, immutable once published. */
 struct umbs_table {
-    atomic_size_t references; /* Holds by the store, by readers, and by walks in progress */
-    size_t count, healthy, damaged_count;
-    struct umbs_entry **by_name; /* [count], sorted, each holding a reference */
-    struct umbs_entry **by_id;   /* [healthy], sorted by id */
-    struct umbs_entry **damaged; /* [damaged_count], entries with an id but no asset, by id */
+    atomic_size_t references;       /* Holds by the store, by readers, and by walks in progress */
+    struct umbs_entry_list all;     /* All entries by name, each holding a reference */
+    struct umbs_entry_list by_id;   /* Healthy entries by id */
+    struct umbs_entry_list damaged; /* Entries with an id but no asset, by id */
     struct umbs_table *next_retired;
 };
 
@@ -92,12 +97,8 @@ struct umbs_store {
     struct umbs_cache caches[UMBS_STORE_FOLDERS_MAX]; /* One for all folders, or one for each */
     size_t cache_count;
     struct umbs_lane lane;
-    uint64_t max_memory_bytes;
-    int no_cache, copy, warm;
-    const struct umbs_log *log;
-    void (*retired)(void *user);
-    void (*faulted)(void *user);
-    void *owner;
+    /* Options; folders and cache are only valid while the store is opened. */
+    struct umbs_store_options options;
 
     pthread_mutex_t scan; /* Mutex of rescans; taken before mutex */
     uint64_t serial;      /* Number of the scan; under scan */
@@ -112,13 +113,9 @@ struct umbs_store {
      * as a whole, so a push is one compare-and-exchange. */
     _Atomic(struct umbs_table *) old_tables;
     _Atomic(struct umbs_entry *) free_list;
-    atomic_size_t holders; /* Number of entries, plus 1 until the store is closed */
+    atomic_size_t holders;        /* Number of entries, plus 1 until the store is closed */
+    atomic_uint_fast64_t entries; /* Number of entries ever made */
     atomic_int closed;
-};
-
-struct umbs_name_list {
-    size_t count, capacity;
-    struct umbs_name *names;
 };
 
 /* --- store_entry.c --- */
@@ -209,13 +206,7 @@ int umbs__lane_clear(struct umbs_store *store, int was_done);
 void umbs__lane_init(struct umbs_lane *lane);
 void umbs__lane_finish(struct umbs_lane *lane);
 
-/* --- store_names.c, store_scan.c --- */
-
-/* Collects the names of all folders, sorted, each once. The caller frees the list, on failure too.
- * Fails: E_NO_INPUT, E_IO, E_NO_MEMORY. */
-UMB_CHECKED enum umb_status umbs__names_read(struct umbs_store *store, struct umbs_name_list *list,
-                                             struct umbs_store_report *report,
-                                             struct umb_error *error);
+/* --- store_scan.c --- */
 
 /* Removes stray temporaries of the store and its cache, and cache files whose ids are not in
  * `table`, if they are older than UMBS_STORE_TEMPORARY_AGE_S. Returns their number. */

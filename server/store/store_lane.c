@@ -31,8 +31,8 @@ static void *run_lane(void *user)
         lane->entry = entry;
         lane->load_ms = (uint64_t)umbu_clock_ms() - from_ms;
         lane->state = UMBS_LANE_DONE;
-        if (store->faulted != NULL && !lane->stopping) {
-            store->faulted(store->owner);
+        if (store->options.faulted != NULL && !lane->stopping) {
+            store->options.faulted(store->options.owner);
         }
     }
     lane->ended = 1;

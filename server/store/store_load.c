@@ -29,45 +29,31 @@ struct packed {
     size_t size;
 };
 
-/* Opens a packed file and reads its size and stamp. On failure fd is -1, or the caller closes
- * it. */
-static enum umb_status open_packed(struct umbs_entry *entry, const char *path, int *fd,
-                                   struct umb_error *error)
-{
-    struct stat facts;
-    const char *name = entry->item.name;
-    *fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    if (*fd < 0 || fstat(*fd, &facts) != 0) {
-        return umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.64s.umb'", name);
-    }
-    if (!S_ISREG(facts.st_mode)) {
-        return umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", name);
-    }
-    if ((uint64_t)facts.st_size > entry->store->max_memory_bytes) {
-        return umb_fail(error, UMB_E_TOO_LARGE,
-                        "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)", name,
-                        (long long)facts.st_size,
-                        (unsigned long long)entry->store->max_memory_bytes);
-    }
-    entry->stamp = umbs_stamp_of(&facts);
-    return UMB_OK;
-}
-
-/* Reads a packed file whole. Fails: E_TRUNCATED if the file shrinks meanwhile. */
+/* Reads a packed file whole, and its stamp. Fails: E_TRUNCATED if the file shrinks meanwhile. */
 static enum umb_status read_packed(struct umbs_entry *entry, const char *path,
                                    struct packed *packed, struct umb_error *error)
 {
-    int fd = -1;
+    struct stat facts;
     char what[80];
-    (void)snprintf(what, sizeof what, "'%.64s'", entry->item.name);
-    enum umb_status status = open_packed(entry, path, &fd, error);
-    if (status == UMB_OK) {
+    enum umb_status status;
+    const char *name = entry->item.name;
+    const uint64_t most = entry->store->options.max_memory_bytes;
+    int fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0 || fstat(fd, &facts) != 0) {
+        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.64s.umb'", name);
+    } else if (!S_ISREG(facts.st_mode)) {
+        status = umb_fail(error, UMB_E_FORMAT, "'%.64s.umb' is not a regular file", name);
+    } else if ((uint64_t)facts.st_size > most) {
+        status = umb_fail(error, UMB_E_TOO_LARGE,
+                          "'%.64s.umb' has %lld bytes, over the limit of %llu (--load-memory)",
+                          name, (long long)facts.st_size, (unsigned long long)most);
+    } else {
+        entry->stamp = umbs_stamp_of(&facts);
         packed->size = entry->stamp.size;
+        (void)snprintf(what, sizeof what, "'%.64s'", name);
         status = umbs_read_file(fd, packed->size, what, &packed->bytes, error);
     }
-    if (fd >= 0) {
-        (void)close(fd);
-    }
+    umbs_hang_up(&fd);
     return status;
 }
 
@@ -76,17 +62,19 @@ static enum umb_status expand(struct umbs_store *store, const struct packed *pac
                               struct umb_asset **asset, struct umb_error *error)
 {
     struct umb_error cause;
-    struct umb_open_options options = {
-        .trust = UMB_TRUST_NOTHING,
-        .max_memory_bytes =
-            store->max_memory_bytes > packed->size ? store->max_memory_bytes - packed->size : 1};
+    struct umb_open_options options = {.trust = UMB_TRUST_NOTHING,
+                                       .max_memory_bytes =
+                                           store->options.max_memory_bytes > packed->size
+                                               ? store->options.max_memory_bytes - packed->size
+                                               : 1};
     enum umb_status status =
         umb_asset_open_bytes(packed->bytes, packed->size, &options, asset, &cause);
     if (status == UMB_E_TOO_LARGE) {
         return umb_fail(error, status,
                         "loading it takes more than the %llu bytes of --load-memory, of which the "
                         "packed file takes %zu: %s",
-                        (unsigned long long)store->max_memory_bytes, packed->size, cause.message);
+                        (unsigned long long)store->options.max_memory_bytes, packed->size,
+                        cause.message);
     }
     return status == UMB_OK ? UMB_OK : umb_fail(error, status, "%s", cause.message);
 }
@@ -99,8 +87,8 @@ static enum umb_status cache_try(struct umbs_store *store, const char *path,
     struct umbs_asset_map_options options = {.known = known,
                                              .digest = record->digest,
                                              .ours = 1,
-                                             .copy = store->copy,
-                                             .warm = store->warm};
+                                             .copy = store->options.copy,
+                                             .warm = store->options.warm};
     memcpy(options.id, record->id, UMB_ID_BYTES);
     return umbs_asset_map_open(path, &options, &entry->map, error);
 }
@@ -158,7 +146,7 @@ static enum umb_status cache_reuse(struct umbs_store *store, struct umbs_entry *
     if (rebuild) {
         return umb_fail(error, UMB_E_CORRUPT, "it was changed while it was in use");
     }
-    if (umbs__cache_find_id(store->folders[entry->folder].cache, entry->item.id, &record)) {
+    if (umbs__cache_find(store->folders[entry->folder].cache, NULL, entry->item.id, &record)) {
         return cache_try(store, path, &record, NULL, entry, error);
     }
     return access(path, F_OK) != 0
@@ -179,7 +167,7 @@ static enum umb_status cache_renew(struct umbs_store *store, struct umbs_entry *
     }
     if (error->status != UMB_E_NO_INPUT) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(store->log, UMB_LOG_WARN, "cache_rebuilt", "asset=%s reason=%s",
+        umbs_log_event(store->options.log, UMB_LOG_WARN, "cache_rebuilt", "asset=%s reason=%s",
                        entry->item.name, umbs_log_quote(error->message, quoted));
     }
     memcpy(record.id, entry->item.id, UMB_ID_BYTES);
@@ -222,15 +210,16 @@ static enum umb_status open_proven(struct umbs_store *store, struct umbs_entry *
                                    const struct packed *packed, int rebuild,
                                    struct umb_error *error)
 {
-    enum umb_status status =
-        store->no_cache ? UMB_E_UNSUPPORTED : cache_open(store, entry, packed, rebuild, error);
+    enum umb_status status = store->options.no_cache
+                                 ? UMB_E_UNSUPPORTED
+                                 : cache_open(store, entry, packed, rebuild, error);
     if (status == UMB_OK) {
         entry->asset = umbs_asset_map_asset(entry->map);
         return UMB_OK;
     }
-    if (!store->no_cache) {
+    if (!store->options.no_cache) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(store->log, UMB_LOG_WARN, "cache_unavailable", "asset=%s reason=%s",
+        umbs_log_event(store->options.log, UMB_LOG_WARN, "cache_unavailable", "asset=%s reason=%s",
                        entry->item.name, umbs_log_quote(error->message, quoted));
     }
     status = expand(store, packed, &entry->expanded, error);
@@ -248,7 +237,7 @@ static void describe(struct umbs_entry *entry, const char *how, uint64_t from_ms
     entry->item.memory_bytes = info.memory_bytes;
     entry->item.light_count = info.light_count;
     umb_id_to_text(entry->item.id, id);
-    umbs_log_event(entry->store->log, UMB_LOG_INFO, "asset_loaded",
+    umbs_log_event(entry->store->options.log, UMB_LOG_INFO, "asset_loaded",
                    "asset=%s id=%s bytes=%llu memory=%llu how=%s dur_ms=%llu", entry->item.name, id,
                    (unsigned long long)entry->item.packed_bytes,
                    (unsigned long long)entry->item.memory_bytes, how,
@@ -281,7 +270,7 @@ struct umbs_entry *umbs__entry_load(struct umbs_store *store, const struct umbs_
     if (entry->item.status != UMB_OK) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
         entry->retry = !umbs__is_the_files_fault(entry->item.status);
-        umbs_log_event(store->log, UMB_LOG_ERROR,
+        umbs_log_event(store->options.log, UMB_LOG_ERROR,
                        umbs__is_damage(entry->item.status) ? "asset_damaged" : "asset_unreadable",
                        "asset=%s status=%s reason=%s", name->text,
                        umb_status_name(entry->item.status),
@@ -300,7 +289,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     struct umbs_record known;
     struct umb_error error;
     char path[UMBS_PATH_SIZE];
-    struct umbs_entry *entry = cache != NULL && umbs__cache_find(cache, packed, &known)
+    struct umbs_entry *entry = cache != NULL && umbs__cache_find(cache, packed, NULL, &known)
                                    ? umbs__entry_create(store, name)
                                    : NULL;
     if (entry == NULL) {
@@ -316,7 +305,7 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
     }
     entry->asset = umbs_asset_map_asset(entry->map);
     /* A copy, or a mapped file with another stamp, has just been checked in full by the opening. */
-    if (store->copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
+    if (store->options.copy || !umbs_stamp_equal(&known.mapped, umbs_asset_map_stamp(entry->map))) {
         entry->checked_ms = (uint64_t)umbu_clock_ms();
     }
     describe(entry, "known", from_ms);

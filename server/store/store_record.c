@@ -240,9 +240,7 @@ enum umb_status umbs__records_read(const char *path, const uint8_t key[UMBS_KEY_
         text[size] = '\0'; /* umbs_read_file leaves room */
         status = parse((char *)text, key, records, refused, error);
     }
-    if (fd >= 0) {
-        (void)close(fd);
-    }
+    umbs_hang_up(&fd);
     free(text);
     if (status != UMB_OK) {
         umbs__records_finish(records);

@@ -2,6 +2,10 @@
 /*
  * Scanning the store's folders and replacing the table.
  *
+ * The names of a store are NAME.umb in its folders, and FOLDER/NAME.umb one folder down. Symbolic
+ * links count as names too, because opening follows them; a link to a folder counts as a folder.
+ * Only one level below the top is read, so links cannot make the walk endless.
+ *
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
  * and publishes it whole. So a look-up sees the folders before or after the scan, never in between.
  *
@@ -20,10 +24,165 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/memory.h"
+#include "base/open_status.h"
 #include "base/try.h"
+#include "common/file_system.h"
 #include "tool/clock.h"
 
 #define LOAD_MS 100 /* Milliseconds of loading before a table with the loaded files is published */
+
+struct name_list {
+    size_t count, capacity;
+    struct umbs_name *names;
+};
+
+static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
+
+/* State of the reading of one folder. */
+struct reading {
+    struct name_list *list;
+    size_t folder;
+    size_t skipped;
+    char last_skipped[UMBS_LOG_QUOTE_SIZE];
+};
+
+static int compare_names(const void *a, const void *b)
+{
+    const struct umbs_name *left = a;
+    const struct umbs_name *right = b;
+    int order = strcmp(left->text, right->text);
+    return order != 0 ? order : (left->folder > right->folder) - (left->folder < right->folder);
+}
+
+/* Makes the asset's name from PREFIX/NAME.umb. Returns 1, 0 (not an asset's file) or -1 (an asset's
+ * file whose name is not allowed). */
+static int name_of(const char *prefix, const char *file, char name[UMBS_STORE_NAME_MAX + 1])
+{
+    size_t length = strlen(file);
+    size_t before = prefix != NULL ? strlen(prefix) + 1 : 0;
+    if (length < 5 || file[0] == '.' || strcmp(file + length - 4, ".umb") != 0) {
+        return 0;
+    }
+    length -= 4;
+    if (before + length > UMBS_STORE_NAME_MAX || strspn(file, allowed) < length) {
+        return -1;
+    }
+    if (prefix != NULL) {
+        memcpy(name, prefix, before - 1);
+        name[before - 1] = '/';
+    }
+    memcpy(name + before, file, length);
+    name[before + length] = '\0';
+    return 1;
+}
+
+static enum umb_status add_name(struct reading *reading, const char *text, struct umb_error *error)
+{
+    struct name_list *list = reading->list;
+    if (!umb__grow(NULL, &list->names, &list->capacity, list->count + 1, sizeof *list->names)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu names", list->count + 1);
+    }
+    struct umbs_name *name = &list->names[list->count++];
+    name->folder = reading->folder;
+    memcpy(name->text, text, strlen(text) + 1);
+    return UMB_OK;
+}
+
+static enum umb_status read_file_name(struct reading *reading, const char *prefix, const char *file,
+                                      struct umb_error *error)
+{
+    char name[UMBS_STORE_NAME_MAX + 1];
+    int kind = name_of(prefix, file, name);
+    if (kind < 0) {
+        reading->skipped++;
+        umbs_log_quote(file, reading->last_skipped);
+    }
+    return kind > 0 ? add_name(reading, name, error) : UMB_OK;
+}
+
+/* Reads an open folder and closes it. prefix: name of the subfolder; NULL at the top, where
+ * subfolders are entered too. */
+static enum umb_status read_folder(struct reading *reading, DIR *folder, const char *prefix,
+                                   struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    while (status == UMB_OK) {
+        errno = 0;
+        const struct dirent *item = readdir(folder);
+        if (item == NULL && errno != 0) {
+            status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read a store folder");
+        }
+        if (item == NULL) {
+            break;
+        }
+        const char *name = item->d_name;
+        int below = -1;
+        if (prefix == NULL && strspn(name, allowed) == strlen(name) && name[0] != '.') {
+            below = openat(dirfd(folder), name, O_RDONLY | O_DIRECTORY | O_NONBLOCK | O_CLOEXEC);
+        }
+        DIR *inner = below >= 0 ? fdopendir(below) : NULL;
+        if (inner != NULL) {
+            status = read_folder(reading, inner, name, error);
+        } else {
+            umbs_hang_up(&below);
+            status = read_file_name(reading, prefix, name, error);
+        }
+    }
+    (void)closedir(folder);
+    return status;
+}
+
+/* Logs how many names are not served, each time that number changes. */
+static void tell(const struct umbs_store *store, size_t now, size_t *before, const char *event,
+                 const char *last)
+{
+    if (now != *before && now > 0) {
+        umbs_log_event(store->options.log, UMB_LOG_WARN, event,
+                       "count=%zu last=%s allowed=[A-Za-z0-9._-]", now, last);
+    }
+    *before = now;
+}
+
+/* Keeps the first of equal names; returns how many were dropped. */
+static size_t drop_doubles(struct name_list *list)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < list->count; i++) {
+        if (kept == 0 || strcmp(list->names[kept - 1].text, list->names[i].text) != 0) {
+            list->names[kept++] = list->names[i];
+        }
+    }
+    size_t dropped = list->count - kept;
+    list->count = kept;
+    return dropped;
+}
+
+/* Collects the names of all folders, sorted, each once. The caller frees the list, on failure too.
+ * Fails: E_NO_INPUT, E_IO, E_NO_MEMORY. */
+static enum umb_status read_names(struct umbs_store *store, struct name_list *list,
+                                  struct umbs_store_report *report, struct umb_error *error)
+{
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; status == UMB_OK && i < store->folder_count; i++) {
+        struct umbs_folder *folder = &store->folders[i];
+        struct reading reading = {.list = list, .folder = i};
+        DIR *opened = opendir(folder->path);
+        if (opened == NULL) {
+            return umb_fail_errno(error, umb__open_status(errno), errno,
+                                  "cannot open the store folder '%.200s'", folder->path);
+        }
+        status = read_folder(&reading, opened, NULL, error);
+        tell(store, reading.skipped, &folder->skipped_before, "names_skipped",
+             reading.last_skipped);
+        report->skipped += reading.skipped;
+    }
+    if (status == UMB_OK && list->count > 0) {
+        qsort(list->names, list->count, sizeof *list->names, compare_names);
+        report->shadowed = drop_doubles(list);
+    }
+    return status;
+}
 
 /* One pass over the names. */
 struct pass {
@@ -43,10 +202,15 @@ static int compare_ids(const void *a, const void *b)
     return order != 0 ? order : strcmp((*left)->item.name, (*right)->item.name);
 }
 
-static void sort_by_id(struct umbs_entry **list, size_t count)
+static void add_entry(struct umbs_entry_list *entries, struct umbs_entry *entry)
 {
-    if (count > 0) {
-        qsort(list, count, sizeof(struct umbs_entry *), compare_ids);
+    entries->list[entries->count++] = entry;
+}
+
+static void sort_by_id(struct umbs_entry_list *entries)
+{
+    if (entries->count > 0) {
+        qsort(entries->list, entries->count, sizeof(struct umbs_entry *), compare_ids);
     }
 }
 
@@ -165,7 +329,7 @@ static enum umb_status place(struct pass *pass, const struct umbs_name *name,
     return UMB_OK;
 }
 
-static enum umb_status build_table(struct pass *pass, const struct umbs_name_list *list,
+static enum umb_status build_table(struct pass *pass, const struct name_list *list,
                                    struct umbs_table **out, struct umb_error *error)
 {
     enum umb_status status = UMB_OK;
@@ -178,11 +342,11 @@ static enum umb_status build_table(struct pass *pass, const struct umbs_name_lis
         struct umbs_entry *entry = NULL;
         status = place(pass, &list->names[i], &entry, error);
         if (entry != NULL) {
-            table->by_name[table->count++] = entry;
+            add_entry(&table->all, entry);
             if (entry->asset != NULL) {
-                table->by_id[table->healthy++] = entry;
+                add_entry(&table->by_id, entry);
             } else if (entry->has_id) {
-                table->damaged[table->damaged_count++] = entry;
+                add_entry(&table->damaged, entry);
             }
         }
     }
@@ -190,8 +354,8 @@ static enum umb_status build_table(struct pass *pass, const struct umbs_name_lis
         (void)umbs__table_let_go(pass->store, table); /* reaped at the scan's end */
         return status;
     }
-    sort_by_id(table->by_id, table->healthy);
-    sort_by_id(table->damaged, table->damaged_count);
+    sort_by_id(&table->by_id);
+    sort_by_id(&table->damaged);
     *out = table;
     return UMB_OK;
 }
@@ -201,11 +365,11 @@ static void publish(struct pass *pass, struct umbs_table *table)
 {
     struct umbs_store *store = pass->store;
     struct umbs_table *old = umbs__table_publish(store, table);
-    for (size_t i = 0; i < old->count; i++) {
-        if (umbs__table_find_name(table, old->by_name[i]->item.name) == NULL) {
+    for (size_t i = 0; i < old->all.count; i++) {
+        if (umbs__table_find_name(table, old->all.list[i]->item.name) == NULL) {
             pass->report->removed++;
-            umbs_log_event(store->log, UMB_LOG_INFO, "asset_removed", "asset=%s",
-                           old->by_name[i]->item.name);
+            umbs_log_event(store->options.log, UMB_LOG_INFO, "asset_removed", "asset=%s",
+                           old->all.list[i]->item.name);
         }
     }
     (void)umbs__table_let_go(store, old);
@@ -217,8 +381,8 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
 {
     struct umbs_records now = {0};
     const struct umbs_table *table = store->table; /* only scans change it */
-    for (size_t i = 0; i < table->count; i++) {
-        const struct umbs_entry *entry = table->by_name[i];
+    for (size_t i = 0; i < table->all.count; i++) {
+        const struct umbs_entry *entry = table->all.list[i];
         struct umbs_record record;
         if (store->folders[entry->folder].cache == cache && !atomic_load(&entry->faulted) &&
             record_of(entry, &record) && umbs__records_add(&now, &record) != UMB_OK) {
@@ -229,10 +393,10 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
 }
 
 /* Publishes tables until every file is in one. The first table has the files that open at once. */
-static enum umb_status scan(struct pass *pass, struct umbs_name_list *list, struct umb_error *error)
+static enum umb_status scan(struct pass *pass, struct name_list *list, struct umb_error *error)
 {
     struct umbs_store *store = pass->store;
-    UMB__TRY(umbs__names_read(store, list, pass->report, error));
+    UMB__TRY(read_names(store, list, pass->report, error));
     do {
         struct umbs_table *table = NULL;
         const int was_done = umbs__lane_has_done(store);
@@ -256,7 +420,7 @@ enum umb_status umbs_store_rescan(struct umbs_store *store, struct umbs_store_re
                                   struct umb_error *error)
 {
     struct umbs_store_report own;
-    struct umbs_name_list list = {0};
+    struct name_list list = {0};
     struct pass pass = {.store = store, .report = report != NULL ? report : &own};
     memset(pass.report, 0, sizeof *pass.report);
     pthread_mutex_lock(&store->scan);
@@ -300,7 +464,7 @@ static size_t sweep_folder(struct umbs_store *store, const char *path,
             S_ISREG(status.st_mode) && now - status.st_mtime > UMBS_STORE_TEMPORARY_AGE_S &&
             unlinkat(dirfd(folder), item->d_name, 0) == 0) {
             char quoted[UMBS_LOG_QUOTE_SIZE];
-            umbs_log_event(store->log, UMB_LOG_INFO, "file_swept", "file=%s",
+            umbs_log_event(store->options.log, UMB_LOG_INFO, "file_swept", "file=%s",
                            umbs_log_quote(item->d_name, quoted));
             swept++;
         }

@@ -26,12 +26,13 @@ struct umbs_table *umbs__table_create(size_t room)
     if (table == NULL) {
         return NULL;
     }
-    table->by_name = calloc(room + 1, sizeof(struct umbs_entry *));
-    table->by_id = calloc(room + 1, sizeof(struct umbs_entry *));
-    table->damaged = calloc(room + 1, sizeof(struct umbs_entry *));
-    if (table->by_name == NULL || table->by_id == NULL || table->damaged == NULL) {
-        umbs__table_free(table);
-        return NULL;
+    struct umbs_entry_list *const lists[3] = {&table->all, &table->by_id, &table->damaged};
+    for (int i = 0; i < 3; i++) {
+        lists[i]->list = calloc(room + 1, sizeof(struct umbs_entry *));
+        if (lists[i]->list == NULL) {
+            umbs__table_free(table);
+            return NULL;
+        }
     }
     atomic_init(&table->references, 1);
     return table;
@@ -64,49 +65,14 @@ void umbs__table_walked(struct umbs_store *store, struct umbs_table *table)
     }
 }
 
-struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name)
+/* Index of the first entry that is not before `key`. In: compare: order of key and entry. */
+static size_t find_first(const struct umbs_entry_list *entries, const void *key,
+                         int (*compare)(const void *key, const struct umbs_entry *entry))
 {
-    size_t low = 0;
-    size_t high = table->count;
+    size_t low = 0, high = entries->count;
     while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        int order = strcmp(name, table->by_name[middle]->item.name);
-        if (order == 0) {
-            return table->by_name[middle];
-        }
-        if (order < 0) {
-            high = middle;
-        } else {
-            low = middle + 1;
-        }
-    }
-    return NULL;
-}
-
-/* Entries sorted by id. */
-struct id_list {
-    struct umbs_entry *const *list;
-    size_t count;
-};
-
-static struct id_list healthy_of(const struct umbs_table *table)
-{
-    return (struct id_list){table->by_id, table->healthy};
-}
-
-static int has_id(struct id_list ids, size_t index, const uint8_t id[UMB_ID_BYTES])
-{
-    return index < ids.count && memcmp(ids.list[index]->item.id, id, UMB_ID_BYTES) == 0;
-}
-
-/* Index of the first entry with an id: several files may hold the same asset. */
-static size_t first_of_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
-{
-    size_t low = 0;
-    size_t high = ids.count;
-    while (low < high) {
-        size_t middle = low + (high - low) / 2;
-        if (memcmp(id, ids.list[middle]->item.id, UMB_ID_BYTES) <= 0) {
+        const size_t middle = low + (high - low) / 2;
+        if (compare(key, entries->list[middle]) <= 0) {
             high = middle;
         } else {
             low = middle + 1;
@@ -115,24 +81,34 @@ static size_t first_of_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
     return low;
 }
 
-static struct umbs_entry *find_id(struct id_list ids, const uint8_t id[UMB_ID_BYTES])
+/* The first entry equal to `key`, or NULL: several files may hold the same asset. */
+static struct umbs_entry *find(const struct umbs_entry_list *entries, const void *key,
+                               int (*compare)(const void *key, const struct umbs_entry *entry))
 {
-    const size_t first = first_of_id(ids, id);
-    return has_id(ids, first, id) ? ids.list[first] : NULL;
+    const size_t first = find_first(entries, key, compare);
+    return first < entries->count && compare(key, entries->list[first]) == 0 ? entries->list[first]
+                                                                             : NULL;
+}
+
+static int compare_name(const void *name, const struct umbs_entry *entry)
+{
+    return strcmp(name, entry->item.name);
+}
+
+static int compare_id(const void *id, const struct umbs_entry *entry)
+{
+    return memcmp(id, entry->item.id, UMB_ID_BYTES);
+}
+
+struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name)
+{
+    return find(&table->all, name, compare_name);
 }
 
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES])
 {
-    return find_id(healthy_of(table), id);
-}
-
-/* Finds a damaged file whose head carries that id, so that a call by id gets the same answer as a
- * call by name. If several files have the id, the first by name is taken. */
-static struct umbs_entry *find_damaged(const struct umbs_table *table,
-                                       const uint8_t id[UMB_ID_BYTES])
-{
-    return find_id((struct id_list){table->damaged, table->damaged_count}, id);
+    return find(&table->by_id, id, compare_id);
 }
 
 enum umb_status umbs_store_not_found(const char *name_or_id, struct umb_error *error)
@@ -150,8 +126,8 @@ static enum umb_status table_acquire(const struct umbs_table *table, const char 
     int is_id = umb_id_from_text(name_or_id, id) == UMB_OK;
     *out = NULL;
     struct umbs_entry *entry = is_id ? umbs__table_find_id(table, id) : NULL;
-    if (entry == NULL && is_id) {
-        entry = find_damaged(table, id);
+    if (entry == NULL && is_id) { /* a call by id gets the same answer as a call by name */
+        entry = find(&table->damaged, id, compare_id);
     }
     if (entry == NULL) {
         entry = umbs__table_find_name(table, name_or_id);
@@ -188,10 +164,10 @@ enum umb_status umbs_store_list(struct umbs_store *store, struct umbs_store_item
     *items = NULL;
     *count = 0;
     struct umbs_table *table = umbs__table_hold(store);
-    size_t found = table->count;
+    size_t found = table->all.count;
     struct umbs_store_item *list = calloc(found + 1, sizeof *list);
     for (size_t i = 0; list != NULL && i < found; i++) {
-        const struct umbs_entry *entry = table->by_name[i];
+        const struct umbs_entry *entry = table->all.list[i];
         list[i] = entry->item;
         list[i].status = atomic_load(&entry->faulted) ? UMB_E_CORRUPT : entry->item.status;
     }
@@ -208,8 +184,8 @@ void umbs_store_count(struct umbs_store *store, struct umbs_store_counts *counts
 {
     memset(counts, 0, sizeof *counts);
     struct umbs_table *table = umbs__table_hold(store);
-    for (size_t i = 0; i < table->count; i++) {
-        const struct umbs_entry *entry = table->by_name[i];
+    for (size_t i = 0; i < table->all.count; i++) {
+        const struct umbs_entry *entry = table->all.list[i];
         if (entry->asset != NULL && !atomic_load(&entry->faulted)) {
             counts->healthy++;
             counts->memory_bytes += entry->item.memory_bytes;
@@ -280,8 +256,8 @@ void umbs_reader_close(struct umbs_reader *reader)
 
 void umbs_reader_refresh(struct umbs_reader *reader)
 {
-    /* There is mostly no mail. A relaxed load leaves the cache line shared with its other
-     * readers. */
+    /* The mailbox is nearly always empty. A relaxed load leaves its cache line shared with the
+     * other readers. */
     if (atomic_load_explicit(&reader->mail, memory_order_relaxed) == NULL) {
         return;
     }
@@ -300,9 +276,10 @@ enum umb_status umbs_reader_acquire(struct umbs_reader *reader, const char *name
 int umbs_reader_has(struct umbs_reader *reader, const uint8_t id[UMB_ID_BYTES], size_t folders)
 {
     umbs_reader_refresh(reader);
-    const struct id_list ids = healthy_of(reader->table);
-    for (size_t i = first_of_id(ids, id); has_id(ids, i, id); i++) {
-        if (ids.list[i]->folder < folders) {
+    const struct umbs_entry_list *ids = &reader->table->by_id;
+    for (size_t i = find_first(ids, id, compare_id);
+         i < ids->count && compare_id(id, ids->list[i]) == 0; i++) {
+        if (ids->list[i]->folder < folders) {
             return 1;
         }
     }

@@ -4,7 +4,7 @@
  * view. It computes the pixels that a texel covers at each visible point, and prints a histogram,
  * the sufficient resolution, and a heat map.
  */
-#include "study/study_command.h"
+#include "study/setup.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -12,13 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
-#include "tool/json.h"
 #include "study/gbuffer.h"
-#include "tool/output.h"
-#include "tool/threads.h"
 #include "study/picture.h"
-#include "study/setup.h"
-#include "study/shading.h"
 #include "study/study_math.h"
 #include "umbrage/aliasing.h"
 
@@ -29,7 +24,6 @@
 
 static const char *const way_names[WAYS] = {"uniform", "slice", "scene", "lispsm"};
 
-/* Statistics of one way, or of one of its cascades. */
 struct summary {
     size_t count;
     double under;                   /* share above 1 pixel a texel */
@@ -39,11 +33,10 @@ struct summary {
 };
 
 struct aliasing {
-    struct umbt_setup_options options;
+    struct umbt_common common;
     uint64_t resolution, cascades;
     unsigned way_index;
     double weight;
-    struct umbt_scene scene;
     struct umbt_setup setup;
     struct umbt_gbuffer buffer;
     struct umb_camera camera;            /* camera of the view */
@@ -57,10 +50,10 @@ struct aliasing {
 #define AT(field) UMBU_AT(struct aliasing, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBT_SCENE_ROW(struct aliasing, options.scene)},
+    {UMBT_SCENE_ROW},
     {"output", "FILE",
      "heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16; - is stdout", UMBU_TEXT,
-     AT(options.output), .letter = 'o'},
+     UMBT_AT(output), .letter = 'o'},
     {"way", "WAY", "way of the heat map to spend texels: uniform, slice, scene or lispsm",
      UMBU_CHOICE("uniform|slice|scene|lispsm"), AT(way_index), .standard = "uniform"},
     {"resolution", "N", "texels a side of each map, 16 to 16384", UMBU_COUNT(16, UMB_MAP_SIDE_MAX),
@@ -69,7 +62,7 @@ static const struct umbu_option OPTIONS[] = {
      AT(cascades), .standard = "4"},
     {"weight", "W", "weight of logarithmic against uniform splits, 0 to 1", UMBU_NUMBER(0, 1),
      AT(weight), .standard = "0.7"},
-    {UMBT_SIZE_ROW(struct aliasing, options.size, 4096, "1280x720")},
+    {UMBT_SIZE_ROW(4096, "1280x720")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -82,23 +75,15 @@ static const struct umbu_command COMMAND = {
                "share (scene), and the same warped (lispsm).",
     .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
              "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct aliasing, options)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
 
-static double view_depth(const struct umbt_camera *camera, const double position[3])
-{
-    double p[3];
-    umb__subtract(position, camera->eye, p);
-    return umb__dot(p, camera->forward);
-}
-
-/* Finds the view's pixels, and makes the four plans for them. */
 static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
 {
     const struct umbt_camera *camera = &a->setup.camera;
     double near = INFINITY, far = 0.0;
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
-        const double z = view_depth(camera, &a->buffer.positions[3 * i]);
+        const double z = umbt_camera_depth(camera, a->buffer.positions[i]);
         near = fmin(near, z);
         far = fmax(far, z);
     }
@@ -110,12 +95,12 @@ static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
     }
     for (int way = 1; way < WAYS; way++) {
         settings.fit = (enum umb_cascade_fit)(way - 1);
-        UMB__TRY(umb_cascades_plan(&a->camera, a->setup.to_light, &a->scene.box, &settings,
+        UMB__TRY(umb_cascades_plan(&a->camera, a->setup.to_light, &a->common.scene.box, &settings,
                                    &a->plans[way], error));
     }
     a->plans[0] =
         (struct umb_cascade_plan){.count = 1, .splits = {a->camera.near_m, a->camera.far_m}};
-    return umb_map_frustum_fit(a->setup.to_light, &a->scene.box, settings.resolution[0],
+    return umb_map_frustum_fit(a->setup.to_light, &a->common.scene.box, settings.resolution[0],
                                settings.resolution[0], &a->plans[0].frusta[0], error);
 }
 
@@ -156,17 +141,17 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
                         a->sorted + 2 * a->buffer.receiver_count};
     size_t count = 0;
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
-        const double *position = &a->buffer.positions[3 * i];
-        const double z = view_depth(&a->setup.camera, position);
+        const double *position = a->buffer.positions[i];
+        const double z = umbt_camera_depth(&a->setup.camera, position);
         double normal[3];
         struct umb_aliasing result;
         int slice = 0;
-        umbt_widen(&a->buffer.normals[3 * i], normal);
+        umbt_widen(a->buffer.normals[i], normal);
         while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
             slice++;
         }
-        const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->options.size[0],
-                                          a->options.size[1], position, normal, &result) == UMB_OK;
+        const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->common.size[0],
+                                          a->common.size[1], position, normal, &result) == UMB_OK;
         if (only < 0 && way == (int)a->way_index) {
             a->most[i] = known ? (float)fmin(result.most, 1e30) : NAN;
         }
@@ -181,9 +166,9 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
 
 static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
 {
-    UMB__TRY(umbt_setup_open(&a->options, &a->scene, &a->setup, error));
-    UMB__TRY(umbt_gbuffer_view(&a->buffer, &a->scene, &a->setup.camera, a->options.size,
-                               (unsigned)a->options.threads, error));
+    UMB__TRY(umbt_setup_open(&a->common, &a->setup, error));
+    UMB__TRY(umbt_gbuffer_view(&a->buffer, &a->common.scene, &a->setup.camera, a->common.size,
+                               a->common.threads, error));
     UMB__TRY(plans_make(a, error));
     const size_t count = a->buffer.receiver_count;
     a->most = malloc(count * sizeof *a->most);
@@ -218,7 +203,7 @@ static void heat_color(float most, uint8_t out[3])
 static enum umb_status heat_write(const struct aliasing *a, struct umb_error *error)
 {
     struct umbt_picture picture;
-    UMB__TRY(umbt_picture_init(&picture, a->options.size[0], a->options.size[1], error));
+    UMB__TRY(umbt_picture_init(&picture, a->common.size[0], a->common.size[1], error));
     for (size_t i = 0; i < (size_t)picture.width * picture.height; i++) {
         const uint32_t slot = a->buffer.slots[i];
         memset(&picture.pixels[3 * i], 30, 3);
@@ -226,7 +211,7 @@ static enum umb_status heat_write(const struct aliasing *a, struct umb_error *er
             heat_color(a->most[slot], &picture.pixels[3 * i]);
         }
     }
-    enum umb_status status = umbt_picture_write(&picture, a->options.output, error);
+    enum umb_status status = umbt_picture_write(&picture, a->common.output, error);
     umbt_picture_finish(&picture);
     return status;
 }
@@ -238,10 +223,11 @@ static void line_text(FILE *to, const char *name, const struct summary *s, uint6
             ceil((double)resolution * s->p99));
 }
 
-static void report_text(FILE *to, const struct aliasing *a)
+static void report_text(FILE *to, const void *state)
 {
+    const struct aliasing *a = state;
     fprintf(to, "%s: %u x %u pixels, %zu points, maps of %" PRIu64 " texels a side\n",
-            a->options.scene, a->options.size[0], a->options.size[1], a->buffer.receiver_count,
+            a->common.scene_path, a->common.size[0], a->common.size[1], a->buffer.receiver_count,
             a->resolution);
     fprintf(to, "%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median",
             "95%", "99%", "persp.", "proj.", "texels*");
@@ -299,51 +285,36 @@ static void put_way(struct umbu_json *json, const struct aliasing *a, int way)
     umbu_json_end(json, ']');
 }
 
-static void report_json(const struct aliasing *a)
+static void report_json(struct umbu_json *json, const void *state)
 {
-    struct umbu_json json = {.file = stdout};
-    umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "scene", a->options.scene);
-    umbu_json_integer(&json, "width", a->options.size[0]);
-    umbu_json_integer(&json, "height", a->options.size[1]);
-    umbu_json_integer(&json, "resolution", a->resolution);
-    umbu_json_begin(&json, "ways", '[');
+    const struct aliasing *a = state;
+    umbu_json_text(json, "scene", a->common.scene_path);
+    UMBU_JSON_COUNTS(json, {"width", a->common.size[0]}, {"height", a->common.size[1]},
+                     {"resolution", a->resolution});
+    umbu_json_begin(json, "ways", '[');
     for (int way = 0; way < WAYS; way++) {
-        umbu_json_begin(&json, NULL, '{');
-        put_way(&json, a, way);
-        umbu_json_end(&json, '}');
+        umbu_json_begin(json, NULL, '{');
+        put_way(json, a, way);
+        umbu_json_end(json, '}');
     }
-    umbu_json_close(&json);
 }
 
-int umbt_aliasing_command(int argc, char **argv)
+static enum umb_status aliasing_run(void *state, const struct umbu_parsed *parsed,
+                                    struct umb_error *error)
 {
-    struct umb_error error = {0};
-    struct umbu_parsed parsed;
-    struct aliasing *a = calloc(1, sizeof *a); /* plans and summaries: too large for a stack */
-    if (a == NULL) {
-        (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory");
-        return umbu_end(&COMMAND, UMB_E_NO_MEMORY, &error);
-    }
-    a->options.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, a);
-    if (code >= 0) {
-        free(a);
-        return code;
-    }
-    enum umb_status status = view_analyse(a, &error);
-    if (status == UMB_OK && a->options.output != NULL) {
-        status = heat_write(a, &error);
-    }
-    if (status == UMB_OK && a->options.json) {
-        report_json(a);
-    } else if (status == UMB_OK && !a->options.quiet) {
-        report_text(umbu_output_talk(a->options.output), a);
-    }
+    struct aliasing *a = state;
+    (void)parsed;
+    UMB__TRY(view_analyse(a, error));
+    return a->common.output != NULL ? heat_write(a, error) : UMB_OK;
+}
+
+static void finish(void *state)
+{
+    struct aliasing *a = state;
     free(a->most);
     free(a->sorted);
     umbt_gbuffer_finish(&a->buffer);
-    umbt_scene_finish(&a->scene);
-    free(a);
-    return umbu_end(&COMMAND, status, &error);
 }
+
+const struct umbt_command umbt_aliasing = {
+    &COMMAND, sizeof(struct aliasing), aliasing_run, report_text, report_json, finish};

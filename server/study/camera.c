@@ -26,7 +26,6 @@
 #define FIT_MARGIN      1.04
 #define VERTICAL_SINE   0.99985 /* cosine of 1 degree */
 
-/* Checks combinations of keys. */
 static enum umb_status request_check(const struct umbt_camera_request *request, bool has_fov,
                                      struct umb_error *error)
 {
@@ -129,7 +128,8 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     }
     double back =
         fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
-    /* Keep a distance: a point, or points in a line with the view, would put the eye on them. */
+    /* A least distance, since a single point, or points in a line along the view, would put the eye
+     * onto a point. */
     back = fmin(back, nearest - fmax(1e-3 * sqrt(size), 1e-6));
     umbt_along(centre, back, camera->forward, camera->eye);
     for (int k = 0; k < 2; k++) {
@@ -138,7 +138,6 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     return -back;
 }
 
-/* Fits a camera in a compass direction to the subject. Returns its distance as eye_fit does. */
 static double compass_fit(const struct umbt_camera_subject *subject, const double centre[3],
                           double azimuth_deg, double elevation_deg, struct umbt_camera *camera)
 {
@@ -212,4 +211,11 @@ void umbt_camera_ray(const struct umbt_camera *camera, double u, double v, doubl
     umbt_along(camera->forward, (2.0 * u - 1.0) * camera->tan_x, camera->right, direction);
     umbt_along(direction, (1.0 - 2.0 * v) * camera->tan_y, camera->up, direction);
     (void)umbt_normalize(direction);
+}
+
+double umbt_camera_depth(const struct umbt_camera *camera, const double position[3])
+{
+    double from_eye[3];
+    umb__subtract(position, camera->eye, from_eye);
+    return umb__dot(from_eye, camera->forward);
 }

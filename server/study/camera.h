@@ -72,6 +72,9 @@ UMB_CHECKED enum umb_status umbt_camera_make(const struct umbt_camera_request *r
 /* Computes the unit direction through a point of the picture: u, v in 0..1 from left and top. */
 void umbt_camera_ray(const struct umbt_camera *camera, double u, double v, double direction[3]);
 
+/* Returns a position's distance from the eye along the view. */
+double umbt_camera_depth(const struct umbt_camera *camera, const double position[3]);
+
 /* Unit vector of a compass direction, from the scene outwards. */
 void umbt_compass_vector(double azimuth_deg, double elevation_deg, int z_up, double out[3]);
 

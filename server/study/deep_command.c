@@ -3,7 +3,7 @@
  * `deep`: deep shadow maps of a scene with translucent casters, and maps of moments, compared with
  * products over traced hits; and the speed-up by links between neighbours.
  */
-#include "study/study_command.h"
+#include "study/techniques.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -11,15 +11,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
-#include "tool/json.h"
-#include "study/light_hits.h"
-#include "tool/clock.h"
-#include "tool/output.h"
-#include "tool/threads.h"
 #include "study/study_math.h"
-#include "study/technique_view.h"
+#include "tool/clock.h"
+#include "tool/threads.h"
 
-#define REPEATS 3
+#define REPEATS    3
+#define HITS_MAX   64U  /* most hits of a ray; farther hits are left out */
+#define STEP_SHARE 1e-7 /* step beyond a hit, to find the next, as a share of the depth range */
 
 #define LIGHT(count) .settings.technique = UMB_MAP_MOMENTS, .settings.terms = (count)
 #define LOGS(count)  .settings.technique = UMB_MAP_ABSORBANCE, .settings.terms = (count)
@@ -53,31 +51,54 @@ struct result {
     double mean, lighter, darker, most;
 };
 
+/* The deep maps. The first leaves nothing out; the others give the same bits in different ways. */
+enum {
+    EXACT,
+    SEARCHED,
+    LINKED,
+    STREAMED,
+    DEEPS
+};
+static const struct {
+    const char *name;
+    enum umb_map_deep_way way;
+} WAYS[DEEPS] = {{"exact", UMB_MAP_DEEP_AUTO},
+                 {"searched", UMB_MAP_DEEP_SEARCH},
+                 {"linked", UMB_MAP_DEEP_LINKS},
+                 {"streamed", UMB_MAP_DEEP_STREAM}};
+
+/* All surfaces on the light's path through each texel. */
+struct hits {
+    struct umb_map_fragment *fragments; /* [first[texels]], nearest first in a texel */
+    uint64_t *first;                    /* [texels + 1] */
+    uint32_t *counts;                   /* [texels], while they are traced */
+    size_t occupied;                    /* texels with a fragment */
+};
+
 struct deep {
-    struct umbt_setup_options options;
+    struct umbt_common common;
     uint64_t resolution, taps;
     double alpha, epsilon;
-    struct umbt_scene scene;
     struct umbt_technique_view view; /* setup, size, frustum and buffer only */
-    struct umbt_light_hits hits;
+    struct hits hits;
     float *values, *other; /* [receivers] */
     /* [receivers] Products over a box of texels, and products over the boxes around the four
      * nearest texels, weighted as in bilinear filtering. */
     double *box, *between;
     struct umbt_sheet sheet;
-    struct result exact, searched, linked, streamed, moments[MOMENT_COUNT];
-    int linked_same, streamed_same; /* 1: the same bits as the search */
+    struct result deeps[DEEPS], moments[MOMENT_COUNT];
+    int same[DEEPS]; /* 1: the same bits as the search */
 };
 
 #define AT(field) UMBU_AT(struct deep, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBT_SCENE_ROW(struct deep, options.scene)},
+    {UMBT_SCENE_ROW},
     {"output", "FILE",
      "PNG file with one view by each map, side by side, five a row: the products over the window "
      "of a deep map, the deep map, the products over the window of the other maps, then the other "
      "maps in the order of the table; - is stdout",
-     UMBU_TEXT, AT(options.output), .letter = 'o'},
+     UMBU_TEXT, UMBT_AT(output), .letter = 'o'},
     {"alpha", "A", "share of the light that a BLEND surface absorbs, 0 to 1", UMBU_NUMBER(0, 1),
      AT(alpha), .standard = "0.5"},
     {"resolution", "N", "texels a side of each map, 16 to 2048", UMBU_COUNT(16, 2048),
@@ -85,7 +106,7 @@ static const struct umbu_option OPTIONS[] = {
     {"taps", "N", "width of the filter in texels", UMBU_ODD(1, 17), AT(taps), .standard = "7"},
     {"epsilon", "E", "share of the light, 0 to 1, below which the list of a texel ends",
      UMBU_NUMBER(0, 1), AT(epsilon), .standard = "0.001"},
-    {UMBT_SIZE_ROW(struct deep, options.size, 2048, "320x200")},
+    {UMBT_SIZE_ROW(2048, "320x200")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -95,7 +116,7 @@ static const struct umbu_command COMMAND = {
                "products over traced hits. A surface whose material is BLEND takes --alpha of\n"
                "the light, or its own constant alpha where that is less than 1; every other\n"
                "surface takes all.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct deep, options)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
 
 /* Moves points off their surfaces, towards the light, by half of the wider window. A plane then
@@ -104,28 +125,90 @@ static void points_lift(struct deep *d)
 {
     for (size_t i = 0; i < d->view.buffer.receiver_count; i++) {
         double normal[3], shift = 0.0;
-        umbt_widen(&d->view.buffer.normals[3 * i], normal);
+        umbt_widen(d->view.buffer.normals[i], normal);
         for (int axis = 0; axis < 2; axis++) {
             const double *g = d->view.frustum.world_to_map[axis];
             shift += 0.5 * ((double)d->taps + 1.0) * fabs(umb__dot(normal, g)) / umb__dot(g, g);
         }
         shift = copysign(shift, umb__dot(normal, d->view.setup.to_light));
         for (int k = 0; k < 3; k++) {
-            d->view.buffer.positions[3 * i + (size_t)k] += shift * normal[k];
+            d->view.buffer.positions[i][k] += shift * normal[k];
         }
     }
 }
 
+/* ---- hits ---- */
+
+/* Share of the light that a triangle absorbs: all, unless its material is BLEND. */
+static float triangle_alpha(const struct deep *d, uint32_t triangle)
+{
+    const struct umbs_scene_view *scene = &d->common.scene.scene->view;
+    const uint32_t material = d->common.scene.materials[triangle];
+    if (material >= scene->material_count ||
+        scene->materials[material].alpha_mode != UMBS_ALPHA_BLEND) {
+        return 1.0F;
+    }
+    const float own = scene->materials[material].base_alpha;
+    return own < 1.0F ? own : (float)d->alpha;
+}
+
+/* Finds all hits of a texel's ray, nearest first; texel i has the places from HITS_MAX i on. */
+static void texel_item(void *user, size_t i)
+{
+    const struct deep *d = user;
+    const struct hits *hits = &d->hits;
+    double start[3], direction[3], reached = 0.0;
+    const double length = umbt_texel_ray(&d->view.frustum, i, start, direction);
+    while (length > 0.0 && hits->counts[i] < HITS_MAX) {
+        struct umbr_hit hit;
+        umbr_nearest(d->common.scene.rays, start, direction, reached, length, &hit);
+        if (hit.distance < 0.0) {
+            break;
+        }
+        hits->fragments[i * HITS_MAX + hits->counts[i]++] = (struct umb_map_fragment){
+            (float)fmin(hit.distance / length, 1.0), triangle_alpha(d, hit.triangle)};
+        reached = hit.distance + STEP_SHARE * length;
+    }
+}
+
+/* Traces all hits, and joins the lists: list i begins at first[i]. */
+static enum umb_status hits_trace(struct deep *d, struct umb_error *error)
+{
+    struct hits *hits = &d->hits;
+    const size_t texels = (size_t)d->resolution * d->resolution;
+    uint64_t used = 0;
+    hits->fragments = malloc(texels * HITS_MAX * sizeof *hits->fragments);
+    hits->counts = calloc(texels, sizeof *hits->counts);
+    hits->first = calloc(texels + 1, sizeof *hits->first);
+    if (hits->fragments == NULL || hits->counts == NULL || hits->first == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
+    }
+    UMB__TRY(umbu_range_each(d->common.threads, texels, 1024, texel_item, d, error));
+    for (size_t i = 0; i < texels; i++) {
+        const uint32_t count = hits->counts[i];
+        hits->first[i] = used;
+        hits->occupied += count > 0;
+        memmove(hits->fragments + used, hits->fragments + i * HITS_MAX,
+                count * sizeof *hits->fragments);
+        used += count;
+    }
+    hits->first[texels] = used;
+    return UMB_OK;
+}
+
+/* ---- maps ---- */
+
 static enum umb_status scene_open(struct deep *d, struct umb_error *error)
 {
     struct umbt_setup *setup = &d->view.setup;
+    const struct umbt_scene *scene = &d->common.scene;
     const uint32_t side = (uint32_t)d->resolution;
-    UMB__TRY(umbt_setup_open(&d->options, &d->scene, setup, error));
-    memcpy(d->view.size, d->options.size, sizeof d->view.size);
+    UMB__TRY(umbt_setup_open(&d->common, setup, error));
+    memcpy(d->view.size, d->common.size, sizeof d->view.size);
     UMB__TRY(
-        umb_map_frustum_fit(setup->to_light, &d->scene.box, side, side, &d->view.frustum, error));
-    UMB__TRY(umbt_gbuffer_view(&d->view.buffer, &d->scene, &setup->camera, d->view.size,
-                               (unsigned)d->options.threads, error));
+        umb_map_frustum_fit(setup->to_light, &scene->box, side, side, &d->view.frustum, error));
+    UMB__TRY(umbt_gbuffer_view(&d->view.buffer, scene, &setup->camera, d->view.size,
+                               d->common.threads, error));
     const size_t count = d->view.buffer.receiver_count;
     points_lift(d);
     d->values = calloc(count, sizeof *d->values);
@@ -135,8 +218,7 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
     if (d->values == NULL || d->other == NULL || d->box == NULL || d->between == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     }
-    return umbt_light_hits_trace(&d->scene, &d->view.frustum, d->alpha,
-                                 (unsigned)d->options.threads, &d->hits, error);
+    return hits_trace(d, error);
 }
 
 /* Bias of all filters in metres: a step of 16 bits. */
@@ -152,9 +234,8 @@ static enum umb_status map_ask(const struct deep *d, const struct umb_map *map, 
                                struct umb_error *error)
 {
     /* Without normals: a hair's own strands shadow it by their depth alone. */
-    const struct umb_points points = {.positions = d->view.buffer.positions,
-                                      .format = UMB_POINT_F64,
-                                      .count = d->view.buffer.receiver_count};
+    const struct umb_points points =
+        umbt_points_at(d->view.buffer.positions[0], NULL, d->view.buffer.receiver_count);
     const struct umb_map_filter filter = {.width = width, .bias_m = bias_of(d)};
     struct umb_map_query query;
     UMB__TRY(umb_map_prepare(map, &filter, &query, error));
@@ -239,7 +320,7 @@ static void truth_item(void *user, size_t i)
 {
     struct deep *d = user;
     double p[3], at[3];
-    umb__subtract(&d->view.buffer.positions[3 * i], d->view.frustum.origin, p);
+    umb__subtract(d->view.buffer.positions[i], d->view.frustum.origin, p);
     for (int k = 0; k < 3; k++) {
         at[k] = umb__dot(d->view.frustum.world_to_map[k], p) + d->view.frustum.world_to_map[k][3];
     }
@@ -259,7 +340,6 @@ static void truth_draw(struct deep *d, size_t tile, const double *truth)
 
 #define TILES_BEFORE 3U /* two truths and the deep map */
 
-/* Runs all maps of moments. */
 static enum umb_status moments_run(struct deep *d, struct umb_error *error)
 {
     truth_draw(d, 2, d->between);
@@ -270,52 +350,48 @@ static enum umb_status moments_run(struct deep *d, struct umb_error *error)
     return umbt_sheet_write(&d->sheet, error);
 }
 
-static enum umb_status deep_run(struct deep *d, struct umb_error *error)
+static enum umb_status deep_run(void *state, const struct umbu_parsed *parsed,
+                                struct umb_error *error)
 {
-    struct umb_map_deep_settings settings = {0};
+    struct deep *d = state;
+    (void)parsed;
     UMB__TRY(scene_open(d, error));
     const size_t count = d->view.buffer.receiver_count, bytes = count * sizeof *d->values;
-    UMB__TRY(umbu_range_each((unsigned)d->options.threads, count, 1024, truth_item, d, error));
-    UMB__TRY(umbt_sheet_begin(&d->sheet, d->options.output, &d->view, TILES_BEFORE + MOMENT_COUNT,
+    UMB__TRY(umbu_range_each(d->common.threads, count, 1024, truth_item, d, error));
+    UMB__TRY(umbt_sheet_begin(&d->sheet, d->common.output, &d->view, TILES_BEFORE + MOMENT_COUNT,
                               error));
-    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->exact, error));
-    settings.epsilon = d->epsilon;
-    settings.way = UMB_MAP_DEEP_SEARCH;
-    UMB__TRY(map_run(d, &settings, NULL, d->other, &d->searched, error));
-    settings.way = UMB_MAP_DEEP_LINKS;
-    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->linked, error));
-    d->linked_same = memcmp(d->values, d->other, bytes) == 0;
-    settings.way = UMB_MAP_DEEP_STREAM;
-    UMB__TRY(map_run(d, &settings, NULL, d->values, &d->streamed, error));
-    d->streamed_same = memcmp(d->values, d->other, bytes) == 0;
+    for (int i = 0; i < DEEPS; i++) {
+        const struct umb_map_deep_settings settings = {.epsilon = i == EXACT ? 0.0 : d->epsilon,
+                                                       .way = WAYS[i].way};
+        UMB__TRY(
+            map_run(d, &settings, NULL, i == SEARCHED ? d->other : d->values, &d->deeps[i], error));
+        d->same[i] = i > SEARCHED && memcmp(d->values, d->other, bytes) == 0;
+    }
     umbt_sheet_draw(&d->sheet, 1, &d->view, d->values);
     truth_draw(d, 0, d->box);
     return moments_run(d, error);
 }
 
-/* Prints the cost of a way, compared with a search of every list. */
-static void way_print(FILE *to, const char *name, const struct result *way,
-                      const struct result *searched, int same)
+static void report_text(FILE *to, const void *state)
 {
-    fprintf(to, "%-18s %" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n", name,
-            way->info.bytes, way->ns, searched->ns / way->ns, same ? "the same" : "OTHER");
-}
-
-static void print_text(FILE *to, const struct deep *d)
-{
+    const struct deep *d = state;
+    const struct result *exact = &d->deeps[EXACT], *searched = &d->deeps[SEARCHED];
     fprintf(to,
             "%s: %" PRIu64 " texels a side, %" PRIu64
             " fragments in %zu lists, %zu points, %" PRIu64 " x %" PRIu64 " texels\n",
-            d->options.scene, d->resolution, d->hits.first[d->resolution * d->resolution],
+            d->common.scene_path, d->resolution, d->hits.first[d->resolution * d->resolution],
             d->hits.occupied, d->view.buffer.receiver_count, d->taps, d->taps);
     fprintf(to, "nothing left out:  %" PRIu64 " nodes, %" PRIu64 " bytes, off by at most %.3g\n",
-            d->exact.info.fragments, d->exact.info.bytes, d->exact.most);
+            exact->info.fragments, exact->info.bytes, exact->most);
     fprintf(to, "epsilon %-9g  %" PRIu64 " nodes, off by at most %.3g\n", d->epsilon,
-            d->searched.info.fragments, d->searched.most);
-    fprintf(to, "searched:          %" PRIu64 " bytes, %.0f ns a point\n", d->searched.info.bytes,
-            d->searched.ns);
-    way_print(to, "linked:", &d->linked, &d->searched, d->linked_same);
-    way_print(to, "streamed:", &d->streamed, &d->searched, d->streamed_same);
+            searched->info.fragments, searched->most);
+    fprintf(to, "searched:          %" PRIu64 " bytes, %.0f ns a point\n", searched->info.bytes,
+            searched->ns);
+    for (int i = LINKED; i < DEEPS; i++) {
+        fprintf(to, "%s:%*s%" PRIu64 " bytes, %.0f ns a point, %.2f times as fast, %s bits\n",
+                WAYS[i].name, 18 - (int)strlen(WAYS[i].name), "", d->deeps[i].info.bytes,
+                d->deeps[i].ns, searched->ns / d->deeps[i].ns, d->same[i] ? "the same" : "OTHER");
+    }
     fprintf(to, "%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
             "most", "slack", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < MOMENT_COUNT; i++) {
@@ -326,75 +402,51 @@ static void print_text(FILE *to, const struct deep *d)
     }
 }
 
-static void put_map(struct umbu_json *json, const char *name, const struct result *map)
+static void report_json(struct umbu_json *json, const void *state)
 {
-    umbu_json_begin(json, name, '{');
-    umbu_json_integer(json, "nodes", map->info.fragments);
-    umbu_json_integer(json, "bytes", map->info.bytes);
-    umbu_json_rounded(json, "ns_per_point", map->ns, 6);
-    umbu_json_end(json, '}');
-}
-
-static void put_moments(struct umbu_json *json, const char *name, const struct result *r)
-{
-    umbu_json_begin(json, NULL, '{');
-    umbu_json_text(json, "name", name);
-    umbu_json_integer(json, "bytes", r->info.bytes);
-    UMBU_JSON_VALUES(json, 9, {"mean", r->mean}, {"lighter", r->lighter}, {"darker", r->darker},
-                     {"most", r->most}, {"slack", r->info.slack});
-    UMBU_JSON_VALUES(json, 6, {"build_s", r->build_s}, {"ns_per_point", r->ns});
-    umbu_json_end(json, '}');
-}
-
-static void print_json(const struct deep *d)
-{
-    struct umbu_json json = {.file = stdout};
-    umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "scene", d->options.scene);
-    umbu_json_integer(&json, "resolution", d->resolution);
-    umbu_json_integer(&json, "taps", d->taps);
-    umbu_json_rounded(&json, "epsilon", d->epsilon, 9);
-    umbu_json_integer(&json, "fragments", d->hits.first[d->resolution * d->resolution]);
-    umbu_json_integer(&json, "lists", d->hits.occupied);
-    umbu_json_integer(&json, "points", d->view.buffer.receiver_count);
-    umbu_json_rounded(&json, "exact_error", d->exact.most, 6);
-    umbu_json_rounded(&json, "error", d->searched.most, 6);
-    put_map(&json, "exact", &d->exact);
-    put_map(&json, "searched", &d->searched);
-    put_map(&json, "linked", &d->linked);
-    put_map(&json, "streamed", &d->streamed);
-    umbu_json_bool(&json, "same_bits", d->linked_same && d->streamed_same);
-    umbu_json_begin(&json, "moments", '[');
+    const struct deep *d = state;
+    umbu_json_text(json, "scene", d->common.scene_path);
+    umbu_json_integer(json, "resolution", d->resolution);
+    umbu_json_integer(json, "taps", d->taps);
+    umbu_json_rounded(json, "epsilon", d->epsilon, 9);
+    UMBU_JSON_COUNTS(json, {"fragments", d->hits.first[d->resolution * d->resolution]},
+                     {"lists", d->hits.occupied}, {"points", d->view.buffer.receiver_count});
+    UMBU_JSON_VALUES(json, 6, {"exact_error", d->deeps[EXACT].most},
+                     {"error", d->deeps[SEARCHED].most});
+    for (int i = 0; i < DEEPS; i++) {
+        umbu_json_begin(json, WAYS[i].name, '{');
+        UMBU_JSON_COUNTS(json, {"nodes", d->deeps[i].info.fragments},
+                         {"bytes", d->deeps[i].info.bytes});
+        umbu_json_rounded(json, "ns_per_point", d->deeps[i].ns, 6);
+        umbu_json_end(json, '}');
+    }
+    umbu_json_bool(json, "same_bits", d->same[LINKED] && d->same[STREAMED]);
+    umbu_json_begin(json, "moments", '[');
     for (size_t i = 0; i < MOMENT_COUNT; i++) {
-        put_moments(&json, MOMENTS[i].name, &d->moments[i]);
+        const struct result *r = &d->moments[i];
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", MOMENTS[i].name);
+        umbu_json_integer(json, "bytes", r->info.bytes);
+        UMBU_JSON_VALUES(json, 9, {"mean", r->mean}, {"lighter", r->lighter}, {"darker", r->darker},
+                         {"most", r->most}, {"slack", r->info.slack});
+        UMBU_JSON_VALUES(json, 6, {"build_s", r->build_s}, {"ns_per_point", r->ns});
+        umbu_json_end(json, '}');
     }
-    umbu_json_close(&json);
 }
 
-int umbt_deep_command(int argc, char **argv)
+static void finish(void *state)
 {
-    struct deep d;
-    struct umb_error error = {0};
-    struct umbu_parsed parsed;
-    memset(&d, 0, sizeof d);
-    d.options.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &d);
-    if (code >= 0) {
-        return code;
-    }
-    const enum umb_status status = deep_run(&d, &error);
-    if (status == UMB_OK && d.options.json) {
-        print_json(&d);
-    } else if (status == UMB_OK && !d.options.quiet) {
-        print_text(umbu_output_talk(d.options.output), &d);
-    }
-    umbt_light_hits_finish(&d.hits);
-    free(d.values);
-    free(d.other);
-    free(d.box);
-    free(d.between);
-    umbt_picture_finish(&d.sheet.picture);
-    umbt_gbuffer_finish(&d.view.buffer);
-    umbt_scene_finish(&d.scene);
-    return umbu_end(&COMMAND, status, &error);
+    struct deep *d = state;
+    free(d->hits.fragments);
+    free(d->hits.counts);
+    free(d->hits.first);
+    free(d->values);
+    free(d->other);
+    free(d->box);
+    free(d->between);
+    umbt_picture_finish(&d->sheet.picture);
+    umbt_gbuffer_finish(&d->view.buffer);
 }
+
+const struct umbt_command umbt_deep = {&COMMAND,    sizeof(struct deep), deep_run,
+                                       report_text, report_json,         finish};

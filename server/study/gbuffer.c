@@ -27,8 +27,8 @@ enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, u
     buffer->aa = aa;
     buffer->capacity = capacity;
     buffer->slots = calloc(capacity, sizeof *buffer->slots);
-    buffer->positions = calloc(capacity, 3 * sizeof *buffer->positions);
-    buffer->normals = calloc(capacity, 3 * sizeof *buffer->normals);
+    buffer->positions = calloc(capacity, sizeof *buffer->positions);
+    buffer->normals = calloc(capacity, sizeof *buffer->normals);
     buffer->triangles = calloc(capacity, sizeof *buffer->triangles);
     if (buffer->slots == NULL || buffer->positions == NULL || buffer->normals == NULL ||
         buffer->triangles == NULL) {
@@ -48,18 +48,13 @@ void umbt_gbuffer_finish(struct umbt_gbuffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
+/* Computes the offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no
+ * two sub-samples share a row or a column. */
+static void subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
 {
     const double i = (double)(k % aa), j = (double)(k / aa), n = (double)aa;
     *u = (i + (j + 0.5) / n) / n;
     *v = (j + (n - 0.5 - i) / n) / n;
-}
-
-/* Computes the unit normal by the triangle's winding, in doubles. Returns 0 if the area is 0. */
-static int triangle_normal(const double corners[3][3], double normal[3])
-{
-    umbt_triangle_cross(corners, normal);
-    return umbt_normalize(normal) > 0.0;
 }
 
 /* Returns the distance at which a ray meets the triangle's plane. Embree's distance is returned
@@ -82,7 +77,7 @@ static void sample_trace(void *user, size_t index)
     const uint32_t per_pixel = buffer->aa * buffer->aa;
     const size_t pixel = index / per_pixel;
     double u = 0.0, v = 0.0, direction[3];
-    umbt_subsample_offset(buffer->aa, (uint32_t)(index % per_pixel), &u, &v);
+    subsample_offset(buffer->aa, (uint32_t)(index % per_pixel), &u, &v);
     u = ((double)(pixel % buffer->width) + u) / (double)buffer->width;
     v = ((double)(buffer->first_row + pixel / buffer->width) + v) / (double)fill->height;
     umbt_camera_ray(fill->camera, u, v, direction);
@@ -94,37 +89,35 @@ static void sample_trace(void *user, size_t index)
         return;
     }
     const double(*corners)[3] = (const double(*)[3])fill->scene->corners[hit.triangle];
-    double normal[3];
-    if (!triangle_normal(corners, normal)) {
+    const double *eye = fill->camera->eye;
+    double normal[3], to_eye[3];
+    umb__triangle_cross(corners, normal);
+    if (!(umbt_normalize(normal) > 0.0)) {
         return;
     }
-    const double distance = distance_refine(corners, normal, fill->camera->eye, direction,
-                                            hit.distance, 1e-5 * (hit.distance + fill->far_m));
-    umbt_along(fill->camera->eye, distance, direction, &buffer->positions[3 * index]);
+    const double distance = distance_refine(corners, normal, eye, direction, hit.distance,
+                                            1e-5 * (hit.distance + fill->far_m));
+    umbt_along(eye, distance, direction, buffer->positions[index]);
+    umb__subtract(eye, buffer->positions[index], to_eye);
+    const double side = umb__dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
+    for (int k = 0; k < 3; k++) {
+        buffer->normals[index][k] = (float)(side * normal[k]);
+    }
     buffer->triangles[index] = hit.triangle;
 }
 
-/* Moves the hits to the start, in order, and turns their normals to the camera. */
-static void hits_gather(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
-                        const double eye[3], size_t sample_count)
+/* Moves the hits to the start, in order. */
+static void hits_gather(struct umbt_gbuffer *buffer, size_t sample_count)
 {
     size_t n = 0;
     for (size_t i = 0; i < sample_count; i++) {
-        const uint32_t triangle = buffer->triangles[i];
         buffer->slots[i] = UMBT_SKY;
-        if (triangle == UMBT_SKY) {
-            continue;
+        if (buffer->triangles[i] != UMBT_SKY) {
+            memmove(buffer->positions[n], buffer->positions[i], sizeof buffer->positions[n]);
+            memmove(buffer->normals[n], buffer->normals[i], sizeof buffer->normals[n]);
+            buffer->triangles[n] = buffer->triangles[i];
+            buffer->slots[i] = (uint32_t)n++;
         }
-        double normal[3], to_eye[3];
-        memmove(&buffer->positions[3 * n], &buffer->positions[3 * i], 3 * sizeof(double));
-        (void)triangle_normal((const double(*)[3])scene->corners[triangle], normal);
-        umb__subtract(eye, &buffer->positions[3 * n], to_eye);
-        const double side = umb__dot(normal, to_eye) < 0.0 ? -1.0 : 1.0;
-        for (int k = 0; k < 3; k++) {
-            buffer->normals[3 * n + (size_t)k] = (float)(side * normal[k]);
-        }
-        buffer->triangles[n] = triangle;
-        buffer->slots[i] = (uint32_t)n++;
     }
     buffer->receiver_count = n;
 }
@@ -151,7 +144,7 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
     const enum umb_status status =
         umbu_range_each(threads, count, 4096, sample_trace, &fill, error);
     if (status == UMB_OK) {
-        hits_gather(buffer, scene, camera->eye, count);
+        hits_gather(buffer, count);
     }
     return status;
 }

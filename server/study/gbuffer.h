@@ -18,22 +18,18 @@
 struct umbt_gbuffer {
     uint32_t width, aa; /* pixels a row; aa * aa sub-samples a pixel */
     uint32_t first_row, row_count;
-    size_t capacity;       /* size of each array, in sub-samples */
-    size_t receiver_count; /* number of sub-samples of the band that hit the scene */
-    uint32_t *slots;       /* [row_count * width * aa * aa] number of the receiver, or UMBT_SKY */
-    double *positions;     /* [3 * receiver_count], world space */
-    float *normals;        /* [3 * receiver_count], unit */
-    uint32_t *triangles;   /* [receiver_count] */
+    size_t capacity;        /* size of each array, in sub-samples */
+    size_t receiver_count;  /* number of sub-samples of the band that hit the scene */
+    uint32_t *slots;        /* [row_count * width * aa * aa] number of the receiver, or UMBT_SKY */
+    double (*positions)[3]; /* [receiver_count], world space */
+    float (*normals)[3];    /* [receiver_count], unit */
+    uint32_t *triangles;    /* [receiver_count] */
 };
 
 /* Makes a buffer for bands of up to `rows` rows. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width,
                                               uint32_t aa, uint32_t rows, struct umb_error *error);
 void umbt_gbuffer_finish(struct umbt_gbuffer *buffer); /* a zeroed struct is allowed */
-
-/* Computes the offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no
- * two sub-samples share a row or a column. */
-void umbt_subsample_offset(uint32_t aa, uint32_t k, double *u, double *v);
 
 /*
  * Fills rows first_row .. first_row + row_count - 1 of a picture of `height` rows.

@@ -1,7 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_STUDY_PICTURE_H
 #define UMBRAGE_SERVER_STUDY_PICTURE_H
-/* 8-bit sRGB pictures and their PNG files, which appear whole or not at all. */
+/*
+ * 8-bit sRGB pictures, their PNG files, which appear whole or not at all, and their look: muted
+ * surface colours, a warm sun by Lambert's law, a sky dome that tints ambient light cool from above
+ * and warm from the ground, a soft shoulder.
+ *
+ * Colours are linear RGB, 0..1 once displayed.
+ */
 #include <stdint.h>
 #include "umbrage/status.h"
 
@@ -19,5 +25,34 @@ void umbt_picture_finish(struct umbt_picture *picture); /* a zeroed struct is al
  * E_CANNOT_CREATE, E_IO. */
 UMB_CHECKED enum umb_status umbt_picture_write(const struct umbt_picture *picture, const char *path,
                                                struct umb_error *error);
+
+struct umbt_rgb {
+    double c[3];
+};
+
+/* Returns the surface colour of a group of triangles (a material or a part). Equal keys give equal
+ * colours. */
+struct umbt_rgb umbt_surface_color(uint32_t key);
+
+/*
+ * Returns the light that leaves a surface, before the shoulder.
+ *
+ * In: visibility: visible share of the sun, 0..1. cosine: cosine of the angle to the sun; below 0
+ *     counts as 0. upward: vertical component of the normal, -1..1.
+ */
+struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
+                           double upward);
+
+/* A colour seen through fog; through, lit: results of umbt_fog_look. */
+struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit);
+
+/* Returns the sky behind the scene. upward: vertical component of the unit view direction. */
+struct umbt_rgb umbt_sky(double upward);
+
+/* Compresses highlights: 0 stays 0, the slope there is 1, and 1 is never reached. */
+double umbt_shoulder(double linear);
+
+/* Encodes one linear value (clamped to 0..1) as 8-bit sRGB. Source: IEC 61966-2-1. */
+uint8_t umbt_srgb8(double linear);
 
 #endif

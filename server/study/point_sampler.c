@@ -8,11 +8,14 @@
 #include "study/point_sampler.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/bytes.h"
 #include "base/try.h"
 #include "study/gbuffer.h"
 #include "tool/threads.h"
+#include "tool/output.h"
 #include "tool/progress.h"
 #include "study/study_math.h"
 
@@ -22,9 +25,11 @@
 #define HOPELESS_RATE 1000U    /* candidates for each accepted one, at most */
 /* Distance off a surface before the inside test, as a share of the diagonal: ten times the ray
  * tracer's float rounding. */
-#define CLEARANCE  1e-6
-#define SIDE_MAX   16384U    /* pixels of a view */
-#define PIXELS_MAX 67108864U /* pixels of a view; 64 Mi, as for a picture */
+#define CLEARANCE       1e-6
+#define SIDE_MAX        16384U    /* pixels of a view */
+#define PIXELS_MAX      67108864U /* pixels of a view; 64 Mi, as for a picture */
+#define POINT_BYTES_MAX 192U /* longest text of one point: six numbers of at most 25 characters */
+#define BUFFER_BYTES    65536U
 
 /* A direction along no axis and no diagonal: few edges of man-made scenes are parallel to it. */
 static const double generic_direction[3] = {0.48077173, 0.35128945, 0.80337211};
@@ -174,7 +179,7 @@ static enum umb_status areas_sum(struct sampling *sampling, struct umb_error *er
     double sum = 0.0;
     for (size_t i = 0; i < scene->count; i++) {
         double normal[3];
-        umbt_triangle_cross((const double(*)[3])scene->corners[i], normal);
+        umb__triangle_cross((const double(*)[3])scene->corners[i], normal);
         sum += umb__length(normal);
         sampling->area_sums[i] = sum;
     }
@@ -244,8 +249,8 @@ static enum umb_status hits_take(const struct umbt_gbuffer *buffer, size_t count
     UMB__TRY(set_init(set, count, error));
     for (size_t i = 0; i < count; i++) {
         const size_t at = (size_t)((double)i * ((double)buffer->receiver_count / (double)count));
-        memcpy(set->positions[i], &buffer->positions[3 * at], sizeof set->positions[i]);
-        memcpy(set->normals[i], &buffer->normals[3 * at], sizeof set->normals[i]);
+        memcpy(set->positions[i], buffer->positions[at], sizeof set->positions[i]);
+        memcpy(set->normals[i], buffer->normals[at], sizeof set->normals[i]);
     }
     set->count = count;
     return UMB_OK;
@@ -293,4 +298,78 @@ enum umb_status umbt_points_of_pixels(const struct umbt_pixel_request *view,
         size[0] = (uint32_t)wide;
         size[1] = (uint32_t)tall;
     }
+}
+
+/* ---- files ---- */
+
+static size_t f32_put(float value, uint8_t *at)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    umb__store32(at, bits);
+    return sizeof bits;
+}
+
+static size_t number_put(enum umbt_point_file_format format, double value, uint8_t *at)
+{
+    if (format == UMBT_POINT_FILE_F32) {
+        return f32_put((float)value, at);
+    }
+    umb__store_f64(at, value);
+    return sizeof value;
+}
+
+/* Writes one point at `at`; returns its bytes, at most POINT_BYTES_MAX. */
+static size_t point_put(const struct umbt_point_file *file, const double position[3],
+                        const float normal[3], uint8_t *at)
+{
+    size_t bytes = 0;
+    if (file->format == UMBT_POINT_FILE_TEXT) {
+        char line[POINT_BYTES_MAX];
+        int length =
+            snprintf(line, sizeof line, "%.17g %.17g %.17g", position[0], position[1], position[2]);
+        if (file->normals && length > 0) {
+            length += snprintf(line + length, sizeof line - (size_t)length, " %.9g %.9g %.9g",
+                               (double)normal[0], (double)normal[1], (double)normal[2]);
+        }
+        line[length] = '\n';
+        memcpy(at, line, (size_t)length + 1);
+        return (size_t)length + 1;
+    }
+    for (int k = 0; k < 3; k++) {
+        bytes += number_put(file->format, position[k], at + bytes);
+    }
+    for (int k = 0; k < 3 && file->normals; k++) {
+        bytes += number_put(file->format, (double)normal[k], at + bytes);
+    }
+    return bytes;
+}
+
+enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
+                                      const struct umbt_point_set *set, uint64_t *bytes,
+                                      struct umb_error *error)
+{
+    struct umbu_output out;
+    uint8_t buffer[BUFFER_BYTES];
+    size_t used = 0;
+    *bytes = 0;
+    enum umb_status status = UMB_OK;
+    UMB__TRY(umbu_output_begin(file->path, UMBU_OUTPUT_COMMAND, &out, error));
+    for (size_t i = 0; i < set->count && status == UMB_OK; i++) {
+        double position[3];
+        for (int k = 0; k < 3; k++) {
+            position[k] = set->positions[i][k] - file->origin[k];
+        }
+        used += point_put(file, position, set->normals[i], buffer + used);
+        if (used > sizeof buffer - POINT_BYTES_MAX || i + 1 == set->count) {
+            status = umbu_output_write(&out, buffer, used, error);
+            *bytes += used;
+            used = 0;
+        }
+    }
+    if (status == UMB_OK) {
+        return umbu_output_commit(&out, error);
+    }
+    umbu_output_abandon(&out);
+    return status;
 }

@@ -21,6 +21,7 @@ enum umbt_point_kind {
     UMBT_POINT_SURFACE = 0,
     UMBT_POINT_NEAR,
     UMBT_POINT_FREE,
+    UMBT_POINT_VIEW, /* by umbt_points_of_pixels */
 };
 
 struct umbt_point_request {
@@ -78,5 +79,32 @@ void umbt_point_set_finish(struct umbt_point_set *set); /* a zeroed struct is al
  * a surface the normal, to whose side the ray points; else NULL.
  */
 int umbt_point_is_inside(const struct umbt_scene *scene, const double point[3], const double *away);
+
+/*
+ * Point files for `umbrage query --points`: raw little-endian floats or doubles, three for a point
+ * or six with the normal, or text with a point a line.
+ */
+enum umbt_point_file_format {
+    UMBT_POINT_FILE_F32 = 0,
+    UMBT_POINT_FILE_F64,
+    UMBT_POINT_FILE_TEXT, /* %.17g, normals %.9g: reading gives the same bits */
+};
+
+struct umbt_point_file {
+    const char *path; /* "-" is stdout */
+    enum umbt_point_file_format format;
+    int normals;      /* 1: write normals too */
+    double origin[3]; /* subtracted from every position */
+};
+
+/*
+ * Writes a set; the file is replaced as a whole or stays as it was.
+ *
+ * Out:   bytes: size of the file.
+ * Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY.
+ */
+UMB_CHECKED enum umb_status umbt_point_file_write(const struct umbt_point_file *file,
+                                                  const struct umbt_point_set *set, uint64_t *bytes,
+                                                  struct umb_error *error);
 
 #endif

@@ -5,7 +5,7 @@
  * Camera, up axis and light direction have the same meaning as in `render`; the light only chooses
  * the side from which a fitted camera looks.
  */
-#include "study/study_command.h"
+#include "study/setup.h"
 
 #include <float.h>
 #include <inttypes.h>
@@ -15,11 +15,8 @@
 #include "base/try.h"
 #include "tool/clock.h"
 #include "tool/output.h"
-#include "tool/threads.h"
-#include "study/point_file.h"
-#include "tool/json.h"
+#include "study/point_sampler.h"
 #include "study/study_math.h"
-#include "study/setup.h"
 
 #define COUNT_MAX     100000000U /* 3.6 GB in memory */
 #define REACH_DEFAULT 5.0        /* metres; less in a scene where it is above REACH_SHARE */
@@ -27,27 +24,15 @@
 #define REACH_MAX     1e6        /* metres */
 #define COARSE_M      0.01       /* distance of neighbouring floats that causes a warning */
 
-enum kind {
-    KIND_SURFACE = UMBT_POINT_SURFACE,
-    KIND_NEAR = UMBT_POINT_NEAR,
-    KIND_FREE = UMBT_POINT_FREE,
-    KIND_GBUFFER,
-};
-
 static const char *const kind_names[] = {"surface", "near", "free", "gbuffer"};
 static const char *const format_names[] = {"f32", "f64", "text"};
 
 struct points {
-    const char *scene_path;
-    enum kind kind;
-    uint64_t count, seed, threads;
+    struct umbt_common common;
+    enum umbt_point_kind kind;
+    uint64_t count;
     double reach_m;
-    struct umbt_camera_request camera;
-    uint32_t size[2]; /* Pixels */
-    unsigned up;      /* 0 by the scene's format, 1 y, 2 z */
     struct umbt_point_file file;
-    int json, quiet;
-    struct umbt_scene scene;
     struct umbt_point_set set;
     uint64_t bytes;
     double load_s, sample_s;
@@ -56,9 +41,9 @@ struct points {
 #define AT(field) UMBU_AT(struct points, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBT_SCENE_ROW(struct points, scene_path)},
+    {UMBT_SCENE_ROW},
     {"output", "FILE", "file of the points, replaced as a whole; - is stdout", UMBU_TEXT,
-     AT(file.path), .needed = true, .letter = 'o'},
+     UMBT_AT(output), .needed = true, .letter = 'o'},
     {"kind", "KIND",
      "place of the points. surface: uniform over the visible area; near: off the surfaces, by up "
      "to --reach; free: uniform in the scene's bounds; gbuffer: what a camera's pixels see, in "
@@ -66,13 +51,13 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_CHOICE("surface|near|free|gbuffer"), AT(kind), .standard = "surface"},
     {"count", "N", "number of points; gbuffer makes its pixels smaller until there are as many",
      UMBU_COUNT(1, COUNT_MAX), AT(count), .otherwise = "1000000; gbuffer: the pixels that see"},
-    {UMBT_SEED_ROW(struct points)},
+    {UMBT_SEED_ROW},
     {"reach", "M", "largest distance from a surface in metres, above 0 to 1000000",
      UMBU_ABOVE(0, REACH_MAX), AT(reach_m),
      .otherwise = "5, or 5 % of the scene's diagonal if less", .needs = "kind=near"},
-    {UMBT_CAMERA_ROW(struct points, camera), .needs = "kind=gbuffer"},
-    {UMBT_SIZE_ROW(struct points, size, 16384, "1280x720"), .needs = "kind=gbuffer"},
-    {UMBT_UP_ROW(struct points, up), .needs = "kind=gbuffer"},
+    {UMBT_CAMERA_ROW, .needs = "kind=gbuffer"},
+    {UMBT_SIZE_ROW(16384, "1280x720"), .needs = "kind=gbuffer"},
+    {UMBT_UP_ROW, .needs = "kind=gbuffer"},
     {"normals", NULL,
      "writes six numbers a point: the unit normal of the surface follows the place. The normal "
      "points outwards on closed parts, by winding on open ones, towards the camera for gbuffer",
@@ -81,9 +66,9 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_CHOICE("f32|f64|text"), AT(file.format), .standard = "f32"},
     {"origin", "X,Y,Z", "metres to subtract from every point; query's --origin adds them again",
      UMBU_NUMBERS(3), AT(file.origin)},
-    {UMBT_THREADS_ROW(struct points)},
-    {UMBU_JSON_ROW(struct points), .excludes = "output=-"},
-    {UMBU_QUIET_ROW(struct points, "no progress, no summary")},
+    {UMBT_THREADS_ROW},
+    {UMBT_JSON_ROW, .excludes = "output=-"},
+    {UMBT_QUIET_ROW("no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -99,17 +84,17 @@ static const struct umbu_command COMMAND = {
 
 static enum umb_status view_sample(struct points *p, struct umb_error *error)
 {
-    const int z_up = p->up > 0 ? p->up == 2 : p->scene.scene->view.z_up;
+    const int z_up = umbt_is_z_up(&p->common);
     double to_light[3];
-    (void)umbt_scene_sun(&p->scene, z_up, to_light);
-    const struct umbt_camera_subject subject = umbt_subject(&p->scene, to_light, z_up);
+    (void)umbt_scene_sun(&p->common.scene, z_up, to_light);
+    const struct umbt_camera_subject subject = umbt_subject(&p->common.scene, to_light, z_up);
     const struct umbt_pixel_request view = {
-        .scene = &p->scene,
-        .camera = &p->camera,
+        .scene = &p->common.scene,
+        .camera = &p->common.camera,
         .subject = &subject,
-        .size = {p->size[0], p->size[1]},
+        .size = {p->common.size[0], p->common.size[1]},
         .count = (size_t)p->count,
-        .threads = (unsigned)p->threads,
+        .threads = p->common.threads,
     };
     return umbt_points_of_pixels(&view, &p->set, error);
 }
@@ -120,16 +105,16 @@ static enum umb_status random_sample(struct points *p, struct umb_error *error)
         p->count = 1000000;
     }
     if (!(p->reach_m > 0.0)) {
-        p->reach_m = fmin(REACH_DEFAULT, REACH_SHARE * p->scene.diagonal_m);
+        p->reach_m = fmin(REACH_DEFAULT, REACH_SHARE * p->common.scene.diagonal_m);
     }
     const struct umbt_point_request request = {
-        .scene = &p->scene,
-        .kind = (enum umbt_point_kind)p->kind,
+        .scene = &p->common.scene,
+        .kind = p->kind,
         .count = (size_t)p->count,
-        .seed = p->seed,
+        .seed = p->common.seed,
         .reach_m = p->reach_m,
-        .threads = (unsigned)p->threads,
-        .quiet = p->quiet,
+        .threads = p->common.threads,
+        .quiet = p->common.quiet,
     };
     return umbt_points_sample(&request, &p->set, error);
 }
@@ -138,10 +123,11 @@ static enum umb_status random_sample(struct points *p, struct umb_error *error)
  * range. */
 static enum umb_status floats_judge(const struct points *p, struct umb_error *error)
 {
+    const struct umb_box *box = &p->common.scene.box;
     double reach = 0.0;
     for (int k = 0; k < 3; k++) {
-        reach = fmax(reach, fmax(fabs(p->scene.box.min[k] - p->file.origin[k]),
-                                 fabs(p->scene.box.max[k] - p->file.origin[k])));
+        reach = fmax(reach, fmax(fabs(box->min[k] - p->file.origin[k]),
+                                 fabs(box->max[k] - p->file.origin[k])));
     }
     if (p->file.format == UMBT_POINT_FILE_F32 && reach > (double)FLT_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT,
@@ -149,69 +135,65 @@ static enum umb_status floats_judge(const struct points *p, struct umb_error *er
                         "keeps them",
                         reach);
     }
-    if (p->file.format == UMBT_POINT_FILE_F32 && reach * FLT_EPSILON > COARSE_M && !p->quiet) {
+    if (p->file.format == UMBT_POINT_FILE_F32 && reach * FLT_EPSILON > COARSE_M &&
+        !p->common.quiet) {
         fprintf(stderr,
                 "umbrage points: coordinates reach %.6g m, where floats are %.2g m apart; "
                 "--origin %.9g,%.9g,%.9g or --format f64 keeps them exact\n",
-                reach, reach * FLT_EPSILON, floor(p->scene.box.min[0]), floor(p->scene.box.min[1]),
-                floor(p->scene.box.min[2]));
+                reach, reach * FLT_EPSILON, floor(box->min[0]), floor(box->min[1]),
+                floor(box->min[2]));
     }
     return UMB_OK;
 }
 
-static void report(const struct points *p)
+static void report_text(FILE *to, const void *state)
 {
-    if (p->json) {
-        struct umbu_json json = {.file = stdout};
-        umbu_json_begin(&json, NULL, '{');
-        umbu_json_text(&json, "scene", p->scene_path);
-        umbu_json_text(&json, "points_file", p->file.path);
-        umbu_json_text(&json, "kind", kind_names[p->kind]);
-        umbu_json_text(&json, "format", format_names[p->file.format]);
-        umbu_json_bool(&json, "normals", p->file.normals);
-        umbu_json_vector(&json, "origin", p->file.origin);
-        UMBU_JSON_COUNTS(&json, {"points", p->set.count}, {"candidates", p->set.candidates},
-                         {"seed", p->seed}, {"bytes", p->bytes}, {"triangles", p->scene.count});
-        UMBU_JSON_VALUES(&json, 6, {"load_s", p->load_s}, {"sample_s", p->sample_s});
-        umbu_json_close(&json);
-    } else if (!p->quiet) {
-        fprintf(umbu_output_talk(p->file.path),
-                "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
-                "points %.2f s\n",
-                p->file.path, p->set.count, kind_names[p->kind], p->set.candidates,
-                p->kind == KIND_GBUFFER ? "pixels" : "candidates", format_names[p->file.format],
-                p->file.normals ? " with normals" : "", p->bytes, p->load_s, p->sample_s);
-    }
+    const struct points *p = state;
+    fprintf(to,
+            "%s: %zu %s points of %" PRIu64 " %s, %s%s, %" PRIu64 " bytes; load %.2f s, "
+            "points %.2f s\n",
+            p->common.output, p->set.count, kind_names[p->kind], p->set.candidates,
+            p->kind == UMBT_POINT_VIEW ? "pixels" : "candidates", format_names[p->file.format],
+            p->file.normals ? " with normals" : "", p->bytes, p->load_s, p->sample_s);
 }
 
-static enum umb_status points_make(struct points *p, struct umb_error *error)
+static void report_json(struct umbu_json *json, const void *state)
 {
+    const struct points *p = state;
+    umbu_json_text(json, "scene", p->common.scene_path);
+    umbu_json_text(json, "points_file", p->common.output);
+    umbu_json_text(json, "kind", kind_names[p->kind]);
+    umbu_json_text(json, "format", format_names[p->file.format]);
+    umbu_json_bool(json, "normals", p->file.normals);
+    umbu_json_vector(json, "origin", p->file.origin);
+    UMBU_JSON_COUNTS(json, {"points", p->set.count}, {"candidates", p->set.candidates},
+                     {"seed", p->common.seed}, {"bytes", p->bytes},
+                     {"triangles", p->common.scene.count});
+    UMBU_JSON_VALUES(json, 6, {"load_s", p->load_s}, {"sample_s", p->sample_s});
+}
+
+static enum umb_status points_run(void *state, const struct umbu_parsed *parsed,
+                                  struct umb_error *error)
+{
+    struct points *p = state;
     const double start = umbu_clock_s();
-    UMB__TRY(umbu_output_check(p->file.path, UMBU_OUTPUT_COMMAND, error));
-    UMB__TRY(umbt_scene_init(&p->scene, p->scene_path, error));
+    (void)parsed;
+    UMB__TRY(umbu_output_check(p->common.output, UMBU_OUTPUT_COMMAND, error));
+    UMB__TRY(umbt_scene_init(&p->common.scene, p->common.scene_path, 0, error));
     const double loaded = umbu_clock_s();
     p->load_s = loaded - start;
-    UMB__TRY(p->kind == KIND_GBUFFER ? view_sample(p, error) : random_sample(p, error));
+    UMB__TRY(p->kind == UMBT_POINT_VIEW ? view_sample(p, error) : random_sample(p, error));
     p->sample_s = umbu_clock_s() - loaded;
     UMB__TRY(floats_judge(p, error));
-    UMB__TRY(umbt_point_file_write(&p->file, &p->set, &p->bytes, error));
-    report(p);
-    return UMB_OK;
+    p->file.path = p->common.output;
+    return umbt_point_file_write(&p->file, &p->set, &p->bytes, error);
 }
 
-int umbt_points_command(int argc, char **argv)
+static void finish(void *state)
 {
-    struct points points;
-    struct umb_error error = {0};
-    struct umbu_parsed parsed;
-    memset(&points, 0, sizeof points);
-    points.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &points);
-    if (code >= 0) {
-        return code;
-    }
-    const enum umb_status status = points_make(&points, &error);
-    umbt_point_set_finish(&points.set);
-    umbt_scene_finish(&points.scene);
-    return umbu_end(&COMMAND, status, &error);
+    struct points *p = state;
+    umbt_point_set_finish(&p->set);
 }
+
+const struct umbt_command umbt_points = {&COMMAND,    sizeof(struct points), points_run,
+                                         report_text, report_json,           finish};

@@ -1,24 +1,52 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A scene, a sun and a camera; see setup.h. */
+/* What the commands have in common; see setup.h. */
 #include "study/setup.h"
 
+#include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
 #include "study/study_math.h"
+#include "tool/output.h"
+#include "tool/threads.h"
 
-const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT] = {
-    {"sun", "AZ,EL", "azimuth and elevation of the sun in degrees",
-     UMBU_READ(umbt_read_sun, "AZIMUTH,ELEVATION with elevation above 0 to 90"),
-     UMBU_AT(struct umbt_setup_options, sun), .otherwise = "the scene's first sun, else 135,45"},
-    {UMBT_CAMERA_ROW(struct umbt_setup_options, camera)},
-    {UMBT_UP_ROW(struct umbt_setup_options, up)},
-    {UMBT_THREADS_ROW(struct umbt_setup_options)},
-    {UMBU_JSON_ROW(struct umbt_setup_options), .excludes = "output=-"},
-    {UMBU_QUIET_ROW(struct umbt_setup_options, "print nothing but errors")},
-};
+static void report(const struct umbt_command *command, const struct umbt_common *common)
+{
+    if (common->json) {
+        struct umbu_json json = {.file = stdout};
+        umbu_json_begin(&json, NULL, '{');
+        command->json(&json, common);
+        umbu_json_close(&json);
+    } else if (!common->quiet) {
+        command->text(umbu_output_talk(common->output), common);
+    }
+}
 
-enum umb_status umbt_read_sun(const struct umbu_option *option, const char *text, void *field,
-                              struct umb_error *error)
+int umbt_command_run(const struct umbt_command *command, int argc, char **argv)
+{
+    struct umb_error error = {0};
+    struct umbu_parsed parsed;
+    struct umbt_common *common = calloc(1, command->bytes);
+    if (common == NULL) {
+        return umbu_end(command->options, umb_fail(&error, UMB_E_NO_MEMORY, "out of memory"),
+                        &error);
+    }
+    common->threads = umbu_processor_count();
+    int code = umbu_start(&parsed, command->options, argc, argv, common);
+    if (code < 0) {
+        const enum umb_status status = command->run(common, &parsed, &error);
+        if (status == UMB_OK && command->text != NULL) {
+            report(command, common);
+        }
+        command->finish(common);
+        umbt_scene_finish(&common->scene);
+        code = status == UMB_OK ? common->code : umbu_end(command->options, status, &error);
+    }
+    free(common);
+    return code;
+}
+
+static enum umb_status read_sun(const struct umbu_option *option, const char *text, void *field,
+                                struct umb_error *error)
 {
     double *sun = field;
     sun[2] = 1.0;
@@ -32,6 +60,38 @@ enum umb_status umbt_read_camera(const struct umbu_option *option, const char *t
 {
     (void)option;
     return umbt_camera_parse(text, field, error);
+}
+
+const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT] = {
+    {"sun", "AZ,EL", "azimuth and elevation of the sun in degrees",
+     UMBU_READ(read_sun, "AZIMUTH,ELEVATION with elevation above 0 to 90"), UMBT_AT(sun),
+     .otherwise = "the scene's first sun, else 135,45"},
+    {UMBT_CAMERA_ROW},
+    {UMBT_UP_ROW},
+    {UMBT_THREADS_ROW},
+    {UMBT_JSON_ROW, .excludes = "output=-"},
+    {UMBT_QUIET_ROW("print nothing but errors")},
+};
+
+int umbt_is_z_up(const struct umbt_common *common)
+{
+    return common->up > 0 ? common->up == 2 : common->scene.scene->view.z_up;
+}
+
+enum umb_status umbt_common_match(const struct umbt_common *common, const char *asset,
+                                  const uint8_t asset_hash[UMB_ID_BYTES], struct umb_error *error)
+{
+    if (common->force || memcmp(common->scene.hash, asset_hash, UMB_ID_BYTES) == 0) {
+        return UMB_OK;
+    }
+    char of_scene[UMB_ID_TEXT_SIZE], of_asset[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(common->scene.hash, of_scene);
+    umb_id_to_text(asset_hash, of_asset);
+    return umb_fail(
+        error, UMB_E_BAD_SCENE,
+        "%.80s was not baked from %.80s: scene hash %.16s... in the asset, %.16s... of the "
+        "scene (--force goes on)",
+        asset, common->scene_path, of_asset, of_scene);
 }
 
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])
@@ -69,16 +129,16 @@ enum umb_status umbt_setup_camera(struct umbt_setup *setup,
     return umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
 }
 
-enum umb_status umbt_setup_open(const struct umbt_setup_options *options, struct umbt_scene *scene,
-                                struct umbt_setup *setup, struct umb_error *error)
+enum umb_status umbt_setup_open(struct umbt_common *common, struct umbt_setup *setup,
+                                struct umb_error *error)
 {
-    UMB__TRY(umbt_scene_init(scene, options->scene, error));
-    setup->scene = scene;
-    setup->z_up = options->up > 0 ? options->up == 2 : scene->scene->view.z_up;
-    if (options->sun[2] > 0.0) {
-        umbt_compass_vector(options->sun[0], options->sun[1], setup->z_up, setup->to_light);
-    } else if (umbt_scene_sun(scene, setup->z_up, setup->to_light)) {
+    UMB__TRY(umbt_scene_init(&common->scene, common->scene_path, 0, error));
+    setup->scene = &common->scene;
+    setup->z_up = umbt_is_z_up(common);
+    if (common->sun[2] > 0.0) {
+        umbt_compass_vector(common->sun[0], common->sun[1], setup->z_up, setup->to_light);
+    } else if (umbt_scene_sun(&common->scene, setup->z_up, setup->to_light)) {
         (void)umbt_normalize(setup->to_light);
     }
-    return umbt_setup_camera(setup, &options->camera, options->size, error);
+    return umbt_setup_camera(setup, &common->camera, common->size, error);
 }

@@ -74,8 +74,8 @@ struct umbt_map16_query {
 
 void umbt_map16_run(const struct umbt_map16_query *query);
 
-/* Times a part of the points with each prefetch distance, and sets the way and the fastest
- * distance. Returns the time of a point in seconds. */
+/* Sets the query's way, and the prefetch distance that is fastest for it, found by timing a part of
+ * the points with each distance. Returns the time of a point in seconds. */
 double umbt_map16_tune(struct umbt_map16_query *query, enum umbt_map16_way way);
 
 #endif

@@ -227,7 +227,6 @@ static inline __attribute__((always_inline)) void run(const struct umbt_map16_qu
     }
 }
 
-/* A case for each window and way. */
 #define WAYS(TAPS)                                                                                 \
     case TAPS:                                                                                     \
         if (query->way == UMBT_MAP16_PLAIN) {                                                      \

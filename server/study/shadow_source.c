@@ -32,12 +32,8 @@ static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_e
 {
     UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
     UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
-    struct umb_asset_info info;
-    umb_asset_get_info(source->asset, &info);
-    memcpy(source->id, info.id, sizeof source->id);
-    memcpy(source->scene_hash, info.scene_hash, sizeof source->scene_hash);
-    memcpy(source->origin, info.origin, sizeof source->origin);
-    source->translucent = umbt_plan_has(info.plan, "transmittance");
+    umb_asset_get_info(source->asset, &source->info);
+    source->translucent = umbt_plan_has(source->info.plan, "transmittance");
     UMB__TRY(umb_asset_get_light(source->asset, source->settings.light, &source->light));
     const uint32_t count = source->light.frustum_count;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
@@ -77,8 +73,8 @@ static enum umb_status daemon_open(struct umbt_shadow_source *source,
         status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
                           source->settings.light, source->name, description->light_count);
     } else {
-        memcpy(source->id, description->asset.id, sizeof source->id);
-        memcpy(source->scene_hash, description->scene_hash, sizeof source->scene_hash);
+        memcpy(source->info.id, description->asset.id, sizeof source->info.id);
+        memcpy(source->info.scene_hash, description->scene_hash, sizeof source->info.scene_hash);
         source->light = description->lights[source->settings.light].info;
         source->translucent = umbt_plan_has(description->plan, "transmittance");
     }
@@ -123,7 +119,6 @@ enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *source, const
                : umb_query_prepare(source->asset, &source->settings, &source->query, error);
 }
 
-/* Queries the daemon in as many calls as needed. */
 static enum umb_status ask(const struct umbt_shadow_source *source, const struct umb_points *points,
                            float *values, struct umb_query_stats *stats, struct umb_error *error)
 {
@@ -146,22 +141,15 @@ static enum umb_status ask(const struct umbt_shadow_source *source, const struct
 }
 
 enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
-                                          const double *positions, const float *normals,
-                                          size_t first, size_t count, float *values,
+                                          const struct umb_points *points, float *values,
                                           struct umb_query_stats *stats, struct umb_error *error)
 {
-    const struct umb_points points = {
-        .positions = positions + 3 * first,
-        .format = UMB_POINT_F64,
-        .normals = normals + 3 * first,
-        .count = count,
-    };
     if (source->client != NULL) {
-        return ask(source, &points, values + first, stats, error);
+        return ask(source, points, values, stats, error);
     }
-    struct umb_answers answers = {.values = values + first, .stats = *stats};
-    UMB__TRY(umb_points_check(&points, error));
-    umb_query_run(&source->query, &points, 0, count, &answers);
+    struct umb_answers answers = {.values = values, .stats = *stats};
+    UMB__TRY(umb_points_check(points, error));
+    umb_query_run(&source->query, points, 0, points->count, &answers);
     *stats = answers.stats;
     return UMB_OK;
 }

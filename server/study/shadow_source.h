@@ -19,10 +19,8 @@ struct umbt_shadow_source {
     struct umb_client *client; /* connection to the daemon; NULL: a file */
     size_t call_max;           /* daemon: most points of a call */
     struct umb_query_settings settings;
-    struct umb_query query; /* file: the prepared query */
-    uint8_t id[UMB_ID_BYTES];
-    uint8_t scene_hash[UMB_ID_BYTES];
-    double origin[3]; /* file: origin of the transforms */
+    struct umb_query query;     /* file: the prepared query */
+    struct umb_asset_info info; /* daemon: id and scene_hash only */
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
@@ -53,17 +51,14 @@ UMB_CHECKED enum umb_status umbt_shadow_source_look(struct umbt_shadow_source *s
                                                     struct umb_error *error);
 
 /*
- * Answers points first .. first + count - 1.
+ * Answers points in world space, double[3 * count], with normals.
  *
- * In:    positions: double[3 * (first + count)], world space, finite; normals: float[3 * (first +
- *        count)].
- * Out:   values: float, written at the same indices. stats: added to.
+ * Out:   values: float[count]. stats: added to.
  * Fails: file: E_ARGUMENT (not finite); daemon: the errors of umb_client_query.
  */
 UMB_CHECKED enum umb_status umbt_shadow_source_answer(const struct umbt_shadow_source *source,
-                                                      const double *positions, const float *normals,
-                                                      size_t first, size_t count, float *values,
-                                                      struct umb_query_stats *stats,
+                                                      const struct umb_points *points,
+                                                      float *values, struct umb_query_stats *stats,
                                                       struct umb_error *error);
 
 #endif

@@ -7,8 +7,8 @@
  *     bake        bakes the scene at each resolution, open and closed    study_resolutions.c
  *     points      draws samples and traces the truth at them             study_points.c
  *     measure     queries every setting at the same points, interleaved  study_measure.c
- *     pictures    one view by each resolution                            study_pictures.c
- *     techniques  the shadow maps of the literature on one view          study_techniques.c
+ *     pictures    one view by each resolution                            study_views.c
+ *     techniques  the shadow maps of the literature on one view          study_views.c
  *     report      report.json, report.csv, report.html                   study_report.c
  *
  * Data flows in that order; each step reads only the results of earlier ones.
@@ -19,26 +19,25 @@
  * that sees the light, by truth_side^2 rays: what an n-tap answer estimates. It gives errors in
  * visibility.
  */
-#include "study/setup.h"
-#include "tool/json.h"
+#include "study/study_math.h"
+#include "study/techniques.h"
 #include "umbrage/query.h"
 
 #define UMBT_STUDY_BAKES_MAX      24
 #define UMBT_STUDY_SETTINGS_MAX   320
 #define UMBT_STUDY_RUNS           7 /* timed runs, interleaved; the median counts */
-#define UMBT_STUDY_SPREAD_MAX     0.15
 #define UMBT_STUDY_NAME           32
 #define UMBT_STUDY_PATH           4096
 #define UMBT_STUDY_TECHNIQUES_MAX 64
+#define UMBT_STUDY_TAPS           9 /* width of the filter of the techniques */
 
 struct umbt_study_options {
-    const char *scene, *folder, *light, *sun, *up;
-    char named[288];         /* Default of `folder` */
+    const char *light, *sun, *up;
+    char named[288];         /* Default folder of the report */
     uint64_t max_resolution; /* Highest resolution, voxels a side */
     uint64_t points;         /* Number of samples of a set */
-    uint64_t threads, seed;
-    uint64_t truth_side; /* Rays a side of the area truth */
-    int quick, json, quiet;
+    uint64_t truth_side;     /* Rays a side of the area truth */
+    int quick;
 };
 
 /* The asset of one resolution, open or closed. */
@@ -48,7 +47,6 @@ struct umbt_study_bake {
     int closed;           /* 1: bake with closed solids; frustum.closed has the result */
     char reason[256];     /* reason why there is no asset, or empty */
     double wall_s, cpu_s; /* times of umbrage-bake without its self-check */
-    uint64_t packed_bytes;
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umb_light_info light;
@@ -78,7 +76,7 @@ struct umbt_study_points {
     double to_light[3];
 };
 
-/* Source of answers: an asset, or one of the peers of study_peers.h. */
+/* Source of answers: an asset, or one of the peers of study_probe.h. */
 enum umbt_study_method {
     UMBT_STUDY_DAG = 0,
     UMBT_STUDY_PENUMBRA,  /* the asset's UMB_FILTER_PENUMBRA, against the light's disc */
@@ -103,53 +101,50 @@ struct umbt_study_result {
     double undecided;                  /* share of answers of exactly 0.5 (coarse levels) */
     /* Distance from a wrong answer to the true boundary: median, 95th percentile, largest. */
     double off_p50_m, off_p95_m, off_max_m;
-    double off_unknown;      /* share of the wrong answers with no boundary within reach */
-    double truth_error;      /* estimated RMS error of the area truth itself */
-    double ns_view, ns_free; /* CPU time of a point on one thread, median */
-    double ns_view_all;      /* wall time of a point on all threads, median */
-    /* Spreads of the runs of each time, by umbt_median. A time with a spread above
-     * UMBT_STUDY_SPREAD_MAX is not reported. */
-    double spread, spread_free, spread_all;
-    double nodes, bricks; /* nodes and bricks of an asset that a point of the view reads */
+    double off_unknown;          /* share of the wrong answers with no boundary within reach */
+    double truth_error;          /* estimated RMS error of the area truth itself */
+    struct umbt_time view, free; /* CPU time of a point on one thread */
+    struct umbt_time all;        /* wall time of a point of the view on all threads */
+    double nodes, bricks;        /* nodes and bricks of an asset that a point of the view reads */
     /* Greatest distance in metres of an answer from the truth, and cache lines that a point reads,
      * both from the asset's own curve. NaN: no value. */
     double bound_m, lines;
 };
 
-/* Times of rays, on the same points. */
-struct umbt_study_rays {
-    double ns_view, ns_free;  /* time of one ray */
-    double ns_view8;          /* time of one ray, eight rays a call */
-    double ns_area, ns_area8; /* time of 81 rays of a point: one a call, eight a call */
-    double spread;            /* spread of ns_view */
-    int64_t stopped;          /* number of rays that hit a triangle, in all runs */
+/* Ways to trace rays at the same points. */
+enum umbt_study_rays {
+    UMBT_RAYS_VIEW, /* one ray a point; its spread decides which attempt counts */
+    UMBT_RAYS_FREE,
+    UMBT_RAYS_VIEW8, /* eight rays a call */
+    UMBT_RAYS_AREA,  /* 81 rays a point: one a call, eight a call */
+    UMBT_RAYS_AREA8,
+    UMBT_RAYS_WAYS,
 };
 
-/* A shadow map of the literature, or an asset's DAG, on one view (study_techniques.c). */
+/* A shadow map of the literature, or an asset's DAG, on one view (study_views.c). */
 struct umbt_study_technique {
     char name[UMBT_STUDY_NAME];
-    const char *truth; /* kind of the traced truth: box, point, disc */
+    enum umbt_technique_truth truth;
     int is_dag;
-    uint64_t bytes;             /* size in memory */
-    double build_s, ns, spread; /* CPU time; time of a point on one thread; spread of its runs */
-    double mean, lighter, darker, over_half; /* fields of struct umbt_technique_result */
+    struct umbt_technique_result result;
 };
 
 struct umbt_study {
+    struct umbt_common common; /* output: FOLDER */
     struct umbt_study_options options;
-    struct umbt_scene scene;
     struct umbt_study_bake bakes[UMBT_STUDY_BAKES_MAX];
     uint32_t bake_count;
     struct umbt_study_points points;
     struct umbt_study_result results[UMBT_STUDY_SETTINGS_MAX];
     uint32_t result_count;
-    struct umbt_study_rays rays;
+    struct umbt_time rays[UMBT_RAYS_WAYS]; /* Time of a ray; with AREA and AREA8, of a point */
+    int64_t stopped;                       /* number of rays that hit a triangle, in all runs */
     int z_up;
     const char *missing; /* sentence about peers that could not be measured, or "" */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;
-    double started_s, seconds; /* begin and length of the study, set before the report */
+    double seconds; /* length of the study, set before the report */
 };
 
 /* Path of a file beneath FOLDER. Fails: E_ARGUMENT (too long). */
@@ -175,11 +170,6 @@ void umbt_study_points_finish(struct umbt_study_points *points);
 /* Measures every setting. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *error);
 
-/* Makes the view of `umbrage render` for a picture of that size. Fails: see umbt_camera_make. */
-UMB_CHECKED enum umb_status umbt_study_camera(const struct umbt_study *study,
-                                              const uint32_t size[2], struct umbt_setup *setup,
-                                              struct umb_error *error);
-
 /* Draws all pictures, and pictures/traced.png. Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_pictures(struct umbt_study *study, struct umb_error *error);
 
@@ -190,21 +180,18 @@ int umbt_study_has_picture(const struct umbt_study_result *result);
 void umbt_study_picture_name(const struct umbt_study *study, const struct umbt_study_result *result,
                              int difference, char *name, size_t size);
 
-/* Measures the techniques of technique_run.h on one view. Fails: E_NO_MEMORY, E_ARGUMENT (the
+/* Measures the techniques of techniques.h on one view. Fails: E_NO_MEMORY, E_ARGUMENT (the
  * camera sees nothing). */
 UMB_CHECKED enum umb_status umbt_study_techniques(struct umbt_study *study,
                                                   struct umb_error *error);
-
-/* Writes their results as members of the open JSON object. */
-void umbt_study_techniques_json(struct umbu_json *json, const struct umbt_study *study);
 
 /* Writes FOLDER/report.json, report.csv and report.html, each as a whole. Fails: E_CANNOT_CREATE,
  * E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_report(const struct umbt_study *study,
                                               struct umb_error *error);
 
-/* Writes the whole study as one JSON object. A failed write shows in ferror(to). */
-void umbt_study_json(FILE *to, const struct umbt_study *study);
+/* Writes the members of report.json; user: the struct umbt_study. A failure shows in ferror. */
+void umbt_study_json(struct umbu_json *json, const void *user);
 
 /* Writes in words which setting to take for which error: at most size bytes with the NUL. */
 void umbt_study_summary(const struct umbt_study *study, char *text, size_t size);

@@ -4,9 +4,6 @@
 #include <string.h>
 
 #include "base/try.h"
-#include "tool/output.h"
-#include "tool/threads.h"
-#include "study/study_command.h"
 #include "study/study.h"
 #include "tool/clock.h"
 
@@ -15,14 +12,14 @@
 #define POINTS_QUICK     12000
 #define POINTS_FULL      60000
 
-#define AT(field) UMBU_AT(struct umbt_study_options, field)
+#define AT(field) UMBU_AT(struct umbt_study, options.field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBT_SCENE_ROW(struct umbt_study_options, scene)},
+    {UMBT_SCENE_ROW},
     {"output", "DIR", "folder of the report; the command makes it if it does not exist",
      UMBU_NAME("a folder's name (a report has many files: it cannot go to stdout; "
                "name a folder, ./- for one of that name)"),
-     AT(folder), .otherwise = "the scene's name and -study, here", .letter = 'o'},
+     UMBT_AT(output), .otherwise = "the scene's name and -study, here", .letter = 'o'},
     {"quick", NULL,
      "takes minutes, not hours: at most 4096 voxels a side, filters of 1, 3 and 9 taps, fewer "
      "samples",
@@ -39,10 +36,10 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_COUNT(1000, 10000000), AT(points), .otherwise = "quick: 12000, else 60000"},
     {"truth", "N", "rays a side of the area truth, 2 to 32: N x N rays a sample", UMBU_COUNT(2, 32),
      AT(truth_side), .otherwise = "quick: 6, else 12"},
-    {UMBT_SEED_ROW(struct umbt_study_options)},
-    {UMBT_THREADS_ROW(struct umbt_study_options)},
-    {"json", NULL, "print the report as one JSON object", UMBU_FLAG, AT(json)},
-    {UMBU_QUIET_ROW(struct umbt_study_options, "no progress, no summary")},
+    {UMBT_SEED_ROW},
+    {UMBT_THREADS_ROW},
+    {"json", NULL, "print the report as one JSON object", UMBU_FLAG, UMBT_AT(json)},
+    {UMBT_QUIET_ROW("no progress, no summary")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -61,21 +58,23 @@ static const struct umbu_command COMMAND = {
 };
 
 /* "scenes/city.glb" becomes "city-study". */
-static void name_folder(struct umbt_study_options *options)
+static void name_folder(struct umbt_study *study)
 {
-    const char *slash = strrchr(options->scene, '/');
-    const char *name = slash != NULL ? slash + 1 : options->scene;
+    const char *path = study->common.scene_path, *slash = strrchr(path, '/');
+    const char *name = slash != NULL ? slash + 1 : path;
     const char *dot = strrchr(name, '.');
     const size_t stem = dot != NULL && dot > name ? (size_t)(dot - name) : strlen(name);
-    (void)snprintf(options->named, sizeof options->named, "%.*s-study", (int)stem, name);
-    options->folder = options->named;
+    (void)snprintf(study->options.named, sizeof study->options.named, "%.*s-study", (int)stem,
+                   name);
+    study->common.output = study->options.named;
 }
 
 /* Fills in what --quick decides. */
-static void options_complete(struct umbt_study_options *options)
+static void options_complete(struct umbt_study *study)
 {
-    if (options->folder == NULL) {
-        name_folder(options);
+    struct umbt_study_options *options = &study->options;
+    if (study->common.output == NULL) {
+        name_folder(study);
     }
     if (options->max_resolution == 0) {
         options->max_resolution = options->quick ? RESOLUTION_QUICK : RESOLUTION_FULL;
@@ -95,14 +94,14 @@ static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *err
     char *arguments[17] = {(char *)(uintptr_t) "aliasing"};
     int count = 1;
     UMB__TRY(umbt_study_path(study, "pictures/aliasing.png", path, error));
-    (void)snprintf(threads, sizeof threads, "%u", (unsigned)study->options.threads);
+    (void)snprintf(threads, sizeof threads, "%u", study->common.threads);
     const char *const words[][2] = {{"-o", path},
                                     {"--size", "480x270"},
                                     {"--threads", threads},
                                     {"--resolution", "4096"},
                                     {"--sun", study->options.sun},
                                     {"--up", study->options.up}};
-    arguments[count++] = (char *)(uintptr_t)study->options.scene;
+    arguments[count++] = (char *)(uintptr_t)study->common.scene_path;
     arguments[count++] = (char *)(uintptr_t) "--quiet";
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
         if (words[i][1] != NULL) {
@@ -110,56 +109,45 @@ static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *err
             arguments[count++] = (char *)(uintptr_t)words[i][1];
         }
     }
-    return umbt_aliasing_command(count, arguments) == 0
+    return umbt_command_run(&umbt_aliasing, count, arguments) == 0
                ? UMB_OK
                : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
 }
 
-static enum umb_status steps_run(struct umbt_study *study, struct umb_error *error)
+static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
+                                 struct umb_error *error)
 {
     static enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
         umbt_study_bake_all, umbt_study_points_make, umbt_study_measure,
         umbt_study_pictures, umbt_study_techniques,  heat_draw};
-    UMB__TRY(umbt_scene_init(&study->scene, study->options.scene, error));
-    study->z_up =
-        study->options.up != NULL ? study->options.up[0] == 'z' : study->scene.scene->view.z_up;
+    struct umbt_study *study = state;
+    const double start = umbu_clock_s();
+    (void)parsed;
+    options_complete(study);
+    UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error));
+    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
+                                            : study->common.scene.scene->view.z_up;
     for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
         UMB__TRY(steps[i](study, error));
     }
-    study->seconds = umbu_clock_s() - study->started_s;
+    study->seconds = umbu_clock_s() - start;
     return umbt_study_report(study, error);
 }
 
-static void report(const struct umbt_study *study)
+static void report_text(FILE *to, const void *state)
 {
+    const struct umbt_study *study = state;
     char summary[4096];
-    if (study->options.json) {
-        umbt_study_json(stdout, study);
-    } else if (!study->options.quiet) {
-        umbt_study_summary(study, summary, sizeof summary);
-        printf("%s%s/report.html\n", summary, study->options.folder);
-    }
+    umbt_study_summary(study, summary, sizeof summary);
+    fprintf(to, "%s%s/report.html\n", summary, study->common.output);
 }
 
-int umbt_study_command(int argc, char **argv)
+static void finish(void *state)
 {
-    static struct umbt_study study; /* large: not on the stack */
-    struct umb_error error = {0};
-    memset(&study, 0, sizeof study);
-    study.started_s = umbu_clock_s();
-    struct umbu_parsed parsed;
-    study.options.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &study.options);
-    if (code >= 0) {
-        return code;
-    }
-    options_complete(&study.options);
-    const enum umb_status status = steps_run(&study, &error);
-    if (status == UMB_OK) {
-        report(&study);
-    }
-    umbt_study_points_finish(&study.points);
-    umbt_study_bakes_finish(&study);
-    umbt_scene_finish(&study.scene);
-    return umbu_end(&COMMAND, status, &error);
+    struct umbt_study *study = state;
+    umbt_study_points_finish(&study->points);
+    umbt_study_bakes_finish(study);
 }
+
+const struct umbt_command umbt_study_command = {&COMMAND,    sizeof(struct umbt_study), study_run,
+                                                report_text, umbt_study_json,           finish};

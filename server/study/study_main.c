@@ -3,8 +3,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/study_command.h"
-#include "umbrage/status.h"
+#include "study/setup.h"
 #include "tool/exit_code.h"
 #include "umbrage/version.h"
 
@@ -24,17 +23,13 @@ static const char help[] =
     "`umbrage-study COMMAND --help` lists a command's options.\n"
     "  --version   --help\n";
 
-static const struct command {
+static const struct {
     const char *name;
-    int (*run)(int argc, char **argv);
+    const struct umbt_command *command;
 } commands[] = {
-    {"render", umbt_render_command},
-    {"verify", umbt_verify_command},
-    {"points", umbt_points_command},
-    {"study", umbt_study_command},
-    {"techniques", umbt_techniques_command},
-    {"aliasing", umbt_aliasing_command},
-    {"deep", umbt_deep_command},
+    {"render", &umbt_render},       {"verify", &umbt_verify},         {"points", &umbt_points},
+    {"study", &umbt_study_command}, {"techniques", &umbt_techniques}, {"aliasing", &umbt_aliasing},
+    {"deep", &umbt_deep},
 };
 
 /* Flushes stdout. Returns code, or the code of a failed write: lost output must not look like
@@ -59,7 +54,7 @@ int main(int argc, char **argv)
     }
     for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
         if (strcmp(argv[1], commands[i].name) == 0) {
-            return output_finish(commands[i].run(argc - 1, argv + 1));
+            return output_finish(umbt_command_run(commands[i].command, argc - 1, argv + 1));
         }
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
@@ -67,12 +62,12 @@ int main(int argc, char **argv)
         char option[] = "--help", *words[] = {argv[0], option, NULL};
         fputs(help, stdout);
         putchar('\n');
-        return output_finish(umbt_study_command(2, words));
+        return output_finish(umbt_command_run(&umbt_study_command, 2, words));
     }
     if (strcmp(argv[1], "--print-options") == 0) {
         for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
             printf("umbrage-study\t%s\t\t\tcommand\t\t\t\t\n", commands[i].name);
-            (void)commands[i].run(2, argv);
+            (void)umbt_command_run(commands[i].command, 2, argv);
         }
         return output_finish(0);
     }
@@ -85,5 +80,5 @@ int main(int argc, char **argv)
                 argv[1]);
         return umbu_exit_code(UMB_E_ARGUMENT);
     }
-    return output_finish(umbt_study_command(argc, argv));
+    return output_finish(umbt_command_run(&umbt_study_command, argc, argv));
 }

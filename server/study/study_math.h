@@ -9,6 +9,7 @@
 #include <stdlib.h>
 
 #include "base/vec.h"
+#include "umbrage/query.h"
 
 /* out = a + t b; out may be a or b. */
 static inline void umbt_along(const double a[3], double t, const double b[3], double out[3])
@@ -39,13 +40,12 @@ static inline void umbt_widen(const float from[3], double to[3])
     }
 }
 
-/* Computes a triangle's normal by winding, whose length is twice the triangle's area. */
-static inline void umbt_triangle_cross(const double corners[3][3], double out[3])
+/* Points of a query: double[3 * count] in world space, and float[3 * count] or NULL. */
+static inline struct umb_points umbt_points_at(const double *positions, const float *normals,
+                                               size_t count)
 {
-    double a[3], b[3];
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, out);
+    return (struct umb_points){
+        .positions = positions, .format = UMB_POINT_F64, .normals = normals, .count = count};
 }
 
 /* Order of two doubles, for qsort. */
@@ -55,19 +55,27 @@ static inline int umbt_compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/*
- * Sorts times of equal runs and returns their median.
- *
- * In:  count: odd, at least 5.
- * Out: spread: (largest - least) / median. The outermost run on each side is left out, because it
- *      is attributed to the machine.
- */
-static inline double umbt_median(double *seconds, size_t count, double *spread)
+#define UMBT_SPREAD_MAX 0.15 /* a time with a larger spread is measured again, or not reported */
+
+/* A time, by the median of several runs. */
+struct umbt_time {
+    double ns;
+    double spread; /* (largest - least) / median */
+};
+
+/* Sorts times of equal runs and returns their median. The outermost run on each side does not count
+ * in the spread, because it is attributed to the machine. In: count: odd, at least 5. */
+static inline struct umbt_time umbt_median(double *ns, size_t count)
 {
-    qsort(seconds, count, sizeof *seconds, umbt_compare_doubles);
-    const double middle = seconds[count / 2];
-    *spread = middle > 0.0 ? (seconds[count - 2] - seconds[1]) / middle : 0.0;
-    return middle;
+    qsort(ns, count, sizeof *ns, umbt_compare_doubles);
+    const double middle = ns[count / 2];
+    return (struct umbt_time){middle, middle > 0.0 ? (ns[count - 2] - ns[1]) / middle : 0.0};
+}
+
+/* Returns the time for a report: NaN if its runs differ too much. */
+static inline double umbt_time_told(struct umbt_time time)
+{
+    return time.spread <= UMBT_SPREAD_MAX ? time.ns : (double)NAN;
 }
 
 #endif

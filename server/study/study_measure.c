@@ -12,7 +12,7 @@
 #include "base/try.h"
 #include "tool/threads.h"
 #include "tool/progress.h"
-#include "study/study_errors.h"
+#include "study/study_math.h"
 #include "study/study_probe.h"
 #include "umbrage/curve.h"
 
@@ -20,8 +20,8 @@
 #define JUDGED_M 0.01F /* visibility error above which an answer is checked for undefined space */
 #define CHECKED  1000  /* samples that are also traced with twice the rays a side */
 
-static const uint32_t taps_quick[] = {1, 3, 9};
-static const uint32_t taps_full[] = {1, 3, 5, 9, 17};
+/* Widths of filters, in full and --quick; 0 ends the list. */
+static const uint32_t widths[2][6] = {{1, 3, 5, 9, 17}, {1, 3, 9}};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
 
 /*
@@ -29,6 +29,7 @@ static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
  * truth, those of assets and of peers.
  */
 struct traced {
+    const struct umbt_study_points *points;
     struct umbt_truth rays; /* parameters of the rays; `closed` does not matter */
     float *values;          /* [surface samples] */
     double error;           /* estimated RMS error, against twice the rays a side */
@@ -53,12 +54,6 @@ struct judging {
 
 /* ---- truths ---- */
 
-struct tracing {
-    const struct umbt_study_points *points;
-    const struct umbt_truth *truth;
-    float *values;
-};
-
 static float trace(const struct umbt_truth *truth, const struct umbt_study_points *points, size_t i)
 {
     double normal[3];
@@ -68,28 +63,27 @@ static float trace(const struct umbt_truth *truth, const struct umbt_study_point
 
 static void trace_item(void *user, size_t i)
 {
-    const struct tracing *tracing = user;
-    tracing->values[i] = trace(tracing->truth, tracing->points, i);
+    const struct traced *traced = user;
+    traced->values[i] = trace(&traced->rays, traced->points, i);
 }
 
 /* Estimates the error of a truth by a second truth with twice the rays a side. */
-static double own_error(const struct tracing *tracing)
+static double own_error(const struct traced *traced)
 {
-    const size_t surface = tracing->points->first[UMBT_STUDY_FREE];
+    const size_t surface = traced->points->first[UMBT_STUDY_FREE];
     const size_t step = surface > CHECKED ? surface / CHECKED : 1;
-    struct umbt_truth finer = *tracing->truth;
+    struct umbt_truth finer = traced->rays;
     double sum = 0.0, count = 0.0;
     finer.samples *= 2;
     for (size_t i = 0; i < surface; i += step) {
         const double difference =
-            (double)trace(&finer, tracing->points, i) - (double)tracing->values[i];
+            (double)trace(&finer, traced->points, i) - (double)traced->values[i];
         sum += difference * difference;
         count += 1.0;
     }
     return count > 0.0 ? sqrt(sum / count) : 0.0;
 }
 
-/* True if both trace the same rays. */
 static int is_same(const struct umbt_truth *a, const struct umbt_truth *b)
 {
     return a->kind == b->kind && a->settings.taps == b->settings.taps &&
@@ -112,6 +106,7 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
         }
     }
     struct traced *made = &truths->list[truths->count]; /* one a setting at most */
+    made->points = &probe->study->points;
     made->rays = probe->truth;
     made->values = malloc((surface + 1) * sizeof *made->values);
     if (made->values == NULL) {
@@ -119,15 +114,80 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
                         surface);
     }
     truths->count++;
-    struct tracing tracing = {&probe->study->points, &made->rays, made->values};
-    const enum umb_status status = umbu_range_each((unsigned)probe->study->options.threads, surface,
-                                                   BLOCK, trace_item, &tracing, error);
-    made->error = own_error(&tracing);
+    const enum umb_status status =
+        umbu_range_each(probe->study->common.threads, surface, BLOCK, trace_item, made, error);
+    made->error = own_error(made);
     *truth = made;
     return status;
 }
 
 /* ---- errors ---- */
+
+static int compare_floats(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result *result)
+{
+    static const double limits[3] = {0.01, 0.1, 0.5};
+    double squares = 0.0, counts[3] = {0.0, 0.0, 0.0};
+    for (size_t i = 0; i < judged->count; i++) {
+        if (judged->undefined[i]) {
+            result->undefined++;
+            continue;
+        }
+        const double difference = fabs((double)judged->answers[i] - (double)judged->area[i]);
+        result->judged++;
+        squares += difference * difference;
+        result->worst = difference > result->worst ? difference : result->worst;
+        for (int k = 0; k < 3; k++) {
+            counts[k] += difference > limits[k] ? 1.0 : 0.0;
+        }
+    }
+    const double count = result->judged > 0 ? (double)result->judged : 1.0;
+    result->rms = sqrt(squares / count);
+    result->over_001 = counts[0] / count;
+    result->over_01 = counts[1] / count;
+    result->over_05 = counts[2] / count;
+}
+
+static void distances_conclude(float *wrong, size_t wrongs, struct umbt_study_result *result)
+{
+    qsort(wrong, wrongs, sizeof *wrong, compare_floats);
+    result->off_p50_m = (double)wrong[wrongs / 2];
+    result->off_p95_m = (double)wrong[wrongs - 1 - wrongs / 20];
+    result->off_max_m = (double)wrong[wrongs - 1];
+}
+
+void umbt_errors_edges(const struct umbt_judged *judged, float *wrong,
+                       struct umbt_study_result *result)
+{
+    size_t light = 0, shadow = 0, undecided = 0, wrongs = 0, unknown = 0;
+    for (size_t i = 0; i < judged->count; i++) {
+        const int says_lit = judged->answers[i] > 0.5F, says_shadowed = judged->answers[i] < 0.5F;
+        if (judged->undefined[i] || (judged->lit[i] ? says_lit : says_shadowed)) {
+            continue;
+        }
+        light += (size_t)says_lit;
+        shadow += (size_t)says_shadowed;
+        undecided += !says_lit && !says_shadowed;
+        if (isfinite(judged->boundary_m[i])) {
+            wrong[wrongs++] = judged->boundary_m[i];
+        } else {
+            unknown++;
+        }
+    }
+    const double count = result->judged > 0 ? (double)result->judged : 1.0;
+    result->false_light = (double)light / count;
+    result->false_shadow = (double)shadow / count;
+    result->undecided = (double)undecided / count;
+    result->off_unknown = wrongs + unknown > 0 ? (double)unknown / (double)(wrongs + unknown) : 0.0;
+    if (wrongs > 0) {
+        distances_conclude(wrong, wrongs, result);
+    }
+}
 
 static void undefined_item(void *user, size_t i)
 {
@@ -143,8 +203,10 @@ static void undefined_item(void *user, size_t i)
 /* Counts what an asset reads for a point of the view. */
 static void reads_count(const struct umbt_probe *probe, float *values)
 {
-    const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
-    const struct umb_points points = umbt_study_points_all(probe->study);
+    const struct umbt_study_points *samples = &probe->study->points;
+    const size_t view = samples->first[UMBT_STUDY_BORDER];
+    const struct umb_points points =
+        umbt_points_at(samples->positions[0], samples->normals[0], view);
     struct umb_answers answers = {.values = values};
     umb_query_run(&probe->query, &points, 0, view, &answers);
     probe->result->nodes = (double)answers.stats.nodes / (double)view;
@@ -164,8 +226,8 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
     UMB__TRY(truth_get(&judging->truths, probe, &truth, error));
     judging->probe = probe;
     judging->area = truth->values;
-    UMB__TRY(umbu_range_each((unsigned)probe->study->options.threads, surface, BLOCK,
-                             undefined_item, judging, error));
+    UMB__TRY(umbu_range_each(probe->study->common.threads, surface, BLOCK, undefined_item, judging,
+                             error));
     const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
                                        points->lit, points->boundary_m, judging->undefined};
     umbt_errors_area(&judged, probe->result);
@@ -183,13 +245,12 @@ static void add_setting(struct umbt_study *study, const struct umbt_study_result
     }
 }
 
-/* Lists the filters, coarse levels and half shadows of an asset. */
-static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *taps, size_t count)
+static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *taps)
 {
     const struct umbt_study_bake *bake = &study->bakes[b];
     struct umbt_study_result setting = {.name = "dag", .bake = b, .bytes = bake->info.memory_bytes};
-    for (size_t t = 0; t < count; t++) {
-        setting.taps = taps[t];
+    for (; *taps > 0; taps++) {
+        setting.taps = *taps;
         add_setting(study, &setting);
     }
     setting.taps = 1;
@@ -207,7 +268,6 @@ static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *tap
     }
 }
 
-/* Reads bound and cache lines from the asset's curve. */
 static void curve_read(const struct umbt_study *study, struct umbt_study_result *result)
 {
     struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
@@ -225,21 +285,16 @@ static void curve_read(const struct umbt_study *study, struct umbt_study_result 
     }
 }
 
-static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, const uint32_t *taps,
-                      size_t count)
+static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, const uint32_t *taps)
 {
-    struct umbt_study_result setting = {.method = peer->method,
-                                        .name = peer->name,
-                                        .bake = peer->bake,
-                                        .bytes = peer->bytes,
-                                        .build_s = peer->build_s,
-                                        .taps = UMBT_PEER_DERIVED_TAPS};
-    if (peer->method == UMBT_STUDY_DERIVED) {
+    struct umbt_study_result setting = peer->setting;
+    setting.taps = UMBT_PEER_DERIVED_TAPS;
+    if (setting.method == UMBT_STUDY_DERIVED) {
         add_setting(study, &setting);
         return;
     }
-    for (size_t t = 0; t < count; t++) {
-        setting.taps = taps[t];
+    for (; *taps > 0; taps++) {
+        setting.taps = *taps;
         add_setting(study, &setting);
     }
 }
@@ -247,18 +302,16 @@ static void list_peer(struct umbt_study *study, const struct umbt_peer *peer, co
 /* Lists all settings, those of assets first, each with its probe. */
 static void list_settings(struct umbt_study *study, struct judging *judging)
 {
-    const uint32_t *taps = study->options.quick ? taps_quick : taps_full;
-    const size_t count = study->options.quick ? sizeof taps_quick / sizeof *taps_quick
-                                              : sizeof taps_full / sizeof *taps_full;
+    const uint32_t *taps = widths[study->options.quick];
     study->result_count = 0;
     for (uint32_t b = 0; b < study->bake_count; b++) {
         if (study->bakes[b].asset != NULL) {
-            list_asset(study, b, taps, count);
+            list_asset(study, b, taps);
         }
     }
     for (uint32_t p = 0; p < judging->peers.count; p++) {
         const uint32_t first = study->result_count;
-        list_peer(study, &judging->peers.list[p], taps, count);
+        list_peer(study, &judging->peers.list[p], taps);
         for (uint32_t i = first; i < study->result_count; i++) {
             judging->probes[i].peer = &judging->peers.list[p];
         }
@@ -274,7 +327,8 @@ static void list_settings(struct umbt_study *study, struct judging *judging)
 static enum umb_status settings_judge(struct umbt_study *study, struct judging *judging,
                                       struct umb_error *error)
 {
-    const struct umb_points points = umbt_study_points_all(study);
+    const struct umb_points points =
+        umbt_points_at(study->points.positions[0], study->points.normals[0], study->points.count);
     struct umbu_progress progress;
     enum umb_status status = UMB_OK;
     judging->answers = calloc(points.count, sizeof *judging->answers);
@@ -286,7 +340,7 @@ static enum umb_status settings_judge(struct umbt_study *study, struct judging *
     UMB__TRY(umb_points_check(&points, error));
     UMB__TRY(umbt_peers_make(study, &judging->peers, error));
     list_settings(study, judging);
-    umbu_progress_begin(&progress, "settings", study->options.quiet);
+    umbu_progress_begin(&progress, "settings", study->common.quiet);
     for (uint32_t i = 0; status == UMB_OK && i < study->result_count; i++) {
         status = umbt_probe_prepare(&judging->probes[i], error);
         if (status == UMB_OK) {

@@ -8,7 +8,7 @@
 #include <string.h>
 #include "base/try.h"
 #include "tool/threads.h"
-#include "study/shading.h"
+#include "study/gbuffer.h"
 #include "study/study_math.h"
 #include "tool/clock.h"
 #include "tool/progress.h"
@@ -18,35 +18,97 @@
 #define QUERY_BLOCK  16384             /* points in a request: less than a daemon's usual limit */
 #define TRACE_BLOCK  512
 #define FIXED_ONE    4294967296.0
+#define INTERVALS    256 /* most intervals of a view ray in fog; a ray with more is halved */
 
-/* Sums over receivers that face the light. Visibilities are integers in units of 2^-32: the order
- * of the sum does not matter. */
-struct differences {
-    uint64_t facing, undefined, over_half, over_half_defined;
-    uint64_t lighter, darker, defined;
-    uint64_t judged, false_shadow, false_light;
+/* Sums over receivers that face the light. Sums of |asset - traced| are integers in units of 2^-32,
+ * so their order does not matter. */
+enum {
+    FACING, /* numbers of receivers */
+    UNDEFINED,
+    OVER_HALF,
+    OVER_HALF_DEFINED,
+    JUDGED,
+    FALSE_SHADOW,
+    FALSE_LIGHT,
+    LIGHTER, /* sums of |asset - traced| */
+    DARKER,
+    DEFINED,
+    SUMS
 };
 
 struct frame {
     const struct umbt_picture_request *request;
+    struct umbt_pictures *pictures;
     struct umbt_picture_result *result;
     struct umbt_gbuffer buffer;
-    uint32_t height; /* height of the picture */
-    float *answers;  /* [capacity] of the asset */
-    float *truths;   /* [capacity] of the rays */
+    float *answers; /* [capacity] of the asset */
+    float *truths;  /* [capacity] of the rays */
     struct umbu_progress progress;
-    pthread_mutex_t mutex; /* guards result->stats, sum and picture_sum while blocks run */
+    pthread_mutex_t mutex; /* guards result->stats and the sums while blocks run */
     uint64_t picture_sum;  /* sum of |asset - traced| over 8-bit channels */
-    struct differences sum;
+    uint64_t sums[SUMS];
 };
+
+/* ---- fog ---- */
+
+enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light, double density,
+                              struct umbt_fog *fog, struct umb_error *error)
+{
+    fog->density = density;
+    UMB__TRY(umb_volume_prepare(asset, light, &fog->volume, error));
+    /* A lamp's falloff is not known, but would dominate the fog: only parallel light is allowed. */
+    return umb_volume_check_parallel(&fog->volume, error);
+}
+
+/* The lit integral over the part [from, to] of a ray. */
+static double lit_between(const struct umbt_fog *fog, const double eye[3], const double way[3],
+                          double from, double to)
+{
+    const double depth = fog->density * umb__length(way);
+    struct umb_interval intervals[INTERVALS];
+    struct umb_segment_answer answer;
+    struct umb_segment_answers answers = {
+        .segments = &answer, .intervals = intervals, .interval_max = INTERVALS};
+    double ends[6], sum = 0.0;
+    for (int k = 0; k < 3; k++) {
+        ends[k] = way[k] * from;
+        ends[3 + k] = way[k] * to;
+    }
+    struct umb_segments segments = {.ends = ends, .format = UMB_POINT_F64, .count = 1};
+    memcpy(segments.origin, eye, sizeof segments.origin);
+    umb_volume_segments(&fog->volume, &segments, 0, 1, &answers);
+    if (answer.interval_count > INTERVALS) {
+        /* Halving ends: a piece as long as a voxel crosses few voxels. */
+        const double middle = 0.5 * (from + to);
+        return lit_between(fog, eye, way, from, middle) + lit_between(fog, eye, way, middle, to);
+    }
+    for (uint64_t i = 0; i < answer.interval_count; i++) {
+        const double begin = from + (to - from) * intervals[i].begin;
+        const double end = from + (to - from) * intervals[i].end;
+        sum += exp(-depth * begin) - exp(-depth * end);
+    }
+    return sum;
+}
+
+void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double end[3],
+                   double *through, double *lit)
+{
+    double way[3];
+    umb__subtract(end, eye, way);
+    *through = exp(-fog->density * umb__length(way));
+    *lit = lit_between(fog, eye, way, 0.0, 1.0);
+}
+
+/* ---- stages ---- */
 
 static enum umb_status block_query(void *user, size_t first, size_t count, struct umb_error *error)
 {
     struct frame *frame = user;
     struct umb_query_stats stats = {0};
-    const enum umb_status status = umbt_shadow_source_answer(
-        frame->request->source, frame->buffer.positions, frame->buffer.normals, first, count,
-        frame->answers, &stats, error);
+    const struct umb_points points =
+        umbt_points_at(frame->buffer.positions[first], frame->buffer.normals[first], count);
+    const enum umb_status status = umbt_shadow_source_answer(frame->request->source, &points,
+                                                             frame->answers + first, &stats, error);
     pthread_mutex_lock(&frame->mutex);
     umb_query_stats_add(&frame->result->stats, &stats);
     pthread_mutex_unlock(&frame->mutex);
@@ -59,20 +121,19 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        umbt_widen(&frame->buffer.normals[3 * i], normal);
+        umbt_widen(frame->buffer.normals[i], normal);
         frame->truths[i] =
-            umbt_truth_visibility(frame->request->truth, &frame->buffer.positions[3 * i], normal);
+            umbt_truth_visibility(frame->request->truth, frame->buffer.positions[i], normal);
     }
     return UMB_OK;
 }
 
-/* Cosine between a receiver's normal and the direction to the light. */
 static double receiver_cosine(const struct frame *frame, size_t slot, const double normal[3])
 {
     const struct umbt_picture_request *request = frame->request;
     double towards[3];
-    (void)umbt_towards_light(request->lamp, request->setup->to_light,
-                             &frame->buffer.positions[3 * slot], towards);
+    (void)umbt_towards_light(request->lamp, request->setup->to_light, frame->buffer.positions[slot],
+                             towards);
     return umb__dot(normal, towards);
 }
 
@@ -85,63 +146,52 @@ static double truth_error(const struct umbt_truth *truth)
                : 0.0;
 }
 
-/* Judges a receiver whose window is defined. */
-static void judge(const struct umbt_truth *truth, double answer, double traced,
-                  struct differences *sum)
+/* Adds the difference of receiver i, which faces the light. */
+static void difference_add(const struct frame *frame, size_t i, const double normal[3], int judged,
+                           uint64_t sums[SUMS])
 {
-    const double error = truth_error(truth);
-    sum->false_shadow += answer < 0.5 && traced > 0.5 + error;
-    sum->false_light += answer > 0.5 && traced < 0.5 - error;
+    const struct umbt_truth *truth = frame->request->truth;
+    const double answer = (double)frame->answers[i], traced = (double)frame->truths[i];
+    const double difference = answer - traced;
+    if (difference == 0.0) {
+        return;
+    }
+    const uint64_t fixed = (uint64_t)(fabs(difference) * FIXED_ONE);
+    const uint64_t over_half = fabs(difference) > 0.5;
+    sums[difference > 0.0 ? LIGHTER : DARKER] += fixed;
+    sums[OVER_HALF] += over_half;
+    if (umbt_truth_is_undefined(truth, frame->buffer.positions[i], normal)) {
+        sums[UNDEFINED]++;
+        return;
+    }
+    sums[DEFINED] += fixed;
+    sums[OVER_HALF_DEFINED] += over_half;
+    sums[FALSE_SHADOW] += judged && answer < 0.5 && traced > 0.5 + truth_error(truth);
+    sums[FALSE_LIGHT] += judged && answer > 0.5 && traced < 0.5 - truth_error(truth);
 }
 
-/* Sums the differences of a run of receivers. */
 static enum umb_status block_compare(void *user, size_t first, size_t count,
                                      struct umb_error *error)
 {
     struct frame *frame = user;
-    const struct umbt_picture_request *request = frame->request;
-    const int both = request->source != NULL && request->truth != NULL;
-    struct differences sum = {0};
+    const int both = frame->request->source != NULL && frame->request->truth != NULL;
+    uint64_t sums[SUMS] = {0};
     (void)error;
     for (size_t i = first; i < first + count; i++) {
         double normal[3];
-        umbt_widen(&frame->buffer.normals[3 * i], normal);
+        umbt_widen(frame->buffer.normals[i], normal);
         const double facing = receiver_cosine(frame, i, normal);
-        if (!(facing > 0.0)) {
-            continue;
-        }
         const int judged = facing > UMBT_JUDGED_FACING;
-        sum.facing++;
-        sum.judged += (uint64_t)judged;
-        const double difference = (double)frame->answers[i] - (double)frame->truths[i];
-        if (!both || difference == 0.0) {
-            continue;
-        }
-        const uint64_t fixed = (uint64_t)(fabs(difference) * FIXED_ONE);
-        sum.lighter += difference > 0.0 ? fixed : 0;
-        sum.darker += difference < 0.0 ? fixed : 0;
-        sum.over_half += fabs(difference) > 0.5;
-        if (umbt_truth_is_undefined(request->truth, &frame->buffer.positions[3 * i], normal)) {
-            sum.undefined++;
-        } else {
-            sum.defined += fixed;
-            sum.over_half_defined += fabs(difference) > 0.5;
-            if (judged) {
-                judge(request->truth, (double)frame->answers[i], (double)frame->truths[i], &sum);
-            }
+        sums[FACING] += facing > 0.0;
+        sums[JUDGED] += (uint64_t)judged;
+        if (both && facing > 0.0) {
+            difference_add(frame, i, normal, judged, sums);
         }
     }
     pthread_mutex_lock(&frame->mutex);
-    frame->sum.facing += sum.facing;
-    frame->sum.undefined += sum.undefined;
-    frame->sum.over_half += sum.over_half;
-    frame->sum.over_half_defined += sum.over_half_defined;
-    frame->sum.lighter += sum.lighter;
-    frame->sum.darker += sum.darker;
-    frame->sum.defined += sum.defined;
-    frame->sum.judged += sum.judged;
-    frame->sum.false_shadow += sum.false_shadow;
-    frame->sum.false_light += sum.false_light;
+    for (int i = 0; i < SUMS; i++) {
+        frame->sums[i] += sums[i];
+    }
     pthread_mutex_unlock(&frame->mutex);
     return UMB_OK;
 }
@@ -150,20 +200,19 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, 
 {
     const struct umbt_picture_request *request = frame->request;
     double normal[3];
-    umbt_widen(&frame->buffer.normals[3 * (size_t)slot], normal);
+    umbt_widen(frame->buffer.normals[slot], normal);
     const uint32_t key =
         umbt_scene_surface_key(request->setup->scene, frame->buffer.triangles[slot]);
     return umbt_shade(umbt_surface_color(key), (double)visibility,
                       receiver_cosine(frame, slot, normal), normal[request->setup->z_up ? 2 : 1]);
 }
 
-/* The direction through a pixel's centre. */
 static void pixel_direction(const struct frame *frame, size_t pixel, double direction[3])
 {
     const uint32_t width = frame->buffer.width;
     const double row = (double)(frame->buffer.first_row + pixel / width);
     umbt_camera_ray(&frame->request->setup->camera, ((double)(pixel % width) + 0.5) / (double)width,
-                    (row + 0.5) / (double)frame->height, direction);
+                    (row + 0.5) / (double)frame->request->size[1], direction);
 }
 
 /* Returns a colour seen through the fog, up to the receiver or through the whole scene. */
@@ -176,7 +225,7 @@ static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32
         return color;
     }
     if (slot != UMBT_SKY) {
-        memcpy(end, &frame->buffer.positions[3 * (size_t)slot], sizeof end);
+        memcpy(end, frame->buffer.positions[slot], sizeof end);
     } else {
         pixel_direction(frame, pixel, direction);
         umbt_along(request->setup->camera.eye, request->setup->scene->diagonal_m, direction, end);
@@ -230,21 +279,18 @@ static void pixel_difference(const struct frame *frame, size_t pixel, const uint
 static void pixel_finish(struct frame *frame, size_t pixel, uint8_t asset[3], uint8_t traced[3])
 {
     const struct umbt_picture_request *request = frame->request;
-    const uint32_t width = frame->buffer.width;
-    const size_t row = frame->buffer.first_row + pixel / width;
-    const size_t at = 3 * (row * width + pixel % width);
-    if (request->asset != NULL) {
-        memcpy(&request->asset->pixels[at], asset, 3);
+    const size_t at = 3 * ((size_t)frame->buffer.first_row * frame->buffer.width + pixel);
+    if (request->source != NULL) {
+        memcpy(&frame->pictures->asset.pixels[at], asset, 3);
     }
-    if (request->traced != NULL) {
-        memcpy(&request->traced->pixels[at], traced, 3);
+    if (request->truth != NULL) {
+        memcpy(&frame->pictures->traced.pixels[at], traced, 3);
     }
-    if (request->difference != NULL) {
-        pixel_difference(frame, pixel, traced, &request->difference->pixels[at]);
+    if (request->difference) {
+        pixel_difference(frame, pixel, traced, &frame->pictures->difference.pixels[at]);
     }
 }
 
-/* The sky in the direction of a pixel's centre. */
 static struct umbt_rgb pixel_sky(const struct frame *frame, size_t pixel)
 {
     double direction[3];
@@ -279,7 +325,6 @@ static enum umb_status block_shade(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
-/* Runs one stage and adds its wall time. */
 static enum umb_status stage_run(struct frame *frame, size_t count, size_t block, umbu_block_fn fn,
                                  double *seconds, struct umb_error *error)
 {
@@ -298,7 +343,7 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
     double shade_s = 0.0;
     const double start = umbu_clock_s();
     UMB__TRY(umbt_gbuffer_fill(&frame->buffer, request->setup->scene, &request->setup->camera,
-                               frame->height, first_row, row_count, request->threads, error));
+                               request->size[1], first_row, row_count, request->threads, error));
     result->gbuffer_s += umbu_clock_s() - start;
     const size_t receivers = frame->buffer.receiver_count;
     if (request->source != NULL) {
@@ -316,34 +361,43 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
 static void result_finish(struct frame *frame)
 {
     struct umbt_picture_result *result = frame->result;
-    const struct differences *sum = &frame->sum;
-    const double facing = (double)sum->facing;
-    result->facing = sum->facing;
+    const uint64_t *sums = frame->sums;
+    const double facing = sums[FACING] > 0 ? (double)sums[FACING] : 1.0;
+    const double judged = sums[JUDGED] > 0 ? (double)sums[JUDGED] : 1.0;
+    result->facing = sums[FACING];
     if (frame->request->source == NULL || frame->request->truth == NULL) {
         return;
     }
-    if (result->facing > 0) {
-        result->mean_lighter = (double)sum->lighter / (FIXED_ONE * facing);
-        result->mean_darker = (double)sum->darker / (FIXED_ONE * facing);
-        result->mean_difference = result->mean_lighter + result->mean_darker;
-        result->over_half = (double)sum->over_half / facing;
-        result->undefined = sum->undefined;
-        result->mean_defined = (double)sum->defined / (FIXED_ONE * facing);
-        result->over_half_defined = (double)sum->over_half_defined / facing;
-    }
-    result->judged = sum->judged;
-    if (sum->judged > 0) {
-        result->false_shadow = (double)sum->false_shadow / (double)sum->judged;
-        result->false_light = (double)sum->false_light / (double)sum->judged;
-    }
-    result->picture_difference = (double)frame->picture_sum / (255.0 * 3.0 * (double)frame->height *
-                                                               (double)frame->buffer.width);
+    result->mean_lighter = (double)sums[LIGHTER] / (FIXED_ONE * facing);
+    result->mean_darker = (double)sums[DARKER] / (FIXED_ONE * facing);
+    result->mean_difference = result->mean_lighter + result->mean_darker;
+    result->over_half = (double)sums[OVER_HALF] / facing;
+    result->undefined = sums[UNDEFINED];
+    result->mean_defined = (double)sums[DEFINED] / (FIXED_ONE * facing);
+    result->over_half_defined = (double)sums[OVER_HALF_DEFINED] / facing;
+    result->judged = sums[JUDGED];
+    result->false_shadow = (double)sums[FALSE_SHADOW] / judged;
+    result->false_light = (double)sums[FALSE_LIGHT] / judged;
+    result->picture_difference =
+        (double)frame->picture_sum /
+        (255.0 * 3.0 * (double)frame->request->size[1] * (double)frame->request->size[0]);
 }
 
-static enum umb_status frame_init(struct frame *frame, uint32_t width, uint32_t rows,
-                                  struct umb_error *error)
+static enum umb_status frame_init(struct frame *frame, uint32_t rows, struct umb_error *error)
 {
-    UMB__TRY(umbt_gbuffer_init(&frame->buffer, width, frame->request->aa, rows, error));
+    const struct umbt_picture_request *request = frame->request;
+    const struct {
+        int wanted;
+        struct umbt_picture *picture;
+    } pictures[] = {{request->source != NULL, &frame->pictures->asset},
+                    {request->truth != NULL, &frame->pictures->traced},
+                    {request->difference, &frame->pictures->difference}};
+    for (size_t i = 0; i < sizeof pictures / sizeof pictures[0]; i++) {
+        UMB__TRY(pictures[i].wanted ? umbt_picture_init(pictures[i].picture, request->size[0],
+                                                        request->size[1], error)
+                                    : UMB_OK);
+    }
+    UMB__TRY(umbt_gbuffer_init(&frame->buffer, request->size[0], request->aa, rows, error));
     frame->answers = calloc(frame->buffer.capacity, sizeof *frame->answers);
     frame->truths = calloc(frame->buffer.capacity, sizeof *frame->truths);
     if (frame->answers == NULL || frame->truths == NULL) {
@@ -353,27 +407,20 @@ static enum umb_status frame_init(struct frame *frame, uint32_t width, uint32_t 
     return UMB_OK;
 }
 
-static void frame_finish(struct frame *frame)
-{
-    umbt_gbuffer_finish(&frame->buffer);
-    free(frame->answers);
-    free(frame->truths);
-}
-
 enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
+                                    struct umbt_pictures *pictures,
                                     struct umbt_picture_result *result, struct umb_error *error)
 {
-    const struct umbt_picture *shape = request->asset != NULL ? request->asset : request->traced;
-    const uint32_t width = shape->width, height = shape->height;
-    const size_t row_samples = (size_t)width * request->aa * request->aa;
+    const uint32_t height = request->size[1];
+    const size_t row_samples = (size_t)request->size[0] * request->aa * request->aa;
     uint32_t rows = (uint32_t)((request->truth != NULL ? BAND_TRACED : BAND_SAMPLES) / row_samples);
     rows = rows < 1 ? 1 : rows > height ? height : rows;
-    struct frame frame = {.request = request, .result = result, .height = height};
+    struct frame frame = {.request = request, .pictures = pictures, .result = result};
     memset(result, 0, sizeof *result);
     if (pthread_mutex_init(&frame.mutex, NULL) != 0) {
         return umb_fail(error, UMB_E_NO_MEMORY, "a mutex could not be made");
     }
-    enum umb_status status = frame_init(&frame, width, rows, error);
+    enum umb_status status = frame_init(&frame, rows, error);
     umbu_progress_begin(&frame.progress, "Msamples", request->quiet);
     for (uint32_t row = 0; row < height && status == UMB_OK; row += rows) {
         status = band_render(&frame, row, height - row < rows ? height - row : rows, error);
@@ -385,7 +432,16 @@ enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
     if (status == UMB_OK) {
         result_finish(&frame);
     }
-    frame_finish(&frame);
+    umbt_gbuffer_finish(&frame.buffer);
+    free(frame.answers);
+    free(frame.truths);
     pthread_mutex_destroy(&frame.mutex);
     return status;
+}
+
+void umbt_pictures_finish(struct umbt_pictures *pictures)
+{
+    umbt_picture_finish(&pictures->asset);
+    umbt_picture_finish(&pictures->traced);
+    umbt_picture_finish(&pictures->difference);
 }

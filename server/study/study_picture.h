@@ -12,11 +12,38 @@
  * normal, and counting them would flatter the mean.
  */
 #include "study/picture.h"
-#include "study/shadow_source.h"
-#include "study/study_fog.h"
-#include "study/traced_shadow.h"
-#include "study/gbuffer.h"
 #include "study/setup.h"
+#include "study/shadow_source.h"
+#include "study/traced_shadow.h"
+#include "umbrage/volume.h"
+
+/*
+ * Sunlit fog between the eye and the surface: light shafts. The lit intervals of each view ray come
+ * from a segment query of the asset. So the integral over them is exact for a fog of constant
+ * density: nothing is sampled along the ray.
+ */
+struct umbt_fog {
+    struct umb_volume volume;
+    double density; /* extinction, 1/m */
+};
+
+/* Makes fog of an asset's light. Fails: the errors of umb_volume_prepare and
+ * umb_volume_check_parallel. */
+UMB_CHECKED enum umb_status umbt_fog_make(const struct umb_asset *asset, uint32_t light,
+                                          double density, struct umbt_fog *fog,
+                                          struct umb_error *error);
+
+/*
+ * Looks through the fog.
+ *
+ * In:  eye, end: world space, metres, finite.
+ * Out: through: share of the light from `end` that reaches the eye. lit: share of the fog's own
+ *      light that is sunlit and reaches it: the integral of density * exp(-density s) over the lit
+ *      intervals; lit + through <= 1.
+ * Threads: any.
+ */
+void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double end[3],
+                   double *through, double *lit);
 
 /* Cosine between normal and light below which receivers are not judged. There a texel's edge
  * reaches so far along the surface that shadows cannot be right; such receivers are also hardly
@@ -25,17 +52,20 @@
 
 struct umbt_picture_request {
     const struct umbt_setup *setup;          /* to_light: of parallel light */
+    uint32_t size[2];                        /* pixels */
     const struct umbt_shadow_source *source; /* NULL: no shadows from an asset */
     const struct umbt_truth *truth;          /* NULL: no traced shadows; at least one of both */
     const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
     const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
     uint32_t aa;                       /* sub-samples a side of a pixel, 1..3 */
     unsigned threads;
-    struct umbt_picture *asset;  /* out, made by the caller; NULL to leave out */
-    struct umbt_picture *traced; /* out, made by the caller; NULL to leave out */
-    /* Out, made by the caller; NULL to leave out; needs source and truth. */
-    struct umbt_picture *difference;
+    int difference; /* 1: draws the difference; needs source and truth */
     int quiet;
+};
+
+struct umbt_pictures {
+    struct umbt_picture asset, traced; /* empty without source, without truth */
+    struct umbt_picture difference;    /* red where the asset is lighter, blue where darker */
 };
 
 struct umbt_picture_result {
@@ -59,9 +89,11 @@ struct umbt_picture_result {
     double picture_difference; /* mean over all pixels and channels, of 0..1 sRGB */
 };
 
-/* Renders. Fails: E_NO_MEMORY, or as umbt_shadow_source_answer. */
+/* Renders into zeroed pictures. Fails: E_NO_MEMORY, or as umbt_shadow_source_answer. */
 UMB_CHECKED enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
+                                                struct umbt_pictures *pictures,
                                                 struct umbt_picture_result *result,
                                                 struct umb_error *error);
+void umbt_pictures_finish(struct umbt_pictures *pictures); /* a zeroed struct is allowed */
 
 #endif

@@ -30,17 +30,15 @@
 
 const char *const umbt_study_set_names[UMBT_STUDY_SET_COUNT] = {"view", "border", "free"};
 
-/* State of the tracing threads. */
 struct tracing {
-    const struct umbt_study *study;
-    struct umbt_study_points *points;
+    struct umbt_study *study;
     size_t first;
 };
 
 static int sees_light(const struct umbt_study *study, const double from[3])
 {
-    return !umbr_occluded(study->scene.rays, from, study->points.to_light, 0.0,
-                          2.0 * study->scene.diagonal_m);
+    return !umbr_occluded(study->common.scene.rays, from, study->points.to_light, 0.0,
+                          2.0 * study->common.scene.diagonal_m);
 }
 
 /* Two unit vectors that span the plane perpendicular to a unit normal. */
@@ -89,8 +87,9 @@ static double distance_along(const struct umbt_study *study, const double from[3
     return high;
 }
 
-static void trace_point(const struct umbt_study *study, struct umbt_study_points *points, size_t i)
+static void trace_point(struct umbt_study *study, size_t i)
 {
+    struct umbt_study_points *points = &study->points;
     double normal[3], from[3], u[3], v[3];
     umbt_widen(points->normals[i], normal);
     points->boundary_m[i] = INFINITY;
@@ -102,7 +101,7 @@ static void trace_point(const struct umbt_study *study, struct umbt_study_points
         points->lit[i] = 0;
         return;
     }
-    umbt_along(points->positions[i], SURFACE_LIFT * study->scene.diagonal_m, normal, from);
+    umbt_along(points->positions[i], SURFACE_LIFT * study->common.scene.diagonal_m, normal, from);
     points->lit[i] = (uint8_t)sees_light(study, from);
     tangents(normal, u, v);
     double nearest = INFINITY;
@@ -120,15 +119,14 @@ static void trace_point(const struct umbt_study *study, struct umbt_study_points
 static void trace_item(void *user, size_t i)
 {
     struct tracing *tracing = user;
-    trace_point(tracing->study, tracing->points, tracing->first + i);
+    trace_point(tracing->study, tracing->first + i);
 }
 
 static enum umb_status trace_range(struct umbt_study *study, size_t first, size_t count,
                                    struct umb_error *error)
 {
-    struct tracing tracing = {study, &study->points, first};
-    return umbu_range_each((unsigned)study->options.threads, count, BLOCK, trace_item, &tracing,
-                           error);
+    struct tracing tracing = {study, first};
+    return umbu_range_each(study->common.threads, count, BLOCK, trace_item, &tracing, error);
 }
 
 static enum umb_status room_make(struct umbt_study_points *points, size_t count,
@@ -157,7 +155,7 @@ static void append(struct umbt_study_points *points, const struct umbt_point_set
 static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struct umb_error *error)
 {
     const struct umbt_camera_subject subject =
-        umbt_subject(&study->scene, study->points.to_light, study->z_up);
+        umbt_subject(&study->common.scene, study->points.to_light, study->z_up);
     const double base = umbt_compass_azimuth(subject.to_light, subject.z_up, 0.0);
     enum umb_status status = UMB_E_BAD_SCENE;
     for (int i = 0; i < VIEWS; i++) {
@@ -167,12 +165,12 @@ static enum umb_status views_draw(struct umbt_study *study, size_t wanted, struc
                                                    .has_elevation = 1,
                                                    .elevation_deg = 25.0 + 20.0 * i};
         const struct umbt_pixel_request view = {
-            .scene = &study->scene,
+            .scene = &study->common.scene,
             .camera = &camera,
             .subject = &subject,
             .size = {320, 180},
             .count = wanted / VIEWS,
-            .threads = (unsigned)study->options.threads,
+            .threads = study->common.threads,
         };
         struct umbt_point_set set = {0};
         const enum umb_status seen = umbt_points_of_pixels(&view, &set, error);
@@ -192,11 +190,11 @@ static enum umb_status random_draw(struct umbt_study *study, enum umbt_point_kin
                                    size_t wanted, struct umb_error *error)
 {
     const struct umbt_point_request request = {
-        .scene = &study->scene,
+        .scene = &study->common.scene,
         .kind = kind,
         .count = wanted,
-        .seed = study->options.seed + (uint64_t)kind,
-        .threads = (unsigned)study->options.threads,
+        .seed = study->common.seed + (uint64_t)kind,
+        .threads = study->common.threads,
         .quiet = 1,
     };
     struct umbt_point_set set = {0};
@@ -244,7 +242,7 @@ enum umb_status umbt_study_points_make(struct umbt_study *study, struct umb_erro
     struct umbt_study_points *points = &study->points;
     const size_t wanted = (size_t)study->options.points;
     memset(points, 0, sizeof *points);
-    points->reach_m = REACH_SHARE * study->scene.diagonal_m;
+    points->reach_m = REACH_SHARE * study->common.scene.diagonal_m;
     for (int k = 0; k < 3; k++) {
         points->to_light[k] = -study->bakes[0].light.direction[k];
     }

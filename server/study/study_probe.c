@@ -1,24 +1,371 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preparing and querying one setting; see study_probe.h. */
+/* Makes the peers, and prepares and queries one setting; see study_probe.h. */
 #include "study/study_probe.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
+#include "tool/threads.h"
 #include "study/study_math.h"
+#include "tool/clock.h"
+#include "umbrage/volume.h"
 
-#define AHEAD       16U /* prefetch distance in points if there are too few for tuning */
-#define TUNE_POINTS 256U
+#define MAP_LOG2_MAX    13 /* 8192 texels a side: 128 MiB */
+#define VOLUME_LOG2_MAX 12 /* greatest log2_size of nanovdb_peer.h */
+#define DERIVED_QUICK   1024U
+#define DERIVED_FULL    2048U
+#define BIAS_CLEARS     (65.0 / 64.0)
+#define AHEAD           16U /* prefetch distance in points if there are too few for tuning */
+#define TUNE_POINTS     256U
 
-struct umb_points umbt_study_points_all(const struct umbt_study *study)
+/* ---- samples ---- */
+
+static int faces_light(const struct umbt_study_points *points, size_t i)
 {
-    return (struct umb_points){
-        .positions = study->points.positions,
-        .format = UMB_POINT_F64,
-        .normals = study->points.normals,
-        .count = study->points.count,
-    };
+    double normal[3];
+    umbt_widen(points->normals[i], normal);
+    return umb__dot(normal, normal) == 0.0 || umb__dot(normal, points->to_light) > 0.0;
 }
+
+static enum umb_status facing_gather(const struct umbt_study *study, struct umbt_peers *peers,
+                                     struct umb_error *error)
+{
+    const struct umbt_study_points *points = &study->points;
+    peers->rank = calloc(points->count + 1, sizeof *peers->rank);
+    peers->positions = calloc(points->count, sizeof *peers->positions);
+    peers->normals = calloc(points->count, sizeof *peers->normals);
+    if (peers->rank == NULL || peers->positions == NULL || peers->normals == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", points->count);
+    }
+    for (size_t i = 0; i < points->count; i++) {
+        peers->rank[i] = (uint32_t)peers->facing_count;
+        if (faces_light(points, i)) {
+            memcpy(peers->positions[peers->facing_count], points->positions[i],
+                   sizeof points->positions[i]);
+            memcpy(peers->normals[peers->facing_count], points->normals[i],
+                   sizeof points->normals[i]);
+            peers->facing_count++;
+        }
+    }
+    peers->rank[points->count] = (uint32_t)peers->facing_count;
+    return UMB_OK;
+}
+
+/* Moves the facing samples off their surface for a filter of `taps`, relative to the asset's
+ * origin. Returns float[3 * facing_count] for free(); NULL if out of memory. */
+static float *moved_make(const struct umbt_study *study, const struct umbt_peers *peers,
+                         const struct umbt_study_bake *bake, uint32_t taps)
+{
+    const struct umb_query_settings settings = {.taps = taps};
+    const double(*step)[3] = bake->frustum.voxel_step;
+    /* Reach without a normal: that of (1,1,1) / sqrt(3) in voxels. */
+    const double no_normal =
+        0.5 / sqrt(3.0) *
+        ((double)taps * (umb__length(step[0]) + umb__length(step[1])) + umb__length(step[2]));
+    float(*moved)[3] = malloc(peers->facing_count * sizeof *moved + 16);
+    for (size_t i = 0; moved != NULL && i < peers->facing_count; i++) {
+        double normal[3], to[3];
+        umbt_widen(peers->normals[i], normal);
+        if (umbt_normalize(normal) > 0.0) {
+            const double way = BIAS_CLEARS * umbt_truth_bias(&settings, &bake->frustum, normal);
+            umbt_along(peers->positions[i], way, normal, to);
+        } else {
+            umbt_along(peers->positions[i], BIAS_CLEARS * no_normal, study->points.to_light, to);
+        }
+        for (int k = 0; k < 3; k++) {
+            moved[i][k] = (float)(to[k] - bake->info.origin[k]);
+        }
+    }
+    return moved != NULL ? moved[0] : NULL;
+}
+
+/* ---- the shadow map, from the columns of an open asset ---- */
+
+/* Columns of eight rows at a time. */
+struct columns {
+    const struct umbt_study_bake *bake;
+    struct umb_volume volume;
+    struct umbt_map16 *map;
+};
+
+/* Fills one block of 8 x 8 columns by a query at the centres of their texels on the first slice. */
+static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
+{
+    const struct umb_frustum_info *frustum = &columns->bake->frustum;
+    struct umb_column_answer found[64];
+    double at[64][3];
+    int32_t lit[64];
+    for (uint32_t i = 0; i < 64; i++) {
+        const double voxel[3] = {x + i % 8 + 0.5, y + i / 8 + 0.5, 0.5};
+        for (int k = 0; k < 3; k++) {
+            at[i][k] = 0.0;
+            for (int axis = 0; axis < 3; axis++) {
+                at[i][k] +=
+                    (voxel[axis] - frustum->world_to_voxel[axis][3]) * frustum->voxel_step[axis][k];
+            }
+        }
+    }
+    struct umb_points points = {.positions = at, .format = UMB_POINT_F64, .count = 64};
+    memcpy(points.origin, columns->bake->info.origin, sizeof points.origin);
+    struct umb_column_answers answers = {.columns = found};
+    umb_volume_columns(&columns->volume, &points, 0, 64, &answers);
+    for (int i = 0; i < 64; i++) {
+        lit[i] = (int32_t)found[i].lit;
+    }
+    umbt_map16_put(columns->map, x, y, lit);
+}
+
+static void row_fill(void *user, size_t row)
+{
+    const struct columns *columns = user;
+    for (uint32_t x = 0; x < (uint32_t)columns->map->size; x += 8) {
+        block_fill(columns, x, 8 * (uint32_t)row);
+    }
+}
+
+static enum umb_status map_fill(const struct umbt_study *study, const struct umbt_study_bake *bake,
+                                struct umbt_map16 *map, struct umb_error *error)
+{
+    struct columns columns = {.bake = bake, .map = map};
+    UMB__TRY(umb_volume_prepare(bake->asset, 0, &columns.volume, error));
+    UMB__TRY(umb_volume_check_parallel(&columns.volume, error));
+    UMB__TRY(umb_volume_check_columns(&columns.volume, error));
+    return umbu_range_each(study->common.threads, (size_t)map->size / 8, 4, row_fill, &columns,
+                           error);
+}
+
+/* Keeps the layout that is faster for windows, and frees the other. */
+static enum umb_status map_tune(const struct umbt_study *study, const struct umbt_peers *peers,
+                                struct umbt_peer *peer, struct umb_error *error)
+{
+    const size_t view = peers->rank[study->points.first[UMBT_STUDY_BORDER]];
+    float *moved =
+        moved_make(study, peers, &study->bakes[peer->setting.bake], UMBT_PEER_DERIVED_TAPS);
+    float *answers = malloc((view + 1) * sizeof *answers);
+    double best_s = INFINITY;
+    for (int way = 0; moved != NULL && answers != NULL && way < UMBT_MAP16_WAYS; way++) {
+        struct umbt_map16_query query = {.map = &peer->map,
+                                         .points = moved,
+                                         .count = view,
+                                         .taps = UMBT_PEER_DERIVED_TAPS,
+                                         .answers = answers};
+        const double seconds = umbt_map16_tune(&query, (enum umbt_map16_way)way);
+        if (seconds < best_s) {
+            best_s = seconds;
+            peer->way = (enum umbt_map16_way)way;
+        }
+    }
+    const int fits = moved != NULL && answers != NULL;
+    free(moved);
+    free(answers);
+    return fits ? UMB_OK
+                : umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", view);
+}
+
+/* ---- the sparse volume, from the map's heights ---- */
+
+/* Least and largest `lit` of each block of 8 x 8 columns. */
+struct heights {
+    const struct umbt_map16 *map;
+    uint16_t (*range)[2]; /* [side * side] */
+    uint32_t side;        /* blocks */
+};
+
+static uint16_t height_at(const struct heights *heights, uint32_t x, uint32_t y)
+{
+    return heights->map
+        ->rows[((size_t)y + UMBT_MAP16_PAD) * (size_t)heights->map->side + x + UMBT_MAP16_PAD];
+}
+
+static int heights_make(const struct umbt_map16 *map, struct heights *heights)
+{
+    heights->map = map;
+    heights->side = (uint32_t)map->size / 8;
+    const size_t count = (size_t)heights->side * heights->side;
+    heights->range = malloc(count * sizeof *heights->range);
+    for (size_t block = 0; heights->range != NULL && block < count; block++) {
+        uint16_t low = UINT16_MAX, high = 0;
+        for (uint32_t i = 0; i < 64; i++) {
+            const uint16_t lit = height_at(heights, 8 * (uint32_t)(block % heights->side) + i % 8,
+                                           8 * (uint32_t)(block / heights->side) + i / 8);
+            low = lit < low ? lit : low;
+            high = lit > high ? lit : high;
+        }
+        heights->range[block][0] = low;
+        heights->range[block][1] = high;
+    }
+    return heights->range != NULL;
+}
+
+static int block_state(const void *user, uint32_t x, uint32_t y, uint32_t z, uint64_t slices[8])
+{
+    const struct heights *heights = user;
+    const uint16_t *range = heights->range[(size_t)y * heights->side + x];
+    if (8 * z + 8 <= range[0] || 8 * z >= range[1]) {
+        return 8 * z + 8 <= range[0];
+    }
+    memset(slices, 0, 8 * sizeof *slices);
+    for (uint32_t i = 0; i < 64; i++) {
+        const uint32_t lit = height_at(heights, 8 * x + i % 8, 8 * y + i / 8);
+        for (uint32_t slice = 0; slice < 8; slice++) {
+            slices[slice] |= (uint64_t)(8 * z + slice < lit) << i;
+        }
+    }
+    return 2;
+}
+
+/* Makes a volume from a map's heights; the map still has its rows. */
+static enum umb_status volume_add(const struct umbt_study *study, struct umbt_peers *peers,
+                                  const struct umbt_peer *map, struct umb_error *error)
+{
+    struct umbt_peer *peer = &peers->list[peers->count];
+    const struct umbt_study_bake *bake = &study->bakes[map->setting.bake];
+    struct heights heights;
+    *peer = (struct umbt_peer){
+        .setting = {.method = UMBT_STUDY_NANOVDB, .bake = map->setting.bake, .name = "nanovdb"}};
+    if (heights_make(&map->map, &heights)) {
+        peer->volume = umbt_nanovdb_make(bake->frustum.log2_size, bake->frustum.world_to_voxel,
+                                         block_state, &heights);
+        free(heights.range);
+    }
+    if (peer->volume == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%s as a NanoVDB grid does not fit in memory",
+                        bake->name);
+    }
+    peer->setting.bytes = umbt_nanovdb_bytes(peer->volume);
+    peers->count++;
+    return UMB_OK;
+}
+
+/* Makes the shadow map of a resolution, and its volume. */
+static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peers *peers,
+                                uint32_t bake, struct umb_error *error)
+{
+    struct umbt_peer *peer = &peers->list[peers->count];
+    const struct umb_frustum_info *frustum = &study->bakes[bake].frustum;
+    *peer = (struct umbt_peer){
+        .setting = {.method = UMBT_STUDY_DEPTH_MAP, .bake = bake, .name = "depth map"}};
+    UMB__TRY(umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error));
+    peers->count++;
+    UMB__TRY(map_fill(study, &study->bakes[bake], &peer->map, error));
+    UMB__TRY(map_tune(study, peers, peer, error));
+    if (umbt_nanovdb_is_built() && frustum->log2_size <= VOLUME_LOG2_MAX) {
+        UMB__TRY(volume_add(study, peers, peer, error));
+    }
+    umbt_map16_drop(&peer->map, peer->way != UMBT_MAP16_TILES);
+    peer->setting.bytes = umbt_map16_bytes(&peer->map);
+    return UMB_OK;
+}
+
+/* ---- maps for GPUs ---- */
+
+static enum umb_status derived_add(const struct umbt_study *study, struct umbt_peers *peers,
+                                   uint32_t bake, struct umb_error *error)
+{
+    static const struct {
+        const char *name;
+        enum umb_map_technique technique;
+    } rows[] = {{"derived pcf", UMB_MAP_PCF},
+                {"derived vsm", UMB_MAP_VSM},
+                {"derived esm", UMB_MAP_ESM},
+                {"derived evsm", UMB_MAP_EVSM},
+                {"derived msm", UMB_MAP_MSM}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct umbt_peer *peer = &peers->list[peers->count];
+        *peer = (struct umbt_peer){
+            .setting = {.method = UMBT_STUDY_DERIVED, .bake = bake, .name = rows[i].name}};
+        const struct umb_derive_settings settings = {
+            .width = study->bakes[bake].resolution,
+            .height = study->bakes[bake].resolution,
+            .map = {.technique = rows[i].technique,
+                    .blur = rows[i].technique == UMB_MAP_PCF ? 0 : UMBT_PEER_DERIVED_TAPS},
+        };
+        struct umb_map_info info;
+        const double start = umbu_thread_cpu_s();
+        UMB__TRY(umb_derive(study->bakes[bake].asset, &settings, NULL, &peer->derived, error));
+        peer->setting.build_s = umbu_thread_cpu_s() - start;
+        umb_map_get_info(peer->derived->maps[0], &info);
+        peer->setting.bytes = info.bytes;
+        peers->count++;
+    }
+    return UMB_OK;
+}
+
+/* ---- all ---- */
+
+static void say_missing(struct umbt_study *study)
+{
+    study->missing = "";
+    if (!umbt_map16_supported()) {
+        study->missing = "The plain shadow map and NanoVDB were not measured: no AVX2.";
+    } else if (!umbt_nanovdb_is_built()) {
+        study->missing =
+            "NanoVDB was not measured: umbrage-study was built without libnanovdb-dev.";
+    }
+}
+
+/* Returns the resolution of derived maps: usual for GPUs, below the highest of the study. */
+static uint32_t derived_resolution(const struct umbt_study_options *options)
+{
+    uint32_t resolution = options->quick ? DERIVED_QUICK : DERIVED_FULL;
+    while (resolution > 512 && resolution >= options->max_resolution) {
+        resolution /= 2;
+    }
+    return resolution;
+}
+
+/* Peers of a resolution: a map, a volume, five derived maps. */
+#define PEERS_OF_RESOLUTION 7
+
+static enum umb_status resolutions_add(const struct umbt_study *study, struct umbt_peers *peers,
+                                       struct umb_error *error)
+{
+    const uint32_t derived = derived_resolution(&study->options);
+    for (uint32_t b = 0; b < study->bake_count; b++) {
+        const struct umbt_study_bake *bake = &study->bakes[b];
+        if (bake->asset == NULL || bake->closed ||
+            peers->count + PEERS_OF_RESOLUTION > UMBT_PEERS_MAX) {
+            continue;
+        }
+        if (umbt_map16_supported() && bake->frustum.log2_size <= MAP_LOG2_MAX) {
+            UMB__TRY(maps_add(study, peers, b, error));
+        }
+        if (bake->resolution == derived) {
+            UMB__TRY(derived_add(study, peers, b, error));
+        }
+    }
+    return UMB_OK;
+}
+
+enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
+                                struct umb_error *error)
+{
+    memset(peers, 0, sizeof *peers);
+    say_missing(study);
+    if (!study->common.quiet) {
+        fprintf(stderr, "umbrage study: shadow maps and volumes of the same resolutions\n");
+    }
+    UMB__TRY(facing_gather(study, peers, error));
+    return resolutions_add(study, peers, error);
+}
+
+void umbt_peers_finish(struct umbt_peers *peers)
+{
+    for (uint32_t i = 0; i < peers->count; i++) {
+        umbt_map16_finish(&peers->list[i].map);
+        umbt_nanovdb_destroy(peers->list[i].volume);
+        umb_derived_destroy(peers->list[i].derived);
+    }
+    free(peers->rank);
+    free(peers->positions);
+    free(peers->normals);
+    memset(peers, 0, sizeof *peers);
+}
+
+/* ---- probes ---- */
 
 void umbt_study_normal(const struct umbt_study_points *points, size_t i, double normal[3])
 {
@@ -28,17 +375,16 @@ void umbt_study_normal(const struct umbt_study_points *points, size_t i, double 
 
 static void asset_run(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
-    struct umb_points points = umbt_study_points_all(probe->study);
+    const struct umbt_study_points *samples = &probe->study->points;
+    const struct umb_points points =
+        umbt_points_at(samples->positions[first], samples->normals[first], count);
     struct umb_answers answers = {.values = values};
-    points.positions = probe->study->points.positions + first;
-    points.normals = probe->study->points.normals + first;
-    points.count = count;
     umb_query_run(&probe->query, &points, 0, count, &answers);
 }
 
 static void peer_run(const struct umbt_probe *probe, size_t first, size_t count, float *values)
 {
-    switch (probe->peer->method) {
+    switch (probe->peer->setting.method) {
     case UMBT_STUDY_DEPTH_MAP: {
         struct umbt_map16_query query = probe->map;
         query.points += 3 * first;
@@ -56,10 +402,8 @@ static void peer_run(const struct umbt_probe *probe, size_t first, size_t count,
         break;
     }
     default: {
-        const struct umb_points points = {.positions = probe->peers->positions + first,
-                                          .format = UMB_POINT_F64,
-                                          .normals = probe->peers->normals + first,
-                                          .count = count};
+        const struct umb_points points =
+            umbt_points_at(probe->peers->positions[first], probe->peers->normals[first], count);
         umb_map_run(&probe->derived, &points, 0, count, values);
         break;
     }
@@ -93,18 +437,12 @@ static void truth_prepare(struct umbt_probe *probe)
 {
     const struct umbt_study *study = probe->study;
     const int disc = probe->result->method == UMBT_STUDY_PENUMBRA;
-    probe->truth = (struct umbt_truth){
-        .rays = study->scene.rays,
-        .kind = disc ? UMBT_TRUTH_DISC : UMBT_TRUTH_AREA,
-        .settings = {.taps = probe->result->taps},
-        .samples = (uint32_t)study->options.truth_side,
-        .extent = disc ? probe->bake->light.extent : 0.0,
-        .diagonal_m = study->scene.diagonal_m,
-        .frustum = probe->bake->frustum,
-        .closed = probe->bake->frustum.closed ? study->scene.parts.closed : NULL,
-    };
-    memcpy(probe->truth.to_light, study->points.to_light, sizeof probe->truth.to_light);
-    memcpy(probe->truth.origin, probe->bake->info.origin, sizeof probe->truth.origin);
+    probe->truth = umbt_truth_of(&study->common.scene, study->points.to_light,
+                                 probe->bake->info.origin, &probe->bake->frustum);
+    probe->truth.kind = disc ? UMBT_TRUTH_DISC : UMBT_TRUTH_AREA;
+    probe->truth.settings.taps = probe->result->taps;
+    probe->truth.samples = (uint32_t)study->options.truth_side;
+    probe->truth.extent = disc ? probe->bake->light.extent : 0.0;
 }
 
 /* Tunes the map's prefetch distance on the view. */
@@ -132,17 +470,17 @@ static enum umb_status map_prepare(struct umbt_probe *probe, struct umb_error *e
 static enum umb_status peer_prepare(struct umbt_probe *probe, struct umb_error *error)
 {
     const uint32_t taps = probe->result->taps;
-    if (probe->peer->method == UMBT_STUDY_DERIVED) {
+    if (probe->peer->setting.method == UMBT_STUDY_DERIVED) {
         const struct umb_derived *derived = probe->peer->derived;
         const struct umb_map_filter filter = {
             .width = (double)taps, .bias_normal = 1.0, .bias_m = derived->texel_error_m};
         return umb_map_prepare(derived->maps[0], &filter, &probe->derived, error);
     }
-    probe->moved = umbt_peers_moved(probe->study, probe->peers, probe->bake, taps);
+    probe->moved = moved_make(probe->study, probe->peers, probe->bake, taps);
     if (probe->moved == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "the samples do not fit in memory again");
     }
-    if (probe->peer->method == UMBT_STUDY_DEPTH_MAP) {
+    if (probe->peer->setting.method == UMBT_STUDY_DEPTH_MAP) {
         return map_prepare(probe, error);
     }
     probe->volume = (struct umbt_nanovdb_query){

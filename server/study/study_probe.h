@@ -3,9 +3,51 @@
 #define UMBRAGE_SERVER_STUDY_STUDY_PROBE_H
 /* Probes: settings of a study that are ready to query. study_measure.c judges them, study_times.c
  * times them. */
-#include "study/traced_shadow.h"
+#include "study/nanovdb_peer.h"
+#include "study/shadow_map16.h"
 #include "study/study.h"
-#include "study/study_peers.h"
+#include "study/traced_shadow.h"
+#include "umbrage/derive.h"
+
+/*
+ * Peers that answer the samples of a study, made from its open assets, so that resolution and
+ * frustum are the same. They are a plain 16-bit shadow map with percentage closer filtering
+ * (shadow_map16.h), a NanoVDB mask grid of the voxels (nanovdb_peer.h, if the build has it), and
+ * the maps that `umbrage derive` makes for GPUs.
+ *
+ * The map and the grid get an advantage: samples that face away are not part of their time, and the
+ * others are moved off their surface and converted to floats before. An asset's time includes all
+ * these steps.
+ */
+#define UMBT_PEERS_MAX         32
+#define UMBT_PEER_DERIVED_TAPS 9 /* filter width of derived maps */
+
+/* One peer of one bake. */
+struct umbt_peer {
+    struct umbt_study_result setting; /* method, name, bake, bytes, build_s of its results */
+    enum umbt_map16_way way;          /* DEPTH_MAP */
+    struct umbt_map16 map;            /* DEPTH_MAP */
+    struct umbt_nanovdb *volume;      /* NANOVDB */
+    struct umb_derived *derived;      /* DERIVED */
+};
+
+struct umbt_peers {
+    uint32_t count;
+    struct umbt_peer list[UMBT_PEERS_MAX];
+    /* Samples that face the light or have no normal, in order. */
+    size_t facing_count;
+    uint32_t *rank;         /* [points + 1]: facing samples before each */
+    double (*positions)[3]; /* [facing_count] */
+    float (*normals)[3];    /* [facing_count] */
+};
+
+/*
+ * Makes the peers at all resolutions that each of them supports. study->missing names the other
+ * peers and the reason. Fails: E_NO_MEMORY, and the errors of umb_derive.
+ */
+UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *peers,
+                                            struct umb_error *error);
+void umbt_peers_finish(struct umbt_peers *peers);
 
 /* One setting, prepared. */
 struct umbt_probe {
@@ -22,9 +64,6 @@ struct umbt_probe {
     struct umbt_nanovdb_query volume;
     struct umb_map_query derived;
 };
-
-/* All samples of the study as points of a query; borrowed. */
-struct umb_points umbt_study_points_all(const struct umbt_study *study);
 
 /*
  * Queries samples first .. first + count - 1 with a setting.
@@ -50,5 +89,33 @@ void umbt_study_normal(const struct umbt_study_points *points, size_t i, double 
  * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *probes,
                                              struct umb_error *error);
+
+/* ---- errors; sums run in the order of the samples, so that they can be reproduced ---- */
+
+/* Answers with their truths; borrowed, arrays of `count`. */
+struct umbt_judged {
+    size_t count; /* surface samples */
+    const float *answers;
+    const float *area;  /* the area truth */
+    const uint8_t *lit; /* the hard truth */
+    /* Distance in metres from the sample to a change of truth; infinite: none within reach. */
+    const float *boundary_m;
+    const uint8_t *undefined; /* 1: left out, but counted */
+};
+
+/* Errors against the area truth. Out: judged, undefined, rms, worst, over_*; counts are added
+ * to. */
+void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result *result);
+
+/*
+ * Errors against the hard truth. An answer above one half means lit, one below it shadowed. Exactly
+ * one half means neither: a coarse cell contains a boundary. Such an answer is neither false light
+ * nor false shadow. The sample's distance from the boundary counts as the answer's error.
+ *
+ * In:  result->judged, by umbt_errors_area. wrong: scratch, float[count].
+ * Out: false_light, false_shadow, undecided, off_*.
+ */
+void umbt_errors_edges(const struct umbt_judged *judged, float *wrong,
+                       struct umbt_study_result *result);
 
 #endif

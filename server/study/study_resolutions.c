@@ -35,7 +35,7 @@
 enum umb_status umbt_study_path(const struct umbt_study *study, const char *name,
                                 char path[UMBT_STUDY_PATH], struct umb_error *error)
 {
-    return snprintf(path, PATH_BYTES, "%s/%s", study->options.folder, name) < PATH_BYTES
+    return snprintf(path, PATH_BYTES, "%s/%s", study->common.output, name) < PATH_BYTES
                ? UMB_OK
                : umb_fail(error, UMB_E_ARGUMENT, "-o: the path has more than %d bytes",
                           PATH_BYTES - 1);
@@ -51,22 +51,21 @@ enum umb_status umbt_study_folder(const struct umbt_study *study, const char *na
                : umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "-o: folder '%.200s'", path);
 }
 
-/* Files of one asset. */
-struct asset_paths {
-    char asset[PATH_BYTES], times[PATH_BYTES], talk[PATH_BYTES];
+enum {
+    ASSET,
+    TIMES, /* times of its bake */
+    TALK,  /* messages of its bake */
+    FILES
 };
 
 static enum umb_status paths_make(const struct umbt_study *study, const char *bake,
-                                  struct asset_paths *paths, struct umb_error *error)
+                                  char paths[FILES][PATH_BYTES], struct umb_error *error)
 {
-    const struct {
-        const char *ending;
-        char *path;
-    } files[] = {{"umb", paths->asset}, {"times", paths->times}, {"log", paths->talk}};
-    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+    static const char *const endings[FILES] = {"umb", "times", "log"};
+    for (int i = 0; i < FILES; i++) {
         char name[UMBT_STUDY_NAME + 16];
-        (void)snprintf(name, sizeof name, "assets/%s.%s", bake, files[i].ending);
-        UMB__TRY(umbt_study_path(study, name, files[i].path, error));
+        (void)snprintf(name, sizeof name, "assets/%s.%s", bake, endings[i]);
+        UMB__TRY(umbt_study_path(study, name, paths[i], error));
     }
     return UMB_OK;
 }
@@ -90,17 +89,17 @@ static enum umb_status find_bake(char path[PATH_BYTES], struct umb_error *error)
 
 /* Fills the command line of one bake; texts are borrowed. */
 static void fill_arguments(const struct umbt_study *study, const struct umbt_study_bake *bake,
-                           const struct asset_paths *paths, char *numbers, const char **arguments)
+                           char paths[FILES][PATH_BYTES], char *numbers, const char **arguments)
 {
     const struct umbt_study_options *o = &study->options;
-    const char *fixed[] = {"umbrage-bake", o->scene, "-o", paths->asset, "--verify", "0", "--quiet",
-                           "--closed", bake->closed ? "auto" : "off", "--resolution", numbers,
-                           "--threads",
+    const char *fixed[] = {"umbrage-bake", study->common.scene_path, "-o", paths[ASSET], "--verify",
+                           "0", "--quiet", "--closed", bake->closed ? "auto" : "off",
+                           "--resolution", numbers, "--threads",
                            /* Because rays know only opaque and open. */
                            numbers + 16, "--effect", "transmittance=off"};
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
-    (void)snprintf(numbers + 16, 16, "%u", (unsigned)o->threads);
+    (void)snprintf(numbers + 16, 16, "%u", study->common.threads);
     for (; count < sizeof fixed / sizeof fixed[0]; count++) {
         arguments[count] = fixed[count];
     }
@@ -125,7 +124,6 @@ static void become_bake(const char *program, const char *const *arguments, const
     _exit(127);
 }
 
-/* Reads the last line of the bake's messages. */
 static void last_line(const char *path, char *line, size_t size)
 {
     char text[512];
@@ -147,7 +145,7 @@ static double seconds_of(const struct timeval *time)
 
 /* Runs one bake. Out: its exit code, 128 and more for a signal. */
 static enum umb_status run_bake(const struct umbt_study *study, struct umbt_study_bake *bake,
-                                const struct asset_paths *paths, int *code, struct umb_error *error)
+                                char paths[FILES][PATH_BYTES], int *code, struct umb_error *error)
 {
     char program[PATH_BYTES], numbers[32];
     const char *arguments[ARGS_MAX];
@@ -158,7 +156,7 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
     const double start = umbu_clock_s();
     pid_t ended, child = fork();
     if (child == 0) {
-        become_bake(program, arguments, paths->talk);
+        become_bake(program, arguments, paths[TALK]);
     }
     if (child < 0) {
         return umb_fail_errno(error, UMB_E_LIMIT, errno, "cannot start umbrage-bake");
@@ -194,13 +192,11 @@ static int times_load(const char *path, struct umbt_study_bake *bake)
     return good;
 }
 
-/* Opens an asset and reads the facts that the study needs. */
 static enum umb_status resolution_open(struct umbt_study_bake *bake, const char *path,
                                        struct umb_error *error)
 {
     UMB__TRY(umb_asset_open_file(path, NULL, &bake->asset, error));
     umb_asset_get_info(bake->asset, &bake->info);
-    bake->packed_bytes = bake->info.packed_bytes;
     UMB__TRY(umb_asset_get_light(bake->asset, 0, &bake->light));
     UMB__TRY(umb_asset_get_frustum(bake->asset, bake->light.first_frustum, &bake->frustum));
     if (bake->light.kind != UMB_LIGHT_DIRECTIONAL) {
@@ -219,15 +215,15 @@ static void resolution_close(struct umbt_study_bake *bake)
 
 /* 1 if an earlier run left this asset. */
 static int resolution_reuse(const struct umbt_study *study, struct umbt_study_bake *bake,
-                            const struct asset_paths *paths)
+                            char paths[FILES][PATH_BYTES])
 {
     struct umb_error ignored;
-    if (access(paths->asset, R_OK) != 0 || !times_load(paths->times, bake) ||
-        resolution_open(bake, paths->asset, &ignored) != UMB_OK) {
+    if (access(paths[ASSET], R_OK) != 0 || !times_load(paths[TIMES], bake) ||
+        resolution_open(bake, paths[ASSET], &ignored) != UMB_OK) {
         resolution_close(bake);
         return 0;
     }
-    const int same = memcmp(bake->info.scene_hash, study->scene.hash, UMB_ID_BYTES) == 0 &&
+    const int same = memcmp(bake->info.scene_hash, study->common.scene.hash, UMB_ID_BYTES) == 0 &&
                      bake->resolution == 1U << bake->frustum.log2_size;
     if (!same) {
         resolution_close(bake);
@@ -235,7 +231,6 @@ static int resolution_reuse(const struct umbt_study *study, struct umbt_study_ba
     return same;
 }
 
-/* The status for an exit code of umbrage-bake. */
 static enum umb_status status_of(int code)
 {
     static const enum umb_status known[] = {UMB_E_ARGUMENT, UMB_E_BAD_SCENE, UMB_E_NO_INPUT,
@@ -252,19 +247,19 @@ static enum umb_status status_of(int code)
 static enum umb_status resolution_bake(const struct umbt_study *study, struct umbt_study_bake *bake,
                                        struct umb_error *error)
 {
-    struct asset_paths paths;
+    char paths[FILES][PATH_BYTES];
     char talk[TALK_BYTES];
     int code = 0;
-    enum umb_status status = paths_make(study, bake->name, &paths, error);
-    if (status != UMB_OK || resolution_reuse(study, bake, &paths)) {
+    enum umb_status status = paths_make(study, bake->name, paths, error);
+    if (status != UMB_OK || resolution_reuse(study, bake, paths)) {
         return status;
     }
-    UMB__TRY(run_bake(study, bake, &paths, &code, error));
+    UMB__TRY(run_bake(study, bake, paths, &code, error));
     if (code == 0) {
-        times_save(paths.times, bake);
-        return resolution_open(bake, paths.asset, error);
+        times_save(paths[TIMES], bake);
+        return resolution_open(bake, paths[ASSET], error);
     }
-    last_line(paths.talk, talk, sizeof talk);
+    last_line(paths[TALK], talk, sizeof talk);
     (void)snprintf(bake->reason, sizeof bake->reason, "%.200s", talk);
     if (code != EXIT_NO_ROOM) {
         return umb_fail(error, status_of(code), "%s: %.200s (umbrage-bake ended with %d)",
@@ -282,7 +277,7 @@ static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolut
     bake->resolution = resolution;
     bake->closed = closed;
     (void)snprintf(bake->name, sizeof bake->name, "%u-%s", resolution, closed ? "closed" : "open");
-    if (!study->options.quiet) {
+    if (!study->common.quiet) {
         fprintf(stderr, "umbrage study: bake %s\n", bake->name);
     }
     enum umb_status status = resolution_bake(study, bake, error);
@@ -299,7 +294,7 @@ enum umb_status umbt_study_bake_all(struct umbt_study *study, struct umb_error *
 {
     UMB__TRY(umbt_study_folder(study, "", error));
     UMB__TRY(umbt_study_folder(study, "assets", error));
-    const int any_closed = study->scene.parts.closed_triangles > 0;
+    const int any_closed = study->common.scene.parts.closed_triangles > 0;
     for (int closed = any_closed; closed >= 0; closed--) {
         int more = 1;
         for (uint64_t resolution = LOWEST; more && resolution <= study->options.max_resolution &&

@@ -36,7 +36,7 @@ static uint32_t surface_group(const struct umbt_scene *scene, size_t triangle)
 static double triangle_area(const double corners[3][3])
 {
     double normal[3];
-    umbt_triangle_cross(corners, normal);
+    umb__triangle_cross(corners, normal);
     return 0.5 * umb__length(normal);
 }
 
@@ -67,8 +67,7 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
-static enum umb_status scene_load(struct umbt_scene *scene, int whole, int through,
-                                  struct umb_error *error)
+static enum umb_status scene_load(struct umbt_scene *scene, unsigned flags, struct umb_error *error)
 {
     const struct umbs_import_options options = {0};
     const struct umbr_rays_options traced = {.cuts = &scene->cuts};
@@ -77,7 +76,8 @@ static enum umb_status scene_load(struct umbt_scene *scene, int whole, int throu
     umbs_scene_hash(view, scene->hash);
     UMB__TRY(umbs_scene_flatten(view, &scene->corners, &scene->materials, &scene->count, error));
     UMB__TRY(umbs_cuts_find(view, &scene->cuts, error));
-    umbs_cuts_take_as_opaque(&scene->cuts, whole, !through);
+    umbs_cuts_take_as_opaque(&scene->cuts, (flags & UMBT_SCENE_WHOLE) != 0,
+                             (flags & UMBT_SCENE_THROUGH) == 0);
     if (scene->count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", scene->path);
     }
@@ -90,28 +90,15 @@ static enum umb_status scene_load(struct umbt_scene *scene, int whole, int throu
     return umbr_rays_build(corners, scene->count, &traced, &scene->rays, error);
 }
 
-/* Loads a scene. whole: 1 = triangles with holes are whole. through: 1 = rays pass translucent
- * triangles. */
-static enum umb_status scene_init(struct umbt_scene *scene, const char *path, int whole,
-                                  int through, struct umb_error *error)
+enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, unsigned flags,
+                                struct umb_error *error)
 {
     *scene = (struct umbt_scene){.path = path};
-    const enum umb_status status = scene_load(scene, whole, through, error);
+    const enum umb_status status = scene_load(scene, flags, error);
     if (status != UMB_OK) {
         umbt_scene_finish(scene);
     }
     return status;
-}
-
-enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, struct umb_error *error)
-{
-    return scene_init(scene, path, 0, 0, error);
-}
-
-enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
-                                       struct umb_error *error)
-{
-    return scene_init(scene, path, 0, 1, error);
 }
 
 int umbt_plan_has(const char *plan, const char *effect)
@@ -127,13 +114,6 @@ int umbt_plan_has(const char *plan, const char *effect)
     return 0;
 }
 
-enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
-                                        const char *plan, struct umb_error *error)
-{
-    return scene_init(scene, path, !umbt_plan_has(plan, "cut-out"),
-                      umbt_plan_has(plan, "transmittance"), error);
-}
-
 void umbt_scene_finish(struct umbt_scene *scene)
 {
     if (scene->rays != NULL) {
@@ -147,22 +127,6 @@ void umbt_scene_finish(struct umbt_scene *scene)
         umbs_scene_destroy(scene->scene);
     }
     memset(scene, 0, sizeof *scene);
-}
-
-enum umb_status umbt_scene_match(const struct umbt_scene *scene, const char *asset,
-                                 const uint8_t asset_hash[UMB_ID_BYTES], struct umb_error *error)
-{
-    if (memcmp(scene->hash, asset_hash, UMB_ID_BYTES) == 0) {
-        return UMB_OK;
-    }
-    char of_scene[UMB_ID_TEXT_SIZE], of_asset[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(scene->hash, of_scene);
-    umb_id_to_text(asset_hash, of_asset);
-    return umb_fail(
-        error, UMB_E_BAD_SCENE,
-        "%.80s was not baked from %.80s: scene hash %.16s... in the asset, %.16s... of the "
-        "scene (--force goes on)",
-        asset, scene->path, of_asset, of_scene);
 }
 
 uint32_t umbt_scene_surface_key(const struct umbt_scene *scene, size_t triangle)

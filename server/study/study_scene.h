@@ -31,29 +31,16 @@ struct umbt_scene {
 /* Returns 1 if a plan says that an effect is on. Material names in the reasons do not count. */
 int umbt_plan_has(const char *plan, const char *effect);
 
-/* Loads a scene. Fails: the errors of umbs_scene_import, umbs_cuts_find, umbs_scene_flatten,
- * umbs_parts_find and umbr_rays_build. */
+enum umbt_scene_flags {
+    UMBT_SCENE_WHOLE = 1,   /* triangles with holes are whole */
+    UMBT_SCENE_THROUGH = 2, /* rays pass through translucent triangles */
+};
+
+/* Loads a scene. flags: of enum umbt_scene_flags. Fails: the errors of umbs_scene_import,
+ * umbs_cuts_find, umbs_scene_flatten, umbs_parts_find and umbr_rays_build. */
 UMB_CHECKED enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path,
-                                            struct umb_error *error);
-
-/* umbt_scene_init, but rays pass through translucent triangles. */
-UMB_CHECKED enum umb_status umbt_scene_init_opaque(struct umbt_scene *scene, const char *path,
-                                                   struct umb_error *error);
-
-/* Does umbt_scene_init for an asset with this plan. Holes count only if the plan has the effect
- * cut-out on. Rays pass through translucent triangles if it has the effect transmittance on. */
-UMB_CHECKED enum umb_status umbt_scene_init_planned(struct umbt_scene *scene, const char *path,
-                                                    const char *plan, struct umb_error *error);
+                                            unsigned flags, struct umb_error *error);
 void umbt_scene_finish(struct umbt_scene *scene); /* a zeroed struct is allowed */
-
-/*
- * Checks that an asset was baked from this scene: equal content hashes.
- *
- * Fails: E_BAD_SCENE, naming both hashes.
- */
-UMB_CHECKED enum umb_status umbt_scene_match(const struct umbt_scene *scene, const char *asset,
-                                             const uint8_t asset_hash[UMB_ID_BYTES],
-                                             struct umb_error *error);
 
 /* Returns the key of a triangle's surface colour, by material if several are used, else by part.
  * The largest surface, usually the ground, has key 0. */

@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/try.h"
 #include "tool/threads.h"
@@ -24,9 +25,12 @@
 #define ALL_S      0.02
 #define ATTEMPTS   4 /* attempts at times whose runs agree */
 
-/* Times of one setting, a run each. */
+/* Times of one setting, and of rays, a run each. */
 struct times {
     double view[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS], all[UMBT_STUDY_RUNS];
+};
+struct ray_times {
+    double ns[UMBT_RAYS_WAYS][UMBT_STUDY_RUNS];
 };
 
 static enum umb_status all_block(void *user, size_t first, size_t count, struct umb_error *error)
@@ -53,7 +57,6 @@ static size_t all_passes(size_t view, double ns)
     return wanted >= (double)ALL_PASSES ? ALL_PASSES : 1 + (size_t)wanted;
 }
 
-/* Times a setting once. values: scratch, float[points]. */
 static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
                                  float *values, struct umb_error *error)
 {
@@ -68,37 +71,22 @@ static enum umb_status time_once(struct umbt_probe *probe, struct times *times, 
     times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
     const size_t passes = all_passes(view, times->view[run]);
     start = umbu_clock_s();
-    const enum umb_status status = umbu_range_run(
-        (unsigned)probe->study->options.threads, passes * view, ALL_BLOCK, all_block, probe, error);
+    const enum umb_status status = umbu_range_run(probe->study->common.threads, passes * view,
+                                                  ALL_BLOCK, all_block, probe, error);
     times->all[run] = 1e9 * (umbu_clock_s() - start) / (double)(passes * view);
     return status;
 }
 
-/* Ways to trace rays; in the order of the fields of struct umbt_study_rays. */
-enum {
-    RAYS_VIEW,
-    RAYS_FREE,
-    RAYS_VIEW8,
-    RAYS_AREA,
-    RAYS_AREA8,
-    RAYS_WAYS,
-};
-
-/* Times of the rays, a run each. */
-struct ray_times {
-    double ns[RAYS_WAYS][UMBT_STUDY_RUNS];
-};
-
-/* Traces one ray a sample, eight a call; the last few samples are left out. Returns the number of
- * rays that hit. */
-static int rays_by_eight(const struct umbt_study *study, size_t count, double reach)
+/* Traces one ray from each start, eight a call; the last few starts are left out. Returns the
+ * number of rays that hit. */
+static int rays_by_eight(const struct umbt_study *study, const double (*starts)[3], size_t count,
+                         double near, double far)
 {
-    const struct umbt_study_points *points = &study->points;
     int sum = 0;
     for (size_t i = 0; i + 8 <= count; i += 8) {
         uint8_t stopped[8];
-        umbr_occluded8(study->scene.rays, (const double(*)[3])points->positions + i,
-                       points->to_light, 1e-5 * reach, reach, stopped);
+        umbr_occluded8(study->common.scene.rays, starts + i, study->points.to_light, near, far,
+                       stopped);
         for (int k = 0; k < 8; k++) {
             sum += stopped[k];
         }
@@ -115,10 +103,8 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
         RAYS = AREA_RAYS * AREA_RAYS,
         CALLS = (RAYS + 7) / 8
     };
-    const double pitch = (double)window->settings.taps / AREA_RAYS,
-                 reach = 2.0 * window->diagonal_m;
+    const double pitch = (double)window->settings.taps / AREA_RAYS;
     double normal[3], moved[3], starts[8 * CALLS][3];
-    int sum = 0;
     umbt_study_normal(&study->points, i, normal);
     if (!(umb__dot(normal, study->points.to_light) > 0.0)) {
         return 0;
@@ -132,15 +118,8 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
         umbt_along(moved, x, window->frustum.voxel_step[0], starts[k]);
         umbt_along(starts[k], y, window->frustum.voxel_step[1], starts[k]);
     }
-    for (int call = 0; call < CALLS; call++) {
-        uint8_t stopped[8];
-        umbr_occluded8(study->scene.rays, (const double(*)[3])starts + 8 * call,
-                       study->points.to_light, 0.0, reach, stopped);
-        for (int k = 0; k < 8; k++) {
-            sum += stopped[k];
-        }
-    }
-    return sum;
+    return rays_by_eight(study, (const double(*)[3])starts, 8 * CALLS, 0.0,
+                         2.0 * window->diagonal_m);
 }
 
 /* Traces the rays of the first `count` samples of a set one way. Returns the number of hits. */
@@ -148,39 +127,40 @@ static int trace(const struct umbt_study *study, const struct umbt_truth *window
                  size_t count)
 {
     const struct umbt_study_points *points = &study->points;
-    const double reach = 2.0 * study->scene.diagonal_m;
-    const size_t first = way == RAYS_FREE ? points->first[UMBT_STUDY_FREE] : 0;
+    const double reach = 2.0 * study->common.scene.diagonal_m;
+    const size_t first = way == UMBT_RAYS_FREE ? points->first[UMBT_STUDY_FREE] : 0;
     int sum = 0;
-    if (way == RAYS_VIEW8) {
-        return rays_by_eight(study, count, reach);
+    if (way == UMBT_RAYS_VIEW8) {
+        return rays_by_eight(study, (const double(*)[3])points->positions, count, 1e-5 * reach,
+                             reach);
     }
     for (size_t i = first; i < first + count; i++) {
-        if (way == RAYS_AREA) {
+        if (way == UMBT_RAYS_AREA) {
             double normal[3];
             umbt_study_normal(points, i, normal);
             sum += umbt_truth_visibility(window, points->positions[i], normal) > 0.5F;
-        } else if (way == RAYS_AREA8) {
+        } else if (way == UMBT_RAYS_AREA8) {
             sum += window_by_eight(study, window, i);
         } else {
-            sum += umbr_occluded(study->scene.rays, points->positions[i], points->to_light,
+            sum += umbr_occluded(study->common.scene.rays, points->positions[i], points->to_light,
                                  1e-5 * reach, reach);
         }
     }
     return sum;
 }
 
-/* Times rays on the same samples, each way once. Returns the number of rays that hit, so that the
- * compiler cannot remove them. */
+/* Times each way of tracing rays once, on the samples of the queries. Returns the number of rays
+ * that hit, so that the compiler cannot remove them. */
 static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
                      const struct umbt_truth *window)
 {
     const struct umbt_study_points *points = &study->points;
     const size_t view = points->first[UMBT_STUDY_BORDER];
     int sum = 0;
-    for (int way = 0; way < RAYS_WAYS; way++) {
-        const size_t count = way == RAYS_FREE ? points->count - points->first[UMBT_STUDY_FREE]
-                             : way < RAYS_AREA || view < AREA_POINTS ? view
-                                                                     : AREA_POINTS;
+    for (int way = 0; way < UMBT_RAYS_WAYS; way++) {
+        const size_t count = way == UMBT_RAYS_FREE ? points->count - points->first[UMBT_STUDY_FREE]
+                             : way < UMBT_RAYS_AREA || view < AREA_POINTS ? view
+                                                                          : AREA_POINTS;
         const double start = umbu_thread_cpu_s();
         sum += trace(study, window, way, count);
         times->ns[way][run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)count;
@@ -189,42 +169,27 @@ static int rays_once(const struct umbt_study *study, struct ray_times *times, in
 }
 
 /* Keeps a time if its runs are steadier than those of the time before. */
-static void keep_steadier(double runs[UMBT_STUDY_RUNS], double *ns, double *spread_kept)
+static void keep_steadier(double runs[UMBT_STUDY_RUNS], struct umbt_time *kept)
 {
-    double apart;
-    const double middle = umbt_median(runs, UMBT_STUDY_RUNS, &apart);
-    if (apart < *spread_kept) {
-        *ns = middle;
-        *spread_kept = apart;
+    const struct umbt_time time = umbt_median(runs, UMBT_STUDY_RUNS);
+    *kept = time.spread < kept->spread ? time : *kept;
+}
+
+static void rays_conclude(struct umbt_time rays[UMBT_RAYS_WAYS], struct ray_times *times)
+{
+    struct umbt_time made[UMBT_RAYS_WAYS];
+    for (int way = 0; way < UMBT_RAYS_WAYS; way++) {
+        made[way] = umbt_median(times->ns[way], UMBT_STUDY_RUNS);
     }
-}
-
-static void setting_conclude(struct umbt_study_result *result, struct times *times)
-{
-    keep_steadier(times->view, &result->ns_view, &result->spread);
-    keep_steadier(times->free, &result->ns_free, &result->spread_free);
-    keep_steadier(times->all, &result->ns_view_all, &result->spread_all);
-}
-
-static void rays_conclude(struct umbt_study_rays *rays, struct ray_times *times)
-{
-    double *const ns[RAYS_WAYS] = {&rays->ns_view, &rays->ns_free, &rays->ns_view8, &rays->ns_area,
-                                   &rays->ns_area8};
-    double spread, ignored;
-    const double view = umbt_median(times->ns[RAYS_VIEW], UMBT_STUDY_RUNS, &spread);
-    if (spread < rays->spread) {
-        for (int way = RAYS_FREE; way < RAYS_WAYS; way++) {
-            *ns[way] = umbt_median(times->ns[way], UMBT_STUDY_RUNS, &ignored);
-        }
-        rays->ns_view = view;
-        rays->spread = spread;
+    if (made[UMBT_RAYS_VIEW].spread < rays[UMBT_RAYS_VIEW].spread) {
+        memcpy(rays, made, sizeof made);
     }
 }
 
 static int is_noisy(const struct umbt_study_result *result)
 {
-    return fmax(result->spread, fmax(result->spread_free, result->spread_all)) >
-           UMBT_STUDY_SPREAD_MAX;
+    return fmax(result->view.spread, fmax(result->free.spread, result->all.spread)) >
+           UMBT_SPREAD_MAX;
 }
 
 /* Makes one attempt: interleaved runs of all settings whose times are not steady yet. */
@@ -233,7 +198,7 @@ static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe
                                      float *values, struct umb_error *error)
 {
     struct ray_times rays;
-    const int rays_too = study->rays.spread > UMBT_STUDY_SPREAD_MAX;
+    const int rays_too = study->rays[UMBT_RAYS_VIEW].spread > UMBT_SPREAD_MAX;
     for (int run = 0; run < UMBT_STUDY_RUNS; run++) {
         for (uint32_t i = 0; i < study->result_count; i++) {
             UMB__TRY(is_noisy(&study->results[i])
@@ -241,16 +206,18 @@ static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe
                          : UMB_OK);
         }
         if (rays_too) {
-            study->rays.stopped += rays_once(study, &rays, run, window);
+            study->stopped += rays_once(study, &rays, run, window);
         }
     }
     for (uint32_t i = 0; i < study->result_count; i++) {
         if (is_noisy(&study->results[i])) {
-            setting_conclude(&study->results[i], &times[i]);
+            keep_steadier(times[i].view, &study->results[i].view);
+            keep_steadier(times[i].free, &study->results[i].free);
+            keep_steadier(times[i].all, &study->results[i].all);
         }
     }
     if (rays_too) {
-        rays_conclude(&study->rays, &rays);
+        rays_conclude(study->rays, &rays);
     }
     return UMB_OK;
 }
@@ -269,10 +236,10 @@ enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *pr
     struct umbt_truth window = probes[0].truth;
     enum umb_status status = UMB_OK;
     window.samples = AREA_RAYS;
-    study->rays.spread = INFINITY;
+    study->rays[UMBT_RAYS_VIEW].spread = INFINITY;
     for (uint32_t i = 0; i < study->result_count; i++) {
         struct umbt_study_result *result = &study->results[i];
-        result->spread = result->spread_free = result->spread_all = INFINITY;
+        result->view.spread = result->free.spread = result->all.spread = INFINITY;
     }
     for (int attempt = 0; attempt < ATTEMPTS && status == UMB_OK; attempt++) {
         status = times_attempt(study, probes, times, &window, values, error);

@@ -3,22 +3,17 @@
  * `techniques`: every shadow map technique on the same points of a scene, compared with traced
  * rays: error, bytes and time, and one picture of the view by each, side by side.
  */
-#include "study/study_command.h"
+#include "study/techniques.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
-#include "tool/json.h"
-#include "tool/output.h"
-#include "tool/threads.h"
-#include "study/technique_run.h"
 
 struct techniques {
-    struct umbt_setup_options options;
+    struct umbt_common common;
     const char *asset_path;
-    struct umbt_scene scene;
     struct umbt_technique_view view;
     struct umbt_sheet sheet;
     float *values;                         /* [receivers] answers of a row */
@@ -30,11 +25,11 @@ struct techniques {
 #define AT(field) UMBU_AT(struct techniques, field)
 
 static const struct umbu_option OPTIONS[] = {
-    {UMBT_SCENE_ROW(struct techniques, options.scene)},
+    {UMBT_SCENE_ROW},
     {"output", "FILE",
      "PNG file with all views side by side, five a row: the three truths first, then the rows of "
      "the table; - is stdout",
-     UMBU_TEXT, AT(options.output), .letter = 'o'},
+     UMBU_TEXT, UMBT_AT(output), .letter = 'o'},
     {"asset", "FILE", "asset file baked for the same sun; adds two rows", UMBU_TEXT,
      AT(asset_path)},
     {"resolution", "N", "texels a side of each map, a power of two from 64 to 4096",
@@ -43,7 +38,7 @@ static const struct umbu_option OPTIONS[] = {
     {"light-size", "DEG", "angular diameter of the sun for penumbrae in degrees, above 0 to 20",
      UMBU_ABOVE(0, 20), .unit = "deg", .scale = 3.14159265358979323846 / 180.0, AT(view.light_rad),
      .standard = "0.53"},
-    {UMBT_SIZE_ROW(struct techniques, options.size, 2048, "256x160")},
+    {UMBT_SIZE_ROW(2048, "256x160")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -54,29 +49,34 @@ static const struct umbu_command COMMAND = {
     .notes = "Errors are means over points that face the light: of |answer - truth|, and of\n"
              "its parts. Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 73 cannot\n"
              "create, 74 I/O, 75 temporary.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP(struct techniques, options)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
 
-/* Runs row i: a technique, or the asset. */
+/* Truths of the rows of an asset. */
+static const enum umbt_technique_truth DAG_TRUTHS[] = {UMBT_POINT, UMBT_BOX};
+
 static enum umb_status row_run(struct techniques *t, size_t i, struct umb_error *error)
 {
     struct umbt_technique_result *result = &t->results[i];
     if (i < umbt_technique_row_count) {
         return umbt_technique_run(&t->view, &umbt_technique_rows[i], t->values, result, error);
     }
-    return umbt_dag_run(&t->view, t->asset, (uint32_t)(i - umbt_technique_row_count), t->values,
+    return umbt_dag_run(&t->view, t->asset, DAG_TRUTHS[i - umbt_technique_row_count], t->values,
                         result, error);
 }
 
-static enum umb_status techniques_run(struct techniques *t, struct umb_error *error)
+static enum umb_status techniques_run(void *state, const struct umbu_parsed *parsed,
+                                      struct umb_error *error)
 {
-    UMB__TRY(umbt_setup_open(&t->options, &t->scene, &t->view.setup, error));
-    t->view.threads = (unsigned)t->options.threads;
-    memcpy(t->view.size, t->options.size, sizeof t->view.size);
+    struct techniques *t = state;
+    (void)parsed;
+    UMB__TRY(umbt_setup_open(&t->common, &t->view.setup, error));
+    t->view.threads = t->common.threads;
+    memcpy(t->view.size, t->common.size, sizeof t->view.size);
     UMB__TRY(umbt_technique_view_make(&t->view, error));
     t->row_count = umbt_technique_row_count;
     if (t->asset_path != NULL) {
-        t->row_count += UMBT_DAG_ROWS;
+        t->row_count += sizeof DAG_TRUTHS / sizeof DAG_TRUTHS[0];
         UMB__TRY(umbt_dag_open(&t->view, t->asset_path, &t->asset, error));
     }
     t->values = malloc(t->view.buffer.receiver_count * sizeof *t->values);
@@ -84,7 +84,7 @@ static enum umb_status techniques_run(struct techniques *t, struct umb_error *er
     if (t->values == NULL || t->results == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "answers do not fit in memory");
     }
-    UMB__TRY(umbt_sheet_begin(&t->sheet, t->options.output, &t->view,
+    UMB__TRY(umbt_sheet_begin(&t->sheet, t->common.output, &t->view,
                               UMBT_TECHNIQUE_TRUTHS + t->row_count, error));
     for (size_t i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
         umbt_sheet_draw(&t->sheet, i, &t->view, t->view.truth[i]);
@@ -102,7 +102,7 @@ static const char *row_name(const struct techniques *t, size_t i, char *buffer, 
     if (i < umbt_technique_row_count) {
         return umbt_technique_rows[i].name;
     }
-    const int box = umbt_dag_truths[i - umbt_technique_row_count] == UMBT_BOX;
+    const int box = DAG_TRUTHS[i - umbt_technique_row_count] == UMBT_BOX;
     (void)snprintf(buffer, size, "dag-%u", box ? t->view.taps : 1U);
     return buffer;
 }
@@ -111,14 +111,16 @@ static const char *row_truth(size_t i)
 {
     static const char *const names[] = {"box", "point", "penumbra"};
     return names[i < umbt_technique_row_count ? umbt_technique_rows[i].truth
-                                              : umbt_dag_truths[i - umbt_technique_row_count]];
+                                              : DAG_TRUTHS[i - umbt_technique_row_count]];
 }
 
-static void report_text(FILE *to, const struct techniques *t)
+static void report_text(FILE *to, const void *state)
 {
+    const struct techniques *t = state;
     const struct umbt_technique_view *view = &t->view;
-    fprintf(to, "%s: %zu triangles, %u texels a side, filter %u, %zu points\n", t->options.scene,
-            t->scene.count, view->resolution, view->taps, view->buffer.receiver_count);
+    fprintf(to, "%s: %zu triangles, %u texels a side, filter %u, %zu points\n",
+            t->common.scene_path, t->common.scene.count, view->resolution, view->taps,
+            view->buffer.receiver_count);
     fprintf(to, "%-22s %-9s %9s %9s %9s %8s %11s %8s %9s\n", "technique", "truth", "mean",
             "lighter", "darker", "over 0.5", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < t->row_count; i++) {
@@ -126,59 +128,40 @@ static void report_text(FILE *to, const struct techniques *t)
         char name[16];
         fprintf(to, "%-22s %-9s %9.5f %9.5f %9.5f %7.3f%% %11" PRIu64 " %8.3f %9.0f\n",
                 row_name(t, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
-                100.0 * r->over_half, r->info.bytes, r->build_s, r->ns);
+                100.0 * r->over_half, r->info.bytes, r->build_s, r->time.ns);
     }
 }
 
-static void report_json(const struct techniques *t)
+static void report_json(struct umbu_json *json, const void *state)
 {
-    const struct umbt_technique_view *view = &t->view;
-    struct umbu_json json = {.file = stdout};
-    umbu_json_begin(&json, NULL, '{');
-    umbu_json_text(&json, "scene", t->options.scene);
-    umbu_json_integer(&json, "triangles", t->scene.count);
-    umbu_json_integer(&json, "resolution", view->resolution);
-    umbu_json_integer(&json, "taps", view->taps);
-    umbu_json_integer(&json, "points", view->buffer.receiver_count);
-    umbu_json_begin(&json, "techniques", '[');
+    const struct techniques *t = state;
+    umbu_json_text(json, "scene", t->common.scene_path);
+    UMBU_JSON_COUNTS(json, {"triangles", t->common.scene.count}, {"resolution", t->view.resolution},
+                     {"taps", t->view.taps}, {"points", t->view.buffer.receiver_count});
+    umbu_json_begin(json, "techniques", '[');
     for (size_t i = 0; i < t->row_count; i++) {
         const struct umbt_technique_result *r = &t->results[i];
         char name[16];
-        umbu_json_begin(&json, NULL, '{');
-        umbu_json_text(&json, "name", row_name(t, i, name, sizeof name));
-        umbu_json_text(&json, "truth", row_truth(i));
-        umbu_json_integer(&json, "bytes", r->info.bytes);
-        UMBU_JSON_VALUES(&json, 9, {"mean", r->mean}, {"lighter", r->lighter},
-                         {"darker", r->darker}, {"over_half", r->over_half},
-                         {"slack", r->info.slack});
-        UMBU_JSON_VALUES(&json, 6, {"build_s", r->build_s}, {"query_ns", r->ns});
-        umbu_json_end(&json, '}');
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", row_name(t, i, name, sizeof name));
+        umbu_json_text(json, "truth", row_truth(i));
+        umbu_json_integer(json, "bytes", r->info.bytes);
+        UMBU_JSON_VALUES(json, 9, {"mean", r->mean}, {"lighter", r->lighter}, {"darker", r->darker},
+                         {"over_half", r->over_half}, {"slack", r->info.slack});
+        UMBU_JSON_VALUES(json, 6, {"build_s", r->build_s}, {"query_ns", r->time.ns});
+        umbu_json_end(json, '}');
     }
-    umbu_json_close(&json);
 }
 
-int umbt_techniques_command(int argc, char **argv)
+static void finish(void *state)
 {
-    struct techniques t;
-    struct umb_error error = {0};
-    struct umbu_parsed parsed;
-    memset(&t, 0, sizeof t);
-    t.options.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &t);
-    if (code >= 0) {
-        return code;
-    }
-    const enum umb_status status = techniques_run(&t, &error);
-    if (status == UMB_OK && t.options.json) {
-        report_json(&t);
-    } else if (status == UMB_OK && !t.options.quiet) {
-        report_text(umbu_output_talk(t.options.output), &t);
-    }
-    free(t.values);
-    free(t.results);
-    umb_asset_close(t.asset);
-    umbt_picture_finish(&t.sheet.picture);
-    umbt_technique_view_finish(&t.view);
-    umbt_scene_finish(&t.scene);
-    return umbu_end(&COMMAND, status, &error);
+    struct techniques *t = state;
+    free(t->values);
+    free(t->results);
+    umb_asset_close(t->asset);
+    umbt_picture_finish(&t->sheet.picture);
+    umbt_technique_view_finish(&t->view);
 }
+
+const struct umbt_command umbt_techniques = {
+    &COMMAND, sizeof(struct techniques), techniques_run, report_text, report_json, finish};

@@ -10,6 +10,19 @@
 /* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
 
+struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
+                                const double origin[3], const struct umb_frustum_info *frustum)
+{
+    return (struct umbt_truth){
+        .rays = scene->rays,
+        .to_light = {to_light[0], to_light[1], to_light[2]},
+        .diagonal_m = scene->diagonal_m,
+        .origin = {origin[0], origin[1], origin[2]},
+        .frustum = *frustum,
+        .closed = frustum->closed ? scene->parts.closed : NULL,
+    };
+}
+
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3])
 {
@@ -121,26 +134,26 @@ static void texel_window(const struct umbt_truth *truth, const double point[3],
     window->side = truth->settings.taps > 0 ? truth->settings.taps : 1;
 }
 
-static void window_start(const struct window *window, uint32_t i, uint32_t j, double start[3])
+/* Start of ray i, row by row. */
+static void window_start(const struct window *window, uint32_t i, double start[3])
 {
     const double middle = 0.5 * (double)(window->side - 1);
-    const double x = window->centre[0] + ((double)i - middle) * window->pitch;
-    const double y = window->centre[1] + ((double)j - middle) * window->pitch;
+    const double x = window->centre[0] + ((double)(i % window->side) - middle) * window->pitch;
+    const double y = window->centre[1] + ((double)(i / window->side) - middle) * window->pitch;
     umbt_along(window->moved, x, window->frustum.voxel_step[0], start);
     umbt_along(start, y, window->frustum.voxel_step[1], start);
 }
 
 static float window_visibility(const struct umbt_truth *truth, const struct window *window)
 {
+    const uint32_t count = window->side * window->side;
     uint32_t lit = 0;
-    for (uint32_t j = 0; j < window->side; j++) {
-        for (uint32_t i = 0; i < window->side; i++) {
-            double start[3];
-            window_start(window, i, j, start);
-            lit += ray_reaches(truth, start) ? 1U : 0U;
-        }
+    for (uint32_t i = 0; i < count; i++) {
+        double start[3];
+        window_start(window, i, start);
+        lit += ray_reaches(truth, start) ? 1U : 0U;
     }
-    return (float)lit / (float)(window->side * window->side);
+    return (float)lit / (float)count;
 }
 
 int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
@@ -151,16 +164,14 @@ int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3
     }
     struct window window;
     texel_window(truth, point, normal, &window);
-    for (uint32_t j = 0; j < window.side; j++) {
-        for (uint32_t i = 0; i < window.side; i++) {
-            double start[3], towards[3];
-            int winding = 0, crossings = 0;
-            window_start(&window, i, j, start);
-            (void)umbt_towards_light(truth->lamp, truth->to_light, start, towards);
-            umbr_crossings(truth->rays, start, towards, truth->closed, &winding, &crossings);
-            if (winding > 0) {
-                return 1;
-            }
+    for (uint32_t i = 0; i < window.side * window.side; i++) {
+        double start[3], towards[3];
+        int winding = 0, crossings = 0;
+        window_start(&window, i, start);
+        (void)umbt_towards_light(truth->lamp, truth->to_light, start, towards);
+        umbr_crossings(truth->rays, start, towards, truth->closed, &winding, &crossings);
+        if (winding > 0) {
+            return 1;
         }
     }
     return 0;

@@ -23,7 +23,7 @@
  * Precision: for the last two, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
  */
-#include "rays/rays.h"
+#include "study/study_scene.h"
 #include "umbrage/query.h"
 
 enum umbt_truth_kind {
@@ -48,6 +48,11 @@ struct umbt_truth {
     struct umb_frustum_info frustum; /* frustum of parallel light; TEXELS and AREA */
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
+
+/* Makes a truth of parallel light for an asset's frustum, or one like it: one ray for each texel of
+ * one tap. The caller sets what differs. The scene is borrowed. */
+struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
+                                const double origin[3], const struct umb_frustum_info *frustum);
 
 /* Computes the unit direction from a point to the lamp, or to_light without a lamp. Returns the
  * light's distance in metres; infinite without a lamp. */

@@ -5,37 +5,31 @@
  * Exit code 1: the asset disagrees with the rays outside the one-voxel band around shadow
  * boundaries, where it must not (rays/verify.h).
  */
-#include "study/study_command.h"
+#include "study/setup.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include "base/try.h"
 #include "rays/verify.h"
-#include "study/bound_check.h"
-#include "study/setup.h"
+#include "study/verify_bounds.h"
 #include "tool/clock.h"
-#include "tool/json.h"
 #include "tool/progress.h"
-#include "tool/threads.h"
 
 #define BOUND_POINTS_MAX 10000000U
 
 struct verify {
-    const char *file, *scene_path;
+    struct umbt_common common;
+    const char *file;
     enum umbr_verify_kind kind;
-    uint64_t points, light, seed, threads;
-    int force, json, quiet, bounds;
-    struct umbu_json bounds_json;
+    uint64_t points, light;
+    int bounds;
     struct umb_asset *asset;
     struct umb_asset_info info;
-    struct umbt_scene scene;
     uint32_t first_light, light_count;  /* range of lights to verify */
     struct umbr_verify_result *results; /* [light_count] */
     double seconds;
     uint64_t outside_band;
-    size_t rows_done; /* number of rows checked with --bounds */
 };
 
 static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
@@ -44,7 +38,7 @@ static const char *const ASKED[] = {"points", "segments", "columns", "boxes"};
 
 static const struct umbu_option OPTIONS[] = {
     {"FILE", NULL, "the asset file", UMBU_TEXT, AT(file), .needed = true},
-    {"scene", "SCENE", "scene file that the asset was baked from", UMBU_TEXT, AT(scene_path),
+    {"scene", "SCENE", "scene file that the asset was baked from", UMBU_TEXT, UMBT_AT(scene_path),
      .needed = true},
     {"bounds", NULL,
      "checks the asset's accuracy curve instead: where the answer of a setting differs from a ray, "
@@ -54,13 +48,16 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_COUNT(1, 1000000000), AT(points), .otherwise = "1000000, with --bounds 100000"},
     {"ask", "WHAT", "kind of the queries, --points of them: points, segments, columns or boxes",
      UMBU_CHOICE("points|segments|columns|boxes"), AT(kind), .standard = "points"},
-    {"light", "N", "number of the only light to verify", UMBU_COUNT(0, UMB_LIGHTS_MAX - 1),
-     AT(light), .otherwise = "all"},
-    {UMBT_SEED_ROW(struct verify)},
-    {UMBT_THREADS_ROW(struct verify)},
-    {"force", NULL, "goes on even if the asset was baked from another scene", UMBU_FLAG, AT(force)},
-    {UMBU_JSON_ROW(struct verify)},
-    {UMBU_QUIET_ROW(struct verify, "print nothing")},
+    {.setting = "light",
+     .help = "number of the only light to verify",
+     AT(light),
+     .max = UMB_LIGHTS_MAX - 1,
+     .otherwise = "all"},
+    {UMBT_SEED_ROW},
+    {UMBT_THREADS_ROW},
+    {UMBT_FORCE_ROW},
+    {UMBT_JSON_ROW},
+    {UMBT_QUIET_ROW("print nothing")},
 };
 
 static const struct umbu_command COMMAND = {
@@ -75,7 +72,6 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
 };
 
-/* Checks combinations of options. */
 static enum umb_status options_check(struct verify *verify, struct umb_error *error)
 {
     if (verify->points == 0) {
@@ -104,10 +100,11 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    UMB__TRY(umbt_scene_init_planned(&verify->scene, verify->scene_path, verify->info.plan, error));
-    return verify->force
-               ? UMB_OK
-               : umbt_scene_match(&verify->scene, verify->file, verify->info.scene_hash, error);
+    const unsigned flags =
+        (umbt_plan_has(verify->info.plan, "cut-out") ? 0 : UMBT_SCENE_WHOLE) |
+        (umbt_plan_has(verify->info.plan, "transmittance") ? UMBT_SCENE_THROUGH : 0);
+    UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path, flags, error));
+    return umbt_common_match(&verify->common, verify->file, verify->info.scene_hash, error);
 }
 
 /* 1 if the light's frusta were baked under the closed rule. */
@@ -146,19 +143,20 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
     const double start = umbu_clock_s();
     struct compared compared = {.total = 1e-6 * (double)verify->points * verify->light_count};
     enum umb_status status = UMB_OK;
-    umbu_progress_begin(&compared.progress, "Mpoints", verify->quiet);
+    umbu_progress_begin(&compared.progress, "Mpoints", verify->common.quiet);
     for (uint32_t i = 0; i < verify->light_count && status == UMB_OK; i++) {
         const uint32_t light = verify->first_light + i;
         const struct umbr_verify_options options = {
             .points = verify->points,
             .kind = verify->kind,
-            .seed = verify->seed,
-            .closed = light_is_closed(verify->asset, light) ? verify->scene.parts.closed : NULL,
-            .threads = (unsigned)verify->threads,
+            .seed = verify->common.seed,
+            .closed =
+                light_is_closed(verify->asset, light) ? verify->common.scene.parts.closed : NULL,
+            .threads = verify->common.threads,
             .progress = show_compared,
             .progress_user = &compared,
         };
-        status = umbr_verify(verify->asset, light, verify->scene.rays, &options,
+        status = umbr_verify(verify->asset, light, verify->common.scene.rays, &options,
                              &verify->results[i], error);
         verify->outside_band += verify->results[i].outside_band;
         compared.before += 1e-6 * (double)verify->points;
@@ -185,8 +183,9 @@ static void report_text(const struct verify *verify)
 {
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(verify->info.id, id);
-    printf("asset %s\nscene %s: %zu triangles, %zu in closed parts\n", id, verify->scene_path,
-           verify->scene.count, verify->scene.parts.closed_triangles);
+    printf("asset %s\nscene %s: %zu triangles, %zu in closed parts\n", id,
+           verify->common.scene_path, verify->common.scene.count,
+           verify->common.scene.parts.closed_triangles);
     for (uint32_t i = 0; i < verify->light_count; i++) {
         const struct umbr_verify_result *result = &verify->results[i];
         if (result->records > 0) {
@@ -219,10 +218,10 @@ static void report_json(const struct verify *verify)
     umb_id_to_text(verify->info.id, id);
     umbu_json_begin(&json, NULL, '{');
     umbu_json_text(&json, "asset", id);
-    umbu_json_text(&json, "scene", verify->scene_path);
-    UMBU_JSON_COUNTS(&json, {"triangles", verify->scene.count},
-                     {"closed_triangles", verify->scene.parts.closed_triangles},
-                     {"seed", verify->seed});
+    umbu_json_text(&json, "scene", verify->common.scene_path);
+    UMBU_JSON_COUNTS(&json, {"triangles", verify->common.scene.count},
+                     {"closed_triangles", verify->common.scene.parts.closed_triangles},
+                     {"seed", verify->common.seed});
     umbu_json_rounded(&json, "seconds", verify->seconds, 6);
     umbu_json_bool(&json, "agrees", verify->outside_band == 0);
     umbu_json_begin(&json, "lights", '[');
@@ -244,126 +243,39 @@ static void report_json(const struct verify *verify)
     umbu_json_close(&json);
 }
 
-static void put_row(struct umbu_json *json, uint32_t light, const struct umb_curve_row *row,
-                    const struct umbt_bound_result *result)
-{
-    umbu_json_begin(json, NULL, '{');
-    umbu_json_rounded(json, "bound_m", row->bound_m, 9);
-    UMBU_JSON_COUNTS(json, {"light", light}, {"level", row->level}, {"taps", row->taps},
-                     {"points", result->points}, {"differ", result->differ},
-                     {"undefined", result->undefined}, {"beyond", result->beyond});
-    umbu_json_end(json, '}');
-}
-
-/* Checks one row of a light's curve against rays. */
-static enum umb_status row_check(struct verify *verify, const struct umbt_point_set *points,
-                                 uint32_t light, const struct umb_curve_row *row,
-                                 struct umb_error *error)
-{
-    struct umbt_bound_result result;
-    const struct umbt_bound_job job = {
-        .scene = &verify->scene,
-        .asset = verify->asset,
-        .points = points,
-        .settings = {.light = light, .taps = row->taps, .level = row->level},
-        .bound_m = row->bound_m,
-        .threads = (unsigned)verify->threads,
-    };
-    UMB__TRY(umbt_bound_check(&job, &result, error));
-    if (verify->json) {
-        put_row(&verify->bounds_json, light, row, &result);
-    } else if (!verify->quiet) {
-        printf("light %u, level %u, %2u taps: within %.4g m: %" PRIu64 " points, %" PRIu64
-               " differ from a ray, %" PRIu64 " of them undefined, %" PRIu64 " beyond the bound\n",
-               light, row->level, row->taps, row->bound_m, result.points, result.differ,
-               result.undefined, result.beyond);
-    }
-    if (result.beyond > 0 && !verify->quiet && !verify->json) {
-        printf("  for example at %.9g %.9g %.9g\n", result.worst_point[0], result.worst_point[1],
-               result.worst_point[2]);
-    }
-    verify->outside_band += result.beyond;
-    verify->rows_done++;
-    return UMB_OK;
-}
-
-/* Checks every row of every light's curve. */
-static enum umb_status rows_check(struct verify *verify, const struct umbt_point_set *points,
+static enum umb_status verify_run(void *state, const struct umbu_parsed *parsed,
                                   struct umb_error *error)
 {
-    for (uint32_t i = 0; i < verify->light_count; i++) {
-        const uint32_t light = verify->first_light + i;
-        struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-        size_t count;
-        (void)umb_asset_get_curve(verify->asset, light, rows, &count);
-        for (size_t k = 0; k < count; k++) {
-            UMB__TRY(row_check(verify, points, light, &rows[k], error));
-        }
-    }
-    if (verify->json) {
-        umbu_json_end(&verify->bounds_json, ']');
-        umbu_json_bool(&verify->bounds_json, "true", verify->outside_band == 0);
-    }
-    return verify->rows_done > 0
-               ? UMB_OK
-               : umb_fail(error, UMB_E_BAD_SCENE, "--bounds: the asset carries no accuracy curve");
-}
-
-/* Runs --bounds. */
-static enum umb_status bounds_verify(struct verify *verify, struct umb_error *error)
-{
-    const struct umbt_point_request request = {
-        .scene = &verify->scene,
-        .kind = UMBT_POINT_SURFACE,
-        .count = (size_t)verify->points,
-        .seed = verify->seed,
-        .threads = (unsigned)verify->threads,
-        .quiet = verify->quiet,
-    };
-    struct umbt_point_set points = {0};
-    UMB__TRY(umbt_points_sample(&request, &points, error));
-    if (verify->json) {
-        verify->bounds_json.file = stdout;
-        umbu_json_begin(&verify->bounds_json, NULL, '{');
-        umbu_json_begin(&verify->bounds_json, "bounds", '[');
-    }
-    const enum umb_status status = rows_check(verify, &points, error);
-    umbu_json_close(&verify->bounds_json);
-    umbt_point_set_finish(&points);
-    return status;
-}
-
-static enum umb_status verify_run(struct verify *verify, struct umb_error *error)
-{
+    struct verify *verify = state;
+    verify->light = umbu_given(parsed, "light") ? verify->light : UINT64_MAX;
     UMB__TRY(options_check(verify, error));
     UMB__TRY(inputs_open(verify, error));
     if (verify->bounds) {
-        return bounds_verify(verify, error); /* prints row by row */
+        struct umbt_bounds bounds = {.common = &verify->common,
+                                     .asset = verify->asset,
+                                     .first_light = verify->first_light,
+                                     .light_count = verify->light_count,
+                                     .points = verify->points};
+        UMB__TRY(umbt_bounds_verify(&bounds, error));
+        verify->common.code = bounds.beyond > 0;
+        return UMB_OK;
     }
     UMB__TRY(lights_verify(verify, error));
-    if (verify->json) {
+    if (verify->common.json) {
         report_json(verify);
-    } else if (!verify->quiet) {
+    } else if (!verify->common.quiet) {
         report_text(verify);
     }
+    verify->common.code = verify->outside_band > 0;
     return UMB_OK;
 }
 
-int umbt_verify_command(int argc, char **argv)
+static void finish(void *state)
 {
-    struct verify verify;
-    struct umb_error error = {0};
-    struct umbu_parsed parsed;
-    memset(&verify, 0, sizeof verify);
-    verify.light = UINT64_MAX;
-    verify.threads = umbu_processor_count();
-    const int code = umbu_start(&parsed, &COMMAND, argc, argv, &verify);
-    if (code >= 0) {
-        return code;
-    }
-    const enum umb_status status = verify_run(&verify, &error);
-    free(verify.results);
-    umbt_scene_finish(&verify.scene);
-    umb_asset_close(verify.asset);
-    return status == UMB_OK && verify.outside_band > 0 ? 1 : umbu_end(&COMMAND, status, &error);
+    struct verify *verify = state;
+    free(verify->results);
+    umb_asset_close(verify->asset);
 }
+
+const struct umbt_command umbt_verify = {
+    .options = &COMMAND, .bytes = sizeof(struct verify), .run = verify_run, .finish = finish};

@@ -164,8 +164,7 @@ void bench_points_gbuffer(const struct bench_scene *scene, enum bench_view view,
         const uint32_t y = packet / across * PACKET_TALL + i / PACKET_WIDE % PACKET_TALL;
         const uint32_t slot = buffer.slots[y * width + x];
         if (slot != UMBT_SKY) {
-            surface_take(scene, &buffer.positions[3 * (size_t)slot],
-                         &buffer.normals[3 * (size_t)slot], 0.0, points);
+            surface_take(scene, buffer.positions[slot], buffer.normals[slot], 0.0, points);
         }
     }
     umbt_gbuffer_finish(&buffer);

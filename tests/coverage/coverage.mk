@@ -23,7 +23,7 @@ coverage: ## lines and branches that the tests run (COVERAGE=daemon: its part): 
 		CFLAGS="$(CFLAGS) $(COVERAGE_CFLAGS)" LDFLAGS="$(LDFLAGS) --coverage -Wl,-u,__gcov_dump" coverage-one
 
 coverage-one: $(COVERAGE_UNITS_$(COVERAGE)) $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/intruder.so $(BUILD)/inject.so \
-		$(BUILD)/open_jobs $(BUILD)/oracle_check $(BUILD)/light_products $(BUILD)/interop/umbraged
+		$(BUILD)/open_jobs $(BUILD)/oracle_check $(BUILD)/light_products $(BUILD)/interop/umbraged $(BUILD)/interop/wire_echo
 	@find $(BUILD) -name '*.gcda' -delete
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=$(or $(TEST_ATTEMPTS),2) $(RUN) $(COVERAGE_UNITS_$(COVERAGE)) $(COVERAGE_$(COVERAGE)) || \
 		echo "coverage: a test failed; what it did not reach counts as not run"

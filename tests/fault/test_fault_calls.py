@@ -61,9 +61,9 @@ held, gate = test.held_bakes()
 with sweep.injected("memory", "ENOMEM") as board:
     daemon = test.daemon("--workers", 1, "--jobs", test.path("jobs"), "--token-file", tokens,
                          "--bake-threads", 1, "--bake-program", held, "--job-sandbox", "off",
-                         "--owner-jobs", 100000, "--config", config, "--listen",
-                         "tls:127.0.0.1:0", "--tls-cert", test.path("tls.pem"), "--tls-key",
-                         test.path("tls.key"))
+                         "--owner-jobs", 100000, "--address-handshakes", 0, "--config", config,
+                         "--listen", "tls:127.0.0.1:0", "--tls-cert", test.path("tls.pem"),
+                         "--tls-key", test.path("tls.key"))
 client = test.client(daemon.grpc_unix, QUICK)
 points = ut.floats(ut.random_points((-100, -100, -10), (100, 100, 80), MANY, SEED))
 few = points[:240]
@@ -156,6 +156,8 @@ CALLS = {
     "Segments": lambda: meta(questions["Segments"], Q.SegmentsRequest(
         asset="city", segments=points[:len(points) // 24 * 24], max_stretches=4)),
     "Columns": lambda: meta(questions["Columns"], Q.ColumnsRequest(asset="city", points=points)),
+    "Sample": lambda: meta(client.unary("/umbrage.v1.Shadows/Sample", S.SampleReply),
+                           S.SampleRequest(asset="city", count=100, seed=1)),
     "Boxes": lambda: meta(questions["Boxes"], Q.BoxesRequest(asset="city", boxes=few)),
     "Regions.Stream": lambda: bytes_of(meta(region_stream, R.RegionRequest(
         asset="city", offsets=[0, 1000], lengths=[500, 700]))),

@@ -16,6 +16,7 @@
 #include "fuzz_pages.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
+#include "umbrage/sample.h"
 #include "umbrage/volume.h"
 
 enum {
@@ -61,6 +62,27 @@ static void query_everywhere(const struct umb_asset *asset)
     if (umb_query_prepare(asset, &patch, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 8, &answers);
         umb_query_explain(&query, &batch, 8, &explanation);
+    }
+}
+
+/* Points of each light lie in a voxel that queries read, or there is a note. */
+static void sample_everywhere(const struct umb_asset *asset)
+{
+    const struct umb_query_settings point = {.bias_mode = UMB_BIAS_NONE};
+    struct umb_sample_settings settings = {.count = 32, .seed = 7, .scattered = 0.25};
+    struct umb_sample sample;
+    struct umb_query query;
+    double positions[3 * 32];
+    float values[32];
+    if (umb_asset_sample(asset, &settings, positions, &sample, NULL) == UMB_OK &&
+        umb_query_prepare(asset, &point, &query, NULL) == UMB_OK) {
+        struct umb_points points = {
+            .positions = positions, .format = UMB_POINT_F64, .count = sample.count};
+        struct umb_answers answers = {.values = values};
+        memcpy(points.origin, sample.origin, sizeof points.origin);
+        FUZZ_DEMAND(sample.count == 32 || sample.note[0] != '\0');
+        FUZZ_DEMAND(umb_points_check(&points, NULL) == UMB_OK);
+        umb_query_run(&query, &points, 0, points.count, &answers);
     }
 }
 
@@ -134,6 +156,7 @@ static void try_file(const uint8_t *bytes, size_t size)
     if (umb_asset_open_bytes(exact, size, &options, &asset, NULL) == UMB_OK) {
         query_everywhere(asset);
         walk_everywhere(asset);
+        sample_everywhere(asset);
         round_trip(asset);
         umb_asset_close(asset);
     }

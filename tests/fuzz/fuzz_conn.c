@@ -22,7 +22,7 @@
 #include "daemon/service/services.h"
 #include "daemon/transport/conn.h"
 #include "daemon/transport/h2_filter.h"
-#include "daemon/transport/loop_group.h"
+#include "daemon/transport/loop.h"
 #include "daemon/work/pool.h"
 #include "format/content.h"
 #include "fuzz.h"
@@ -224,7 +224,7 @@ static const char *const paths[] = {
     UMBW_PATH_BAKES_DELETE,   UMBW_PATH_REGIONS_STREAM, UMBW_PATH_REGIONS_FOLLOW,
     UMBW_PATH_REGIONS_DERIVE, UMBW_PATH_SEGMENTS,       UMBW_PATH_COLUMNS,
     UMBW_PATH_BOXES,          UMBW_PATH_REFLECTION,     UMBW_PATH_REFLECTION_ALPHA,
-    "/no.such/Method"};
+    "/no.such/Method",        UMBW_PATH_SAMPLE};
 
 enum {
     END_STREAM = 1,
@@ -385,7 +385,7 @@ static void connection(const uint8_t *data, size_t size)
             (void)poll(NULL, 0, 1); /* a worker has it */
         }
     }
-    FUZZ_DEMAND(umbd_pool_depth(daemon_of_all.backend.pool) == 0 && loop->first_conn == NULL);
+    FUZZ_DEMAND(umbd_pool_depth(daemon_of_all.backend.pool) == 0 && LIST_EMPTY(&loop->conns));
 }
 
 /* ---- the filter ---- */

@@ -79,8 +79,7 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
     FUZZ_DEMAND(umb__canonical_encode(&canonical, NULL, &block, &head.canonical_length, NULL) ==
                 UMB_OK);
     head.canonical = block;
-    head.head_length =
-        umb__head_length(head.canonical_length, head.directory_count, UMB__BLOCK_ENTRY, 0);
+    head.head_length = umb__head_length(&head);
     const uint64_t first_page = head.head_length + pages * UMB__PAGE_ENTRY;
     head.file_length = first_page + stored.size;
     for (uint32_t i = 0; i < pages; i++) {
@@ -92,13 +91,15 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
     struct bytes file = {.data = malloc((size_t)head.file_length),
                          .size = (size_t)head.file_length,
                          .capacity = (size_t)head.file_length};
-    FUZZ_DEMAND(file.data != NULL);
-    umb__head_write(&head, UMB__BLOCK_ENTRY, file.data);
+    uint8_t *front = umb__head_make(&head, NULL);
+    FUZZ_DEMAND(file.data != NULL && front != NULL);
+    memcpy(file.data, front, (size_t)head.head_length);
     memcpy(file.data + head.head_length, entries, pages * UMB__PAGE_ENTRY);
     if (stored.size > 0) {
         memcpy(file.data + first_page, stored.data, stored.size);
     }
     free(block);
+    free(front);
     bytes_finish(&stored);
     return file;
 }

@@ -63,6 +63,14 @@ static void decode_all(const uint8_t *message, size_t size)
     if (umbw_decode_derive_request(message, size, &derive, NULL) == UMB_OK) {
         FUZZ_DEMAND(derive.settings.cascades.count <= UMB_CASCADES_MAX);
     }
+    struct umbw_sample_request sample;
+    struct umbw_sample_reply sampled;
+    if (umbw_decode_sample_request(message, size, &sample, NULL) == UMB_OK) {
+        FUZZ_DEMAND(sample.settings.count >= 1 && sample.settings.count <= UMB_SAMPLE_MAX);
+    }
+    if (umbw_decode_sample_reply(message, size, &sampled, NULL) == UMB_OK) {
+        FUZZ_DEMAND(sampled.sample.count * UMBW_SAMPLE_POINT_BYTES == sampled.points.size);
+    }
     for (int q = 0; q < UMBW_VOLUME_QUERY_COUNT; q++) {
         struct umbw_volume_query_request volume_query;
         struct umbw_volume_query_reply answers;

@@ -146,7 +146,8 @@ def conn(test):
              (15, regions.DeriveMapRequest(asset="city", width=16, height=16)),
              (19, r.ServerReflectionRequest(list_services="")),
              (7, test.messages.bakes.SubmitRequest(manifest=manifest(test.messages.bakes))),
-             (10, test.messages.bakes.ListJobsRequest())]
+             (10, test.messages.bakes.ListJobsRequest()),
+             (22, s.SampleRequest(asset="city", count=64, seed=3, scattered=0.5))]
 
     def script(path, message, how=0, ends=1):
         body = message.SerializeToString()

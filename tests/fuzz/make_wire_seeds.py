@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes seeds of fuzz_wire: one message of each kind of the Questions service, and Limits.
+"""Writes seeds of fuzz_wire: one message of each kind of the Questions service, Limits, and
+Sample.
 
     tests/fuzz/make_wire_seeds.py [FOLDER]
 
@@ -66,8 +67,12 @@ def main(folder):
     limits = shadows.LimitsReply(max_points=4194304, max_message_bytes=64 << 20, max_targets=256, max_taps=17,
                                  max_streams=100, queue=256, encodings=["identity", "gzip"], version="0.1.0",
                                  max_segments=65536, max_columns=4194304, max_boxes=16384, max_box_steps=1 << 24)
-    seeds = [message.SerializeToString() for message in (*requests(questions), *replies(questions), limits)]
-    assert len(seeds) == 10
+    samples = [shadows.SampleRequest(asset="city", light=1, count=4096, seed=1 << 40, scattered=0.25),
+               shadows.SampleReply(asset_id=bytes(range(32)), origin=[1e6, -2.5, 3], points_f64=doubles(6),
+                                   note="1 of 3 points were not found")]
+    seeds = [message.SerializeToString() for message in (*requests(questions), *replies(questions), limits,
+                                                         *samples)]
+    assert len(seeds) == 12
     for seed in seeds:
         with open(os.path.join(folder, hashlib.sha256(seed).hexdigest()), "wb") as file:
             file.write(seed)

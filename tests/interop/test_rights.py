@@ -100,6 +100,15 @@ with test.check("a box pays for the bricks of its sides, and a token without the
     assert len(boxes(huge, timeout=30, metadata=bearer(BOXES)).lit) == 800
     client.refused(lambda: client.query(request, timeout=30, metadata=bearer(BOXES)),
                    Code.RESOURCE_EXHAUSTED, "20000")
+with test.check("a sample pays for its points, and a token without the scope draws none"):
+    sample = client.unary("/umbrage.v1.Shadows/Sample", M.SampleReply)
+    drawn = M.SampleRequest(asset="city", count=1000)  # 48384 points of the rate
+    client.refused(lambda: sample(drawn, timeout=30, metadata=bearer(OTHER)), Code.PERMISSION_DENIED, "query")
+    client.refused(lambda: sample(drawn, timeout=30), Code.UNAUTHENTICATED)
+    assert len(paid(lambda: sample(drawn, timeout=30, metadata=bearer(SLOW))).points_f64) == 24000
+    begin = time.monotonic()
+    paid(lambda: client.query(request, timeout=30, metadata=bearer(SLOW)))
+    assert time.monotonic() - begin > 1, "48384 points at 20000 a second, a second ahead"
 with test.check("a stream pays for each of its requests"):
     def endless():
         while True:

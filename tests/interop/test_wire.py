@@ -131,6 +131,10 @@ def fit(m):
         count = rng.randrange(1, 129)
         m.offsets.extend(rng.getrandbits(40) for _ in range(count))
         m.lengths.extend(rng.randrange(1, 8192) for _ in range(count))
+    elif name == "SampleRequest":
+        m.count, m.scattered = rng.randrange(1, 65537), rng.random()
+    elif name == "SampleReply":
+        m.points_f64 = rng.randbytes(24 * rng.randrange(4))
     elif name == "DeriveMapRequest" and m.HasField("view"):
         m.view.count = rng.randrange(1, 9)
     elif name in ("SegmentsRequest", "ColumnsRequest", "BoxesRequest"):

@@ -45,7 +45,7 @@ LIBRARIES = {
     "embree3/*": ["server/rays/*", "server/bake/*", "server/study/*"],
     "jansson.h": ["server/bake/import/*"],
     "png.h": ["server/bake/import/*", "server/study/*"],
-    "curl/*": ["client/cli/*"],
+    "curl/*": ["client/cli/*", "client/load/load_metrics.c"],
     "uv.h": ["client/rpc/*", "server/daemon/*"],
     "nghttp2/*": ["client/rpc/*", "server/daemon/*"],
     "openssl/*": ["proto/net/*", "client/rpc/*", "server/common/*", "server/jobs/*", "server/daemon/*",

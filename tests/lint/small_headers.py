@@ -20,20 +20,13 @@ KEPT = {
     "server/bake/bake_report.h": "what a bake prints",
     "server/bake/bake_run.h": "the bake, called by its main",
     "server/bake/build/tile_occluder_depth.h": "the effect's part of a tile; tested alone",
-    "server/bake/sandbox/doctor_ground.h": "files and addresses that the doctor tries to reach",
     "server/bake/shut_in.h": "from the options of a bake to the paths of its sandbox",
     "server/bake/write/curve_points.h": "points of the accuracy curve",
-    "server/daemon/admin.h": "the HTTP port of metrics and health",
-    "server/daemon/service/box_price.h": "price of a box in points; tested alone",
-    "server/daemon/service/query_budget.h": "accuracy and time budgets of a request",
     "server/scene/alpha_pyramid.h": "ranges of alpha over blocks of texels; tested alone",
     "server/scene/parts_nest.h": "parts inside parts; tested alone",
     "server/scene/parts_weld.h": "corners of equal place",
+    "server/study/verify_bounds.h": "test of the bounds that a curve states",
     "server/store/fault_guard.h": "reads of a mapped file that may fail; tested alone",
-    "server/study/bound_check.h": "`verify --bounds`",
-    "server/study/point_file.h": "points that `umbrage points` writes; tested alone",
-    "server/study/study_errors.h": "sums and quantiles of errors; tested alone",
-    "server/study/study_fog.h": "the fog integral; tested alone",
 }
 
 

@@ -4,33 +4,28 @@
 #include <string.h>
 #include <umbrage/region.h>
 
-enum {
-    POINTS = 1000,
-    PIECE = 4096
-}; /* bytes: piece i of the file is the file FOLDER/i */
+#define POINTS 1000
+#define PIECE  4096 /* Byte b of the file is in FOLDER/(b / PIECE) */
 
 static enum umb_status read_ranges(void *folder, const struct umb_range *ranges, size_t count,
                                    umb_range_fn got, void *user, struct umb_error *error)
 {
     static char bytes[16 << 20], path[256];
-    for (size_t i = 0; i < count; i++) {
-        size_t size = 0, skip = ranges[i].offset % PIECE, wanted = skip + ranges[i].length;
-        unsigned piece = (unsigned)(ranges[i].offset / PIECE);
-        while (size < wanted && size + PIECE <= sizeof bytes) {
-            snprintf(path, sizeof path, "%s/%u", (const char *)folder, piece++);
-            FILE *file = fopen(path, "rb");
-            if (file == NULL)
-                break; /* the file's end */
-            size += fread(bytes + size, 1, PIECE, file);
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        size_t at = ranges[i].offset, end = at + ranges[i].length, size = 0, n = 1;
+        for (FILE *file; at < end && n > 0 && size + PIECE <= sizeof bytes; at += n, size += n) {
+            snprintf(path, sizeof path, "%s/%zu", (const char *)folder, at / PIECE);
+            if ((file = fopen(path, "rb")) == NULL)
+                break; /* behind the end of the file, or a fault */
+            n = end - at < PIECE ? end - at : PIECE;
+            n = fseek(file, (long)(at % PIECE), SEEK_SET) ? 0 : fread(bytes + size, 1, n, file);
             fclose(file);
         }
-        if (size <= skip)
-            return umb_fail(error, UMB_E_IO, "%s: no such piece", path);
-        enum umb_status status = got(user, i, bytes + skip, (size < wanted ? size : wanted) - skip);
-        if (status != UMB_OK)
-            return status;
+        status = size > 0 ? got(user, i, bytes, size)
+                          : umb_fail(error, UMB_E_IO, "%s: no such piece", path);
     }
-    return UMB_OK;
+    return status;
 }
 
 int main(int argc, char **argv)
@@ -42,28 +37,22 @@ int main(int argc, char **argv)
     struct umb_query query;
     struct umb_query_settings settings = {0};
     struct umb_points points = {0};
-    struct umb_answers answers = {0};
-    struct umb_partial_answers partial = {0};
-    struct umb_partial_view view = {0};
-    struct umb_region_request request = {0};
-    struct umb_region_source source = {0};
+    struct umb_answers answers = {whole};
+    struct umb_partial_answers partial = {paged};
+    struct umb_partial_view everything = {0};
+    struct umb_region_request request = {&everything, 1};
+    struct umb_region_source source = {read_ranges, argv[2]};
+    settings.taps = 9, points.positions = positions, points.count = POINTS;
     if (argc != 3 || fread(positions, 12, POINTS, stdin) != POINTS)
         return 2;
-    source.read = read_ranges, source.user = argv[2];
-    settings.taps = 9;
-    points.positions = positions, points.count = POINTS;
-    answers.values = whole, partial.values = paged;
-    request.views = &view, request.view_count = 1;
     if (umb_asset_open_file(argv[1], NULL, &asset, &error) || umb_points_check(&points, &error) ||
         umb_query_prepare(asset, &settings, &query, &error) ||
         umb_region_open(&source, NULL, &region, &error) ||
         umb_region_update(region, &request, &error) ||
-        umb_region_query(region, &settings, &points, 0, &partial, &error)) {
+        umb_region_query(region, &settings, &points, 0, &partial, &error))
         return fprintf(stderr, "%s\n", error.message), 1;
-    }
     umb_query_run(&query, &points, 0, POINTS, &answers);
     for (int i = 0; i < POINTS; i++)
         printf("%.9g\n", (double)whole[i]);
-    umb_region_close(region), umb_asset_close(asset);
     return memcmp(whole, paged, sizeof whole) != 0 || partial.exact != POINTS;
 }

@@ -41,7 +41,7 @@ check("calls that go one way are no circle", code == 0 and "none among 3 files" 
 code, told = circles({**one_way, POOL: "void g(void); void f(void) { g(); }"})
 check("two files that call each other are one", code == 1 and "circle of 2 files" in told and
       f"{POOL} -> {BATCH}: g" in told and f"{BATCH} -> {POOL}: f" in told, told)
-for one, other in (("client/core/format/page_parse", "client/core/query/query"),
+for one, other in (("client/core/format/node_pool", "client/core/query/query"),
                    ("server/bake/depth/tile", "server/bake/tiles/tile_cache"), (CALL, BATCH)):
     code, told = circles({one: "void b(void); void a(void) { b(); }", other: "void a(void); void b(void) { a(); }"})
     check(f"a circle planted in {one.rsplit('/', 2)[0]} is seen", code == 1 and "circle of 2 files" in told, told)

@@ -70,22 +70,31 @@ void umbc_format_bytes(unsigned long long bytes, char text[32]);
 /* Writes an id as a member of an object. */
 void umbc_json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_ID_BYTES]);
 
-int umbc_info(int argc, char **argv);
-int umbc_query(int argc, char **argv);
-int umbc_list(int argc, char **argv);
-int umbc_load(int argc, char **argv);
-int umbc_submit(int argc, char **argv);
-int umbc_watch(int argc, char **argv);
-int umbc_jobs(int argc, char **argv);
-int umbc_cancel(int argc, char **argv);
-int umbc_fetch(int argc, char **argv);
-int umbc_rm(int argc, char **argv);
-int umbc_verify(int argc, char **argv);
-int umbc_paging(int argc, char **argv);
-int umbc_derive(int argc, char **argv);
-int umbc_frames(int argc, char **argv);
-int umbc_pack(int argc, char **argv);
-int umbc_unpack(int argc, char **argv);
+/* Sub-commands of this program, in the order of --help: word, function, and what it does. */
+/* clang-format off */
+#define UMBC_COMMANDS(row)                                                                         \
+    row("info", umbc_info, "describe an asset: lights, sizes, plan, settings")                     \
+    row("query", umbc_query, "print the share of a light that reaches points")                     \
+    row("sample", umbc_sample, "draw points near the shadow boundaries of an asset")               \
+    row("list", umbc_list, "list the assets of a daemon")                                          \
+    row("load", umbc_load, "load a daemon with queries and measure it")                            \
+    row("submit", umbc_submit, "send a scene to a daemon to bake")                                 \
+    row("watch", umbc_watch, "show the progress of a job until its end")                           \
+    row("jobs", umbc_jobs, "list your jobs")                                                       \
+    row("cancel", umbc_cancel, "cancel a job")                                                     \
+    row("fetch", umbc_fetch, "download an asset of yours")                                         \
+    row("rm", umbc_rm, "give up an asset of yours")                                                \
+    row("verify", umbc_verify,                                                                     \
+        "prove a file's integrity and identity, or check it against its scene")                    \
+    row("stream", umbc_paging, "fetch the needed part of an asset, coarse first")                  \
+    row("derive", umbc_derive, "make shadow maps for a GPU from an asset alone")                   \
+    row("frames", umbc_frames, "ask a daemon for the shadows of one frame after the other")        \
+    row("pack", umbc_pack, "convert a file to the packed form (.umb)")                             \
+    row("unpack", umbc_unpack, "convert a file to the mapped form (.umbm)")
+/* clang-format on */
+
+#define UMBC_DECLARE(word, run, summary) int run(int argc, char **argv);
+UMBC_COMMANDS(UMBC_DECLARE)
 
 /*
  * Replaces this process by a program that lies beside it.

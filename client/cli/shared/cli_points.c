@@ -212,7 +212,7 @@ static bool add_record(const struct umbc_points *points, const uint8_t *bytes,
         double value =
             wide ? umb__load_f64(bytes + i * step) : (double)umb__load_f32(bytes + i * step);
         finite = finite && isfinite(value);
-        if (wide) {
+        if (batch->wide != NULL) {
             batch->wide[at + i] = value;
         } else {
             batch->narrow[at + i] = (float)value;
@@ -260,16 +260,24 @@ static enum umb_status read_raw(struct umbc_points *points, struct umbc_batch *b
     return UMB_OK;
 }
 
+/* Reads points behind those of the batch, until it is full. */
+static enum umb_status append(struct umbc_points *points, struct umbc_batch *batch,
+                              struct umb_error *error)
+{
+    const size_t before = batch->count;
+    enum umb_status status = points->format == UMBC_POINTS_TEXT ? read_text(points, batch, error)
+                                                                : read_raw(points, batch, error);
+    points->count += batch->count - before;
+    return status;
+}
+
 enum umb_status umbc_points_read(struct umbc_points *points, struct umbc_batch *batch,
                                  struct umb_error *error)
 {
     batch->count = 0;
     batch->has_normals = false;
     batch->first = points->count;
-    enum umb_status status = points->format == UMBC_POINTS_TEXT ? read_text(points, batch, error)
-                                                                : read_raw(points, batch, error);
-    points->count += batch->count;
-    return status;
+    return append(points, batch, error);
 }
 
 enum umb_status umbc_footprints_read(FILE *file, const char *name, struct umbc_batch *batch,
@@ -376,32 +384,19 @@ static bool seek_point(struct umbc_points *source, uint64_t offset)
     return true;
 }
 
-/* Adds a range's points to the sample. */
-static void append(struct umbc_batch *sample, const struct umbc_batch *range)
-{
-    const size_t room = sample->capacity - sample->count;
-    const size_t count = range->count < room ? range->count : room;
-    const size_t at = 3 * sample->count;
-    if (sample->wide != NULL) {
-        memcpy(sample->wide + at, range->wide, 3 * count * sizeof *sample->wide);
-    } else {
-        memcpy(sample->narrow + at, range->narrow, 3 * count * sizeof *sample->narrow);
-    }
-    if (range->has_normals) {
-        memcpy(sample->normals + at, range->normals, 3 * count * sizeof *sample->normals);
-        sample->has_normals = true;
-    }
-    sample->count += count;
-}
-
-/* Reads one range; a range that cannot be read is left out. */
-static void read_range(struct umbc_points *source, uint64_t offset, struct umbc_batch *range,
+/* Reads points at byte `offset` of a file into a sample; leaves out a range that cannot be read. */
+static void read_range(const char *path, uint64_t offset, struct umbc_points *source,
                        struct umbc_batch *sample)
 {
+    const size_t count = sample->count;
     struct umb_error ignored;
-    if (seek_point(source, offset) && umbc_points_read(source, range, &ignored) == UMB_OK) {
-        append(sample, range);
+    if (umbc_points_open(path, source->format, source->with_normals, source, &ignored) != UMB_OK) {
+        return;
     }
+    if (!seek_point(source, offset) || append(source, sample, &ignored) != UMB_OK) {
+        sample->count = count;
+    }
+    umbc_points_close(source);
 }
 
 enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,
@@ -409,106 +404,67 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
                                    struct umb_error *error)
 {
     struct umb_error ignored;
-    struct umbc_batch range = {0};
-    enum umb_status status = umbc_batch_init(batch, most, format, error);
+    UMB__TRY(umbc_batch_init(batch, most, format, error));
     struct umbc_points *source = malloc(sizeof *source);
-    if (status == UMB_OK && source == NULL) {
-        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a sample of points");
+    if (source == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a sample of points");
     }
     uint64_t size = 0;
-    if (status == UMB_OK && strcmp(path, "-") != 0 &&
+    if (strcmp(path, "-") != 0 &&
         umbc_points_open(path, format, with_normals, source, &ignored) == UMB_OK) {
         size = source->size;
         umbc_points_close(source);
     }
     /* A file with perhaps no more points than `most` is read as a whole. */
     const uint64_t count = size > most * 12 && most > RANGE ? most / RANGE : size > 0;
-    if (status == UMB_OK && count > 0) {
-        status = umbc_batch_init(&range, count > 1 ? RANGE : batch->capacity, format, error);
+    for (uint64_t i = 0; i < count; i++) {
+        const size_t end = batch->count + (count > 1 ? RANGE : most);
+        batch->capacity = end < most ? end : most;
+        read_range(path, size / count * i, source, batch);
     }
-    for (uint64_t i = 0; status == UMB_OK && i < count; i++) {
-        if (umbc_points_open(path, format, with_normals, source, &ignored) == UMB_OK) {
-            read_range(source, size / count * i, &range, batch);
-            umbc_points_close(source);
-        }
-    }
-    umbc_batch_finish(&range);
+    batch->capacity = most;
     free(source);
-    return status;
-}
-
-/* Adds a batch to a list, which grows by doubling. */
-static bool add_batch(struct umbc_point_list *list, size_t *capacity,
-                      const struct umbc_batch *batch)
-{
-    const size_t count = list->count + batch->count;
-    if (count > *capacity) {
-        *capacity = 2 * count;
-        double *positions = realloc(list->positions, *capacity * 3 * sizeof *positions);
-        list->positions = positions != NULL ? positions : list->positions;
-        float *normals = realloc(list->normals, *capacity * 3 * sizeof *normals);
-        list->normals = normals != NULL ? normals : list->normals;
-        if (positions == NULL || normals == NULL) {
-            return false;
-        }
-    }
-    for (size_t i = 0; i < 3 * batch->count; i++) {
-        const size_t at = 3 * list->count + i;
-        list->positions[at] = batch->wide != NULL ? batch->wide[i] : (double)batch->narrow[i];
-        list->normals[at] = batch->has_normals ? batch->normals[i] : 0.0F;
-    }
-    list->count = count;
-    return true;
-}
-
-static enum umb_status read_list(struct umbc_points *source, struct umbc_batch *batch, size_t most,
-                                 struct umbc_point_list *list, struct umb_error *error)
-{
-    size_t capacity = 0;
-    bool has_normals = false;
-    do {
-        UMB__TRY(umbc_points_read(source, batch, error));
-        if (!add_batch(list, &capacity, batch)) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu points", list->count);
-        }
-        has_normals |= batch->has_normals;
-    } while (batch->count > 0 && list->count < most);
-    if (!has_normals) {
-        free(list->normals);
-        list->normals = NULL;
-    }
     return UMB_OK;
 }
 
+/* Reads points to the end of the source, or until there are `most`. */
+static enum umb_status read_all(struct umbc_points *source, size_t most, struct umbc_batch *batch,
+                                struct umb_error *error)
+{
+    UMB__TRY(umbc_batch_init(batch, WHOLE < most ? WHOLE : most, UMBC_POINTS_F64, error));
+    for (;;) {
+        UMB__TRY(append(source, batch, error));
+        if (batch->count < batch->capacity || batch->capacity == most) {
+            return UMB_OK;
+        }
+        batch->capacity = 2 * batch->capacity < most ? 2 * batch->capacity : most;
+        double *wide = realloc(batch->wide, 3 * batch->capacity * sizeof *wide);
+        batch->wide = wide != NULL ? wide : batch->wide;
+        float *normals = realloc(batch->normals, 3 * batch->capacity * sizeof *normals);
+        batch->normals = normals != NULL ? normals : batch->normals;
+        if (wide == NULL || normals == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu points", batch->count);
+        }
+    }
+}
+
 enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
-                                 bool with_normals, size_t most, struct umbc_point_list *list,
+                                 bool with_normals, size_t most, struct umbc_batch *batch,
                                  struct umb_error *error)
 {
-    struct umbc_batch batch = {0};
-    *list = (struct umbc_point_list){0};
-    struct umbc_points *source = calloc(1, sizeof *source);
+    memset(batch, 0, sizeof *batch);
+    struct umbc_points *source = malloc(sizeof *source);
     if (source == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for '%.200s'", path);
     }
     enum umb_status status = umbc_points_open(path, format, with_normals, source, error);
     if (status == UMB_OK) {
-        status = umbc_batch_init(&batch, WHOLE, format, error);
+        status = read_all(source, most, batch, error);
+        umbc_points_close(source);
     }
-    if (status == UMB_OK) {
-        status = read_list(source, &batch, most, list, error);
-    }
-    umbc_batch_finish(&batch);
-    umbc_points_close(source);
     free(source);
     if (status != UMB_OK) {
-        umbc_point_list_finish(list);
+        umbc_batch_finish(batch);
     }
     return status;
-}
-
-void umbc_point_list_finish(struct umbc_point_list *list)
-{
-    free(list->positions);
-    free(list->normals);
-    *list = (struct umbc_point_list){0};
 }

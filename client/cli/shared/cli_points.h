@@ -46,8 +46,8 @@ struct umbc_points {
 /* Points with normals and footprints; memory for `capacity` points. */
 struct umbc_batch {
     size_t capacity, count;
-    double *wide;   /* [3 * capacity] text and f64, else NULL */
-    float *narrow;  /* [3 * capacity] f32, else NULL */
+    double *wide;   /* [3 * capacity] doubles, or NULL */
+    float *narrow;  /* [3 * capacity] floats, or NULL */
     float *normals; /* [3 * capacity] */
     bool has_normals;
     float *footprints; /* [capacity], or NULL; metres, see umbc_footprints_read */
@@ -91,23 +91,16 @@ void umbc_batch_finish(struct umbc_batch *batch);
 struct umb_points umbc_batch_view(const struct umbc_batch *batch, enum umbc_points_format format,
                                   const double origin[3]);
 
-/* All points of a file. */
-struct umbc_point_list {
-    size_t count;
-    double *positions; /* [3 * count] */
-    float *normals;    /* [3 * count], or NULL; zero for a point without one */
-};
-
 /*
  * Reads a whole file.
  *
- * In:    most: number of points after which reading stops; the list may have some more.
- * Fails: as umbc_points_open and umbc_points_read; E_NO_MEMORY. The list is then empty.
+ * In:    most: number of points after which reading stops.
+ * Out:   batch: the points as doubles, whatever the format of the file.
+ * Fails: as umbc_points_open and umbc_points_read; E_NO_MEMORY. The batch is then empty.
  */
 UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_format format,
                                              bool with_normals, size_t most,
-                                             struct umbc_point_list *list, struct umb_error *error);
-void umbc_point_list_finish(struct umbc_point_list *list);
+                                             struct umbc_batch *batch, struct umb_error *error);
 
 /* Number of points of a calibration sample; they touch more memory than caches hold. */
 #define UMBC_SAMPLE_POINTS 262144

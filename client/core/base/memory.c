@@ -45,7 +45,6 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
     size_t align = bytes < LARGE_PAGE ? CACHE_LINE : LARGE_PAGE;
     void *block =
         alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
-#ifdef MADV_HUGEPAGE
     if (block) {
         /* The advice covers only large pages that lie wholly inside the block, so it never touches
          * another block's memory. */
@@ -55,7 +54,6 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
             (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
         }
     }
-#endif
     return block;
 }
 

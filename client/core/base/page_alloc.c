@@ -40,8 +40,6 @@ static void *small_resize(struct header *header, size_t bytes)
     return header + 1;
 }
 
-#ifdef MREMAP_MAYMOVE
-
 /* Returns the bytes of the whole large pages that a block takes; 0 if the sum overflows. */
 static size_t mapping_bytes(size_t bytes)
 {
@@ -73,9 +71,7 @@ static void *map_new(size_t bytes)
     if (header == NULL) {
         return NULL;
     }
-#ifdef MADV_HUGEPAGE
     (void)madvise(header, mapped, MADV_HUGEPAGE);
-#endif
     *header = (struct header){.mapped = mapped, .asked = bytes};
     return header + 1;
 }
@@ -132,20 +128,5 @@ static void *resize(void *user, void *block, size_t bytes)
     }
     return larger;
 }
-
-#else
-
-static void *resize(void *user, void *block, size_t bytes)
-{
-    (void)user;
-    struct header *header = block == NULL ? NULL : header_of(block);
-    if (bytes == 0) {
-        free(header);
-        return NULL;
-    }
-    return small_resize(header, bytes);
-}
-
-#endif
 
 const struct umb_alloc umb__page_alloc = {resize, NULL};

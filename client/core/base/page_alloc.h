@@ -11,7 +11,7 @@
  *
  * Large blocks begin a cache line behind the start of a large page, and are zero when new. They
  * take whole large pages of address space; the system backs a page with memory when it is first
- * touched. Small blocks come from malloc, and so do large ones where the system cannot move pages.
+ * touched. Small blocks come from malloc.
  * Threads: any.
  */
 #include "umbrage/alloc.h"

@@ -49,8 +49,10 @@ bool umb__utf8_valid(const uint8_t *bytes, size_t size)
 {
     size_t at = 0;
     while (at < size) {
-        size_t length = umb__utf8_length(bytes + at, size - at);
-        if (length == 0 || bytes[at] == 0) {
+        /* NUL is no character here, and multibyte_length refuses it. */
+        const bool is_ascii = bytes[at] > 0 && bytes[at] < 0x80;
+        const size_t length = is_ascii ? 1 : multibyte_length(bytes + at, size - at);
+        if (length == 0) {
             return false;
         }
         at += length;

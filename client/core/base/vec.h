@@ -3,6 +3,17 @@
 #define UMBRAGE_CORE_BASE_VEC_H
 /* Three-component vectors of doubles. Nothing here can fail. */
 #include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+static inline bool umb__all_finite(const double *values, size_t count)
+{
+    bool finite = true;
+    for (size_t i = 0; i < count; i++) {
+        finite = finite && isfinite(values[i]);
+    }
+    return finite;
+}
 
 static inline double umb__dot(const double a[3], const double b[3])
 {
@@ -29,6 +40,15 @@ static inline void umb__subtract(const double a[3], const double b[3], double ou
     for (int k = 0; k < 3; k++) {
         out[k] = a[k] - b[k];
     }
+}
+
+/* Computes a triangle's normal by its winding, whose length is twice the triangle's area. */
+static inline void umb__triangle_cross(const double corners[3][3], double out[3])
+{
+    double a[3], b[3];
+    umb__subtract(corners[1], corners[0], a);
+    umb__subtract(corners[2], corners[0], b);
+    umb__cross(a, b, out);
 }
 
 static inline double umb__length(const double a[3])

@@ -15,7 +15,7 @@
 #include "base/try.h"
 #include "format/asset_parts.h"
 #include "query/query_parts.h"
-#include "query/voxel_tree.h"
+#include "query/voxel_walk.h"
 #include "umbrage/curve.h"
 
 enum {
@@ -29,13 +29,21 @@ enum {
     REPEATS_MAX = 64,  /* Most queries of a run of few points */
 };
 
-/* What rows are timed with. */
-struct row_timer {
+/* Points of one kind, world space relative to the asset's origin. */
+struct sample {
+    double (*positions)[3];
+    double lines; /* Lines that one tap reads, as the curve counts them */
+    double ns[UMB_CURVE_ROWS_MAX];
+};
+
+struct job {
     const struct umb_asset *asset;
+    const struct umb_frustum_info *frustum;
     uint32_t light;
-    const struct umb_curve_row *rows;
-    size_t count;                    /* Number of rows */
-    const struct umb_points *points; /* Points to query: at least one; finite */
+    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
+    size_t count;
+    struct umb__tree tree; /* Tree of the light's first frustum */
+    struct sample easy, hard;
     double (*now_s)(void);
 };
 
@@ -47,14 +55,13 @@ static int by_size(const void *a, const void *b)
 
 /* Queries INTERVALS intervals of points, number `turn` of each equal part of all points. Returns
  * nanoseconds a point. */
-static double time_intervals(const struct row_timer *timer, const struct umb_query *query,
-                             size_t turn, float *answers)
+static double time_intervals(const struct job *job, const struct umb_points *points,
+                             const struct umb_query *query, size_t turn, float *answers)
 {
-    const struct umb_points *points = timer->points;
     const size_t part = points->count / INTERVALS, turns = part / INTERVAL;
     struct umb_answers out = {.values = answers};
     size_t asked = 0;
-    const double start = timer->now_s();
+    const double start = job->now_s();
     if (turns > 0) {
         for (size_t i = 0; i < INTERVALS; i++) {
             const struct umb_points interval =
@@ -68,68 +75,52 @@ static double time_intervals(const struct row_timer *timer, const struct umb_que
             asked += points->count;
         }
     }
-    return 1e9 * (timer->now_s() - start) / (double)asked;
+    return 1e9 * (job->now_s() - start) / (double)asked;
 }
 
-static enum umb_status time_runs(const struct row_timer *timer, double runs[][RUNS], float *answers,
-                                 struct umb_error *error)
+static enum umb_status time_runs(const struct job *job, const struct umb_points *points,
+                                 double runs[][RUNS], float *answers, struct umb_error *error)
 {
     for (size_t run = 0; run < RUNS; run++) {
-        for (size_t row = 0; row < timer->count; row++) {
-            const struct umb_query_settings settings = {.light = timer->light,
-                                                        .taps = timer->rows[row].taps,
-                                                        .level = timer->rows[row].level};
+        for (size_t row = 0; row < job->count; row++) {
+            const struct umb_query_settings settings = {
+                .light = job->light, .taps = job->rows[row].taps, .level = job->rows[row].level};
             struct umb_query query;
-            UMB__TRY(umb_query_prepare(timer->asset, &settings, &query, error));
-            runs[row][run] = time_intervals(timer, &query, run * timer->count + row, answers);
+            UMB__TRY(umb_query_prepare(job->asset, &settings, &query, error));
+            runs[row][run] = time_intervals(job, points, &query, run * job->count + row, answers);
         }
     }
     return UMB_OK;
 }
 
 /*
- * Times the rows of a light's curve on given points. Out: ns: nanoseconds a point, for each row.
+ * Times the rows of a light's curve. In: points: at least one, finite. Out: ns: nanoseconds a
+ * point, for each row.
  *
  * A run queries a few intervals of consecutive points, spread over all of them, so that it sees
  * points of all kinds in their real order. The next run and the next row take other intervals, so
  * that no row finds its data in the cache because of the row before. Runs of the rows are
  * interleaved, and the median of a row's runs counts.
  */
-static enum umb_status time_rows(const struct row_timer *timer, double ns[UMB_CURVE_ROWS_MAX],
-                                 struct umb_error *error)
+static enum umb_status time_rows(const struct job *job, const struct umb_points *points,
+                                 double ns[UMB_CURVE_ROWS_MAX], struct umb_error *error)
 {
-    const struct umb_alloc *alloc = timer->asset->alloc;
+    const struct umb_alloc *alloc = job->asset->alloc;
     double runs[UMB_CURVE_ROWS_MAX][RUNS];
-    const size_t room = timer->points->count < (size_t)INTERVALS * INTERVAL ? timer->points->count
-                                                                            : (size_t)INTERVAL;
+    const size_t room =
+        points->count < (size_t)INTERVALS * INTERVAL ? points->count : (size_t)INTERVAL;
     float *answers = umb__alloc(alloc, room, sizeof *answers);
     if (answers == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "calibration: out of memory for %zu answers", room);
     }
-    const enum umb_status status = time_runs(timer, runs, answers, error);
+    const enum umb_status status = time_runs(job, points, runs, answers, error);
     umb__free(alloc, answers);
-    for (size_t row = 0; row < timer->count && status == UMB_OK; row++) {
+    for (size_t row = 0; row < job->count && status == UMB_OK; row++) {
         qsort(runs[row], RUNS, sizeof *runs[row], by_size);
         ns[row] = runs[row][RUNS / 2];
     }
     return status;
 }
-
-/* Points of one kind, world space relative to the asset's origin. */
-struct sample {
-    double (*positions)[3];
-    double lines; /* Lines that one tap reads, as the curve counts them */
-    double ns[UMB_CURVE_ROWS_MAX];
-};
-
-struct job {
-    const struct umb_asset *asset;
-    const struct umb_frustum_info *frustum;
-    uint32_t light, first_frustum;
-    struct umb_curve_row rows[UMB_CURVE_ROWS_MAX];
-    size_t count;
-    struct sample easy, hard;
-};
 
 static double unit(uint64_t *state)
 {
@@ -139,69 +130,16 @@ static double unit(uint64_t *state)
     return (double)((*state * UINT64_C(0x2545f4914f6cdd1d)) >> 11) * 0x1p-53;
 }
 
-static struct umb__tree tree_of(const struct job *job)
-{
-    const struct umb__top *top = &job->asset->view.tops[job->first_frustum];
-    return (struct umb__tree){.grid = job->asset->view.grid + top->first_cell,
-                              .nodes = job->asset->view.nodes,
-                              .bricks = job->asset->view.bricks,
-                              .log2_size = job->frustum->log2_size,
-                              .grid_log2 = top->grid_log2};
-}
-
-/* Returns the depth in voxels where a texel's ray first meets a caster; -1 if it is lit for
- * COLUMN_STEPS. */
-static double first_shadow(const struct job *job, uint32_t x, uint32_t y)
-{
-    const struct umb__tree tree = tree_of(job);
-    const uint32_t size = 1U << job->frustum->log2_size;
-    struct umb_volume_stats ignored = {0};
-    uint32_t z = 0;
-    for (int step = 0; step < COLUMN_STEPS && z < size; step++) {
-        struct umb__place place = umb__tree_locate(&tree, x, y, z, &ignored);
-        if (place.brick ? !umb__brick_voxel(place.brick, x, y, z) : !place.lit) {
-            return (double)z;
-        }
-        z = place.brick ? z + 1 : ((z >> place.level) + 1) << place.level;
-    }
-    return -1;
-}
-
 /* Returns the cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the
  * smallest uniform cube around it shows which odd levels above are mixed. */
 static double lines_at(const struct job *job, const double voxel[3])
 {
-    const struct umb__tree tree = tree_of(job);
     const uint32_t highest = umb_level_max(job->frustum->log2_size);
     struct umb_volume_stats ignored = {0};
-    const struct umb__place place = umb__tree_locate(&tree, (uint32_t)voxel[0], (uint32_t)voxel[1],
-                                                     (uint32_t)voxel[2], &ignored);
+    const struct umb__place place = umb__tree_locate(
+        &job->tree, (uint32_t)voxel[0], (uint32_t)voxel[1], (uint32_t)voxel[2], &ignored);
     const uint32_t lowest = place.brick ? UMB_LEVEL_BRICK : place.level + 2;
     return lowest > highest ? 1 : 2 + (highest - lowest) / 2;
-}
-
-/* Returns the world position, relative to the asset's origin, of a position in voxel space. */
-static void to_world(const struct umb_frustum_info *frustum, const double voxel[3], double p[3])
-{
-    const double(*m)[4] = frustum->world_to_voxel;
-    const double(*step)[3] = frustum->voxel_step;
-    double d[3], w = 1;
-    if (umb__is_perspective(frustum)) {
-        /* Depth determines W. With W known, X and Y are linear in the position again
-         * (content_check.c). */
-        const double *axis = m[3];
-        const double rate = m[2][0] * step[2][0] + m[2][1] * step[2][1] + m[2][2] * step[2][2];
-        const double turn = axis[0] * step[2][0] + axis[1] * step[2][1] + axis[2] * step[2][2];
-        w = axis[3] + (voxel[2] - m[2][3]) * turn / rate;
-        d[2] = (w - axis[3]) / turn;
-    } else {
-        d[2] = voxel[2] - m[2][3];
-    }
-    d[0] = voxel[0] * w - m[0][3];
-    d[1] = voxel[1] * w - m[1][3];
-    for (unsigned k = 0; k < 3; k++) {
-        p[k] = d[0] * step[0][k] + d[1] * step[1][k] + d[2] * step[2][k];
-    }
 }
 
 static void draw_points(struct job *job)
@@ -214,16 +152,17 @@ static void draw_points(struct job *job)
             voxel[axis] = unit(&state) * size;
         }
         job->easy.lines += lines_at(job, voxel) / POINTS;
-        to_world(job->frustum, voxel, job->easy.positions[i]);
+        umb__voxel_to_world(job->frustum, voxel, job->easy.positions[i]);
         double depth = -1;
         for (int tries = 0; tries < 8 && depth < 0; tries++) {
             voxel[0] = unit(&state) * size;
             voxel[1] = unit(&state) * size;
-            depth = first_shadow(job, (uint32_t)voxel[0], (uint32_t)voxel[1]);
+            depth = (double)umb__first_shadow(&job->tree, (uint32_t)voxel[0], (uint32_t)voxel[1], 0,
+                                              COLUMN_STEPS);
         }
         voxel[2] = depth >= 0 ? depth : voxel[2];
         job->hard.lines += lines_at(job, voxel) / POINTS;
-        to_world(job->frustum, voxel, job->hard.positions[i]);
+        umb__voxel_to_world(job->frustum, voxel, job->hard.positions[i]);
     }
 }
 
@@ -278,17 +217,15 @@ static void conclude(const struct umb_curve_row *rows, size_t count,
     }
 }
 
-static enum umb_status time_sample(struct job *job, struct sample *sample, double (*now_s)(void),
+static enum umb_status time_sample(const struct job *job, struct sample *sample,
                                    struct umb_error *error)
 {
     struct umb_points points = {
         .positions = sample->positions, .format = UMB_POINT_F64, .count = POINTS};
     memcpy(points.origin, job->asset->canonical.content.origin, sizeof points.origin);
-    struct row_timer timer = {job->asset, job->light, job->rows, job->count, &points, now_s};
-    return time_rows(&timer, sample->ns, error);
+    return time_rows(job, &points, sample->ns, error);
 }
 
-/* Finds the light and the curve to calibrate. */
 static enum umb_status find_rows(struct job *job, struct umb_error *error)
 {
     const struct umb__content *content = &job->asset->canonical.content;
@@ -301,21 +238,28 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
                         "calibration: the asset carries no accuracy curve for light %u",
                         job->light);
     }
-    job->first_frustum = content->lights[job->light].first_frustum;
-    job->frustum = &content->frusta[job->first_frustum];
+    const uint32_t first = content->lights[job->light].first_frustum;
+    const struct umb__view *view = &job->asset->view;
+    job->frustum = &content->frusta[first];
+    job->tree = (struct umb__tree){.grid = view->grid + view->tops[first].first_cell,
+                                   .nodes = view->nodes,
+                                   .bricks = view->bricks,
+                                   .log2_size = job->frustum->log2_size,
+                                   .grid_log2 = view->tops[first].grid_log2};
     return UMB_OK;
 }
 
-/* Times the rows on points drawn here, and interpolates to the hardness of the curve's points. */
-static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
-                                  struct umb_calibration *calibration, struct umb_error *error)
+/* Times the rows on drawn points, easy and hard ones, and interpolates between the two to points as
+ * hard as the curve's. */
+static enum umb_status time_drawn(struct job *job, struct umb_calibration *calibration,
+                                  struct umb_error *error)
 {
     if (!job->easy.positions || !job->hard.positions) {
         return umb_fail(error, UMB_E_NO_MEMORY, "calibration: out of memory for %d points", POINTS);
     }
     draw_points(job);
-    UMB__TRY(time_sample(job, &job->easy, now_s, error));
-    UMB__TRY(time_sample(job, &job->hard, now_s, error));
+    UMB__TRY(time_sample(job, &job->easy, error));
+    UMB__TRY(time_sample(job, &job->hard, error));
     const double far = hardness(job);
     double row_ns[UMB_CURVE_ROWS_MAX];
     for (size_t i = 0; i < job->count; i++) {
@@ -329,12 +273,12 @@ static enum umb_status time_drawn(struct job *job, double (*now_s)(void),
 enum umb_status umb_calibrate(const struct umb_asset *asset, uint32_t light, double (*now_s)(void),
                               struct umb_calibration *calibration, struct umb_error *error)
 {
-    struct job job = {.asset = asset, .light = light};
+    struct job job = {.asset = asset, .light = light, .now_s = now_s};
     memset(calibration, 0, sizeof *calibration);
     UMB__TRY(find_rows(&job, error));
     job.easy.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.easy.positions);
     job.hard.positions = umb__alloc(asset->alloc, POINTS, sizeof *job.hard.positions);
-    const enum umb_status status = time_drawn(&job, now_s, calibration, error);
+    const enum umb_status status = time_drawn(&job, calibration, error);
     umb__free(asset->alloc, job.easy.positions);
     umb__free(asset->alloc, job.hard.positions);
     return status;
@@ -344,15 +288,14 @@ enum umb_status umb_calibrate_points(const struct umb_asset *asset, uint32_t lig
                                      const struct umb_points *points, double (*now_s)(void),
                                      struct umb_calibration *calibration, struct umb_error *error)
 {
-    struct job job = {.asset = asset, .light = light};
+    struct job job = {.asset = asset, .light = light, .now_s = now_s};
     double row_ns[UMB_CURVE_ROWS_MAX];
     memset(calibration, 0, sizeof *calibration);
     UMB__TRY(find_rows(&job, error));
     if (points->count == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "calibration: no points");
     }
-    struct row_timer timer = {asset, light, job.rows, job.count, points, now_s};
-    UMB__TRY(time_rows(&timer, row_ns, error));
+    UMB__TRY(time_rows(&job, points, row_ns, error));
     conclude(job.rows, job.count, row_ns, calibration);
     return UMB_OK;
 }

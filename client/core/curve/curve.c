@@ -9,7 +9,6 @@
 #include "base/try.h"
 #include "format/asset_parts.h"
 
-/* Returns the largest bound of a light's frusta. */
 static double light_bound_m(const struct umb__content *content,
                             const struct umb__curve_record *record)
 {
@@ -62,7 +61,6 @@ enum umb_status umb_asset_get_curve(const struct umb_asset *asset, uint32_t ligh
     return *count > 0 ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
-/* A choice under way. */
 struct choice {
     const struct umb_dial *dial;
     const struct umb_calibration *calibration;

@@ -22,33 +22,6 @@ struct cube {
     int32_t x, y, z; /* Index of the first voxel */
 };
 
-struct range {
-    int32_t low, high; /* First and last index */
-};
-
-/* Part of [low, high] in the cube's side that begins at `first`. */
-static struct range cut(int32_t low, int32_t high, int32_t first, uint32_t level)
-{
-    return (struct range){umb__max(low, first), umb__min(high, first + ((int32_t)1 << level) - 1)};
-}
-
-static struct cube child_of(const struct umb__octree *octree, const struct cube *cube, unsigned c)
-{
-    const struct umb__octree_level *level = &octree->level[cube->level];
-    const uint16_t mask = level->masks[cube->index];
-    const unsigned before = umb__mask_mixed_count((uint16_t)(mask & ((1U << (2 * c)) - 1U)));
-    const int32_t half = (int32_t)1 << (cube->level - 1);
-    struct cube child = {.state = umb__mask_state(mask, c),
-                         .level = cube->level - 1,
-                         .x = cube->x + (c & 1 ? half : 0),
-                         .y = cube->y + (c & 2 ? half : 0),
-                         .z = cube->z + (c & 4 ? half : 0)};
-    if (child.state == UMB__NODE_MIXED) {
-        child.index = level->children[level->first[cube->index] + before];
-    }
-    return child;
-}
-
 /* Counts the cache lines below a grid cell: one for each wide node that is read, and one for each
  * brick. The caller counts the line of the cell itself. */
 static bool costs_line(const struct umb__octree_window *w, const struct cube *cube)
@@ -59,13 +32,14 @@ static bool costs_line(const struct umb__octree_window *w, const struct cube *cu
 
 static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
 {
-    const struct range x = cut(w->x0, w->x1, cube.x, cube.level);
-    const struct range y = cut(w->y0, w->y1, cube.y, cube.level);
-    if (x.low > x.high || y.low > y.high) {
+    const int32_t last = ((int32_t)1 << cube.level) - 1;
+    const int32_t width = umb__min(w->x1, cube.x + last) - umb__max(w->x0, cube.x) + 1;
+    const int32_t height = umb__min(w->y1, cube.y + last) - umb__max(w->y0, cube.y) + 1;
+    if (width <= 0 || height <= 0) {
         return 0;
     }
     if (cube.state != UMB__NODE_MIXED) {
-        const uint32_t texels = (uint32_t)((x.high - x.low + 1) * (y.high - y.low + 1));
+        const uint32_t texels = (uint32_t)(width * height);
         const uint32_t each = w->level > 0 ? 2 : 1;
         return cube.state == UMB__NODE_LIT ? each * texels : 0;
     }
@@ -79,11 +53,22 @@ static uint32_t count_cube(struct umb__octree_window *w, struct cube cube)
         return (uint32_t)__builtin_popcountll(slice & umb__slice_mask(cube.x, cube.y, &window));
     }
     w->nodes++;
+    const struct umb__octree_level *level = &w->octree->level[cube.level];
+    const uint16_t mask = level->masks[cube.index];
+    const int32_t half = (int32_t)1 << (cube.level - 1);
+    const unsigned deep = w->z - cube.z >= half ? 4 : 0;
+    const uint32_t *child = level->children + level->first[cube.index];
+    child += umb__mask_mixed_count((uint16_t)(mask & ((1U << (2 * deep)) - 1U)));
     uint32_t lit = 0;
-    const unsigned deep = w->z - cube.z >= (int32_t)1 << (cube.level - 1) ? 4 : 0;
     for (unsigned c = deep; c < deep + 4; c++) {
-        lit += count_cube(w, child_of(w->octree, &cube, c)); /* Levels descend: recursion is at most
-                                                                17 deep */
+        const enum umb__node_state state = umb__mask_state(mask, c);
+        const struct cube part = {.state = state,
+                                  .level = cube.level - 1,
+                                  .index = state == UMB__NODE_MIXED ? *child++ : 0,
+                                  .x = cube.x + (c & 1 ? half : 0),
+                                  .y = cube.y + (c & 2 ? half : 0),
+                                  .z = cube.z + (c & 4 ? half : 0)};
+        lit += count_cube(w, part); /* Levels descend: recursion is at most 17 deep */
     }
     return lit;
 }
@@ -95,7 +80,6 @@ uint32_t umb__octree_window_count(struct umb__octree_window *window)
     return count_cube(window, (struct cube){root->state, root->level, root->index, 0, 0, 0});
 }
 
-/* A setting to be measured. */
 struct setting {
     struct umb__query query;  /* Query with the setting */
     struct umb__query fine;   /* Second look-up: the same window, at full resolution */
@@ -136,7 +120,6 @@ static uint32_t look_up(const struct umb__query *q, const struct umb__content *c
     return window.outside + umb__octree_window_count(read);
 }
 
-/* Adds point i to a setting's sums. */
 static void add_point(struct setting *s, const struct umb__content *content,
                       const struct umb__octree *octree, const struct umb_points *points, size_t i)
 {

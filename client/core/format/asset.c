@@ -7,7 +7,6 @@
 #include "base/try.h"
 #include "base/utf8.h"
 #include "format/asset_parts.h"
-#include "format/pack_read.h"
 #include "format/receiver_mask.h"
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)64 << 30)

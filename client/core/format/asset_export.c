@@ -35,35 +35,28 @@ static uint32_t uniform(int lit)
     return lit ? UMB__REF_LIT : UMB__REF_SHADOWED;
 }
 
-/* Returns the pool's number of brick `number` of the view; adds the brick if necessary. */
-static enum umb_status export_brick(struct exporter *e, uint32_t number, uint32_t *ref)
-{
-    if (e->brick_of[number]) {
-        *ref = e->brick_of[number] - MADE;
-        return UMB_OK;
-    }
-    UMB__TRY(umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error));
-    e->brick_of[number] = *ref + MADE;
-    return UMB_OK;
-}
-
 static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t word,
                                    uint32_t *ref);
 
+/* Returns the pool's reference to a brick or wide node of the view; adds it if necessary. */
 static enum umb_status export_number(struct exporter *e, uint32_t level, uint32_t number,
                                      uint32_t *ref)
 {
-    return level == UMB_LEVEL_BRICK ? export_brick(e, number, ref)
-                                    : export_node(e, level, number, ref);
+    uint32_t *made = level == UMB_LEVEL_BRICK ? &e->brick_of[number] : &e->node_of[number];
+    if (*made) {
+        *ref = *made - MADE;
+        return UMB_OK;
+    }
+    UMB__TRY(level == UMB_LEVEL_BRICK
+                 ? umb__pool_brick(&e->pool, e->asset->view.bricks[number], ref, e->error)
+                 : export_node(e, level, number, ref));
+    *made = *ref + MADE;
+    return UMB_OK;
 }
 
 /* Turns a wide node into eight octree nodes of eight children each, and the node above them. */
 static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t word, uint32_t *ref)
 {
-    if (e->node_of[word]) {
-        *ref = e->node_of[word] - MADE;
-        return UMB_OK;
-    }
     const uint64_t *node = e->asset->view.nodes + word;
     uint32_t children[8];
     for (unsigned c = 0; c < 8; c++) {
@@ -77,9 +70,7 @@ static enum umb_status export_node(struct exporter *e, uint32_t level, uint32_t 
         }
         UMB__TRY(umb__pool_node(&e->pool, level - 1, inner, &children[c], e->error));
     }
-    UMB__TRY(umb__pool_node(&e->pool, level, children, ref, e->error));
-    e->node_of[word] = *ref + MADE;
-    return UMB_OK;
+    return umb__pool_node(&e->pool, level, children, ref, e->error);
 }
 
 /* A cube of grid cells. */

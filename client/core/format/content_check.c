@@ -16,16 +16,6 @@
 #include "format/transmittance.h"
 #include "umbrage/curve.h"
 
-static bool all_finite(const double *values, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (!isfinite(values[i])) {
-            return false;
-        }
-    }
-    return true;
-}
-
 /*
  * Inverts a matrix of three rows: step[i] is the world vector that changes row i by one and the
  * other two rows not at all. Cofactors keep about 15 digits for the matrices of light frames, whose
@@ -49,7 +39,7 @@ static bool invert_rows(const double *const rows[3], double step[3][3])
             step[axis][k] = cofactor[axis][k] / determinant;
         }
     }
-    return all_finite(&step[0][0], 9);
+    return umb__all_finite(&step[0][0], 9);
 }
 
 int umb__perspective_derive(const struct umb_frustum_info *frustum,
@@ -79,7 +69,7 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
     perspective->scale = 1 / rate;
     perspective->offset = w[3] - perspective->scale * m[2][3];
     const double far_w = perspective->offset + perspective->scale * size;
-    return all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
+    return umb__all_finite(step[2], 3) && far_w > 0 && isfinite(far_w);
 }
 
 /* Computes voxel_step of struct umb_frustum_info. Returns false if the transform is unsound. */
@@ -134,7 +124,7 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
                         "lights[%u].direction: (%g, %g, %g), must have length %g", i, d[0], d[1],
                         d[2], wanted);
     }
-    if (!all_finite(light->position, 3) || !isfinite(light->extent) || light->extent < 0) {
+    if (!umb__all_finite(light->position, 3) || !isfinite(light->extent) || light->extent < 0) {
         return umb_fail(error, UMB_E_CORRUPT,
                         "lights[%u]: position (%g, %g, %g) and extent %g must be finite, extent "
                         "not below 0",
@@ -167,7 +157,7 @@ static enum umb_status check_frustum(const struct umb__content *content, uint32_
     }
     const double *last = frustum->world_to_voxel[3];
     const bool affine = !umb__is_perspective(frustum) && last[3] == 1;
-    if (!all_finite(&frustum->world_to_voxel[0][0], 16) ||
+    if (!umb__all_finite(&frustum->world_to_voxel[0][0], 16) ||
         affine != (light->kind == UMB_LIGHT_DIRECTIONAL)) {
         return umb_fail(error, UMB_E_CORRUPT,
                         "frusta[%u].world_to_voxel: not finite, or its last row (%g, %g, %g, %g) "
@@ -251,8 +241,8 @@ enum umb_status umb__content_check(const struct umb__content *content, struct um
         return umb_fail(error, UMB_E_CORRUPT, "frusta: %u, allowed 1 to %d", content->frustum_count,
                         UMB_FRUSTA_MAX);
     }
-    if (!all_finite(content->origin, 3) || !all_finite(content->bounds.min, 3) ||
-        !all_finite(content->bounds.max, 3)) {
+    if (!umb__all_finite(content->origin, 3) || !umb__all_finite(content->bounds.min, 3) ||
+        !umb__all_finite(content->bounds.max, 3)) {
         return umb_fail(error, UMB_E_CORRUPT, "scene: origin or bounds not finite");
     }
     for (uint32_t i = 0; i < content->light_count; i++) {

@@ -8,6 +8,7 @@
 #include <xxhash.h>
 
 #include "base/bytes.h"
+#include "base/memory.h"
 #include "base/try.h"
 #include "format/directory.h"
 #include "format/layout.h"
@@ -33,10 +34,10 @@ static unsigned version_of(enum umb_encoding encoding)
     return encoding == UMB_ENCODING_PACKED ? UMB__VERSION_PACKED : UMB__VERSION_MAPPED;
 }
 
-uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
-                          uint32_t info_length)
+uint64_t umb__head_length(const struct umb__head *head)
 {
-    return UMB__HEAD_SIZE + canonical_length + (uint64_t)directory_count * entry_size + info_length;
+    return UMB__HEAD_SIZE + head->canonical_length +
+           (uint64_t)head->directory_count * entry_size_of(head->encoding) + head->info_length;
 }
 
 static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb__head *head,
@@ -115,8 +116,7 @@ static enum umb_status parse_lengths(const uint8_t *bytes, size_t size, bool fro
         return umb_fail(error, UMB_E_CORRUPT, "info length: %u, at most %u", head->info_length,
                         UMB__INFO_MAX);
     }
-    if (head->head_length != umb__head_length(head->canonical_length, head->directory_count,
-                                              entry_size_of(head->encoding), head->info_length)) {
+    if (head->head_length != umb__head_length(head)) {
         return umb_fail(error, UMB_E_CORRUPT, "head length: %llu does not fit its parts",
                         (unsigned long long)head->head_length);
     }
@@ -189,9 +189,13 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_
     return UMB_OK;
 }
 
-void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes)
+uint8_t *umb__head_make(const struct umb__head *head, const struct umb_alloc *alloc)
 {
-    memset(bytes, 0, UMB__HEAD_SIZE);
+    const size_t directory_bytes = head->directory_count * entry_size_of(head->encoding);
+    uint8_t *bytes = umb__alloc_zeroed(alloc, (size_t)head->head_length, 1);
+    if (!bytes) {
+        return NULL;
+    }
     memcpy(bytes, head->encoding == UMB_ENCODING_PACKED ? UMB__MAGIC_PACKED : UMB__MAGIC_MAPPED, 8);
     umb__store16(bytes + UMB__HEAD_VERSION, (uint16_t)version_of(head->encoding));
     umb__store16(bytes + UMB__HEAD_MINOR, UMB__VERSION_MINOR);
@@ -206,10 +210,10 @@ void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *b
     uint8_t *at = bytes + UMB__HEAD_SIZE;
     memcpy(at, head->canonical, (size_t)head->canonical_length);
     at += head->canonical_length;
-    memcpy(at, head->directory, head->directory_count * entry_size);
-    at += head->directory_count * entry_size;
+    memcpy(at, head->directory, directory_bytes);
     if (head->info_length > 0) {
-        memcpy(at, head->info, head->info_length);
+        memcpy(at + directory_bytes, head->info, head->info_length);
     }
     umb__store64(bytes + UMB__HEAD_CHECK, head_checksum(bytes, head->head_length));
+    return bytes;
 }

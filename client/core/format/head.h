@@ -39,12 +39,11 @@ UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t s
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
                                               struct umb_file_head *facts, struct umb_error *error);
 
-/* Returns the length in bytes of a head with these parts. */
-uint64_t umb__head_length(uint64_t canonical_length, uint32_t directory_count, size_t entry_size,
-                          uint32_t info_length);
+/* Returns the length in bytes of a head, from the lengths of its parts. */
+uint64_t umb__head_length(const struct umb__head *head);
 
-/* Writes a head with its checksum. In: head: parts of length 0 may be NULL. Out: bytes: uint8[] of
- * the length that umb__head_length gives for these parts. */
-void umb__head_write(const struct umb__head *head, size_t entry_size, uint8_t *bytes);
+/* Makes the bytes of a head, with its checksum. In: head: complete; parts of length 0 may be NULL.
+ * Returns uint8[head->head_length], which the caller frees with umb__free; NULL: out of memory. */
+uint8_t *umb__head_make(const struct umb__head *head, const struct umb_alloc *alloc);
 
 #endif

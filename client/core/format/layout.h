@@ -7,24 +7,6 @@
  * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file every
  * UMB__BLOCK_PAGES pages have a block of entries. The head has a table of these blocks. The first
  * block follows the head, the others follow the first block's pages.
- *
- *   OFFSET  SIZE  FIELD (head)
- *   0       8     magic
- *   8       2     major version
- *   10      2     minor version
- *   12      4     flags, 0
- *   16      8     file length
- *   24      8     head length: this table, canonical block, directory, info
- *   32      8     canonical block length (starts at 128)
- *   40      4     directory entries (the directory follows the canonical block): blocks of a
- *                 packed file, sections of a mapped one
- *   44      4     info length (follows the directory)
- *   48      32    id: SHA-256(canonical block, block hashes)
- *   80      4     pages (packed), else 0
- *   84      4     zero
- *   88      8     offset of the second block, if there is one, else 0
- *   96      24    zero
- *   120     8     XXH3-64 of head bytes [0,120) and [128, head length)
  */
 #include <stdint.h>
 
@@ -36,21 +18,22 @@
 #define UMB__VERSION_MINOR   0U
 #define UMB__VERSION_PARTIAL 2U
 
+/* Head: magic at 0, then these fields, then canonical block, directory and info without gaps. */
 enum {
-    UMB__HEAD_VERSION = 8,
-    UMB__HEAD_MINOR = 10,
-    UMB__HEAD_FLAGS = 12,
-    UMB__HEAD_FILE_LENGTH = 16,
-    UMB__HEAD_LENGTH = 24,
-    UMB__HEAD_CANONICAL_LENGTH = 32,
-    UMB__HEAD_DIRECTORY_COUNT = 40,
-    UMB__HEAD_INFO_LENGTH = 44,
-    UMB__HEAD_ID = 48,
-    UMB__HEAD_PAGES = 80,
-    UMB__HEAD_ZERO_1 = 84,
-    UMB__HEAD_BLOCKS = 88, /* Offset of the second block; further blocks follow it */
-    UMB__HEAD_ZERO = 96,
-    UMB__HEAD_CHECK = 120,
+    UMB__HEAD_VERSION = 8,           /* u16, major version */
+    UMB__HEAD_MINOR = 10,            /* u16 */
+    UMB__HEAD_FLAGS = 12,            /* u32, 0 */
+    UMB__HEAD_FILE_LENGTH = 16,      /* u64 */
+    UMB__HEAD_LENGTH = 24,           /* u64, from the magic to the end of the info */
+    UMB__HEAD_CANONICAL_LENGTH = 32, /* u64 */
+    UMB__HEAD_DIRECTORY_COUNT = 40,  /* u32, blocks of a packed file, sections of a mapped one */
+    UMB__HEAD_INFO_LENGTH = 44,      /* u32 */
+    UMB__HEAD_ID = 48,               /* SHA-256 of the canonical block and the block hashes */
+    UMB__HEAD_PAGES = 80,            /* u32, pages of a packed file, else 0 */
+    UMB__HEAD_ZERO_1 = 84,           /* u32 */
+    UMB__HEAD_BLOCKS = 88,           /* u64, offset of the second block, or 0; others follow it */
+    UMB__HEAD_ZERO = 96,             /* 24 bytes */
+    UMB__HEAD_CHECK = 120,           /* u64, XXH3-64 of head bytes [0,120) and [128, head length) */
     UMB__HEAD_SIZE = 128,
 };
 

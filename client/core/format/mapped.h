@@ -6,12 +6,6 @@
 #include "format/head.h"
 #include "format/view.h"
 
-/* Returns the bytes of grids, nodes and bricks together, of which the columns may take a share. */
-static inline uint64_t umb__layout_bytes(uint64_t cells, uint64_t node_words, uint64_t bricks)
-{
-    return cells * 4 + node_words * 8 + bricks * 64;
-}
-
 /* A mapped layout that owns its memory. */
 struct umb__mapped {
     struct umb__top *tops;

@@ -222,8 +222,8 @@ static enum umb_status join(const struct umb__content *content, const struct mea
  * words holds fewer than 2^32 pieces. */
 static uint64_t budget_of(const struct umb__content *content, const struct umb__view *view)
 {
-    return umb__layout_bytes(view->grid_count, view->node_words, view->brick_count) / BUDGET_SHARE /
-           content->frustum_count;
+    const uint64_t bytes = view->grid_count * 4 + view->node_words * 8 + view->brick_count * 64;
+    return bytes / BUDGET_SHARE / content->frustum_count;
 }
 
 uint64_t umb__columns_bytes_max(const struct umb__content *content,

@@ -57,11 +57,9 @@ struct umb__pool {
     uint64_t keys[UMB__POOL_KEYS]; /* Secret keys of the hashes, the same in all pools of a
                                       process */
     size_t bytes, max_bytes;       /* Bytes in use, and their limit */
-    struct umb__hash_slots brick_slots;
-    uint32_t brick_count, brick_capacity;
     uint64_t (*bricks)[8];
     uint32_t *brick_tags; /* Tags of a loose pool's bricks, which its merge uses again */
-    struct umb__pool_level level[UMB_LEVEL_MAX + 1];
+    struct umb__pool_level level[UMB_LEVEL_MAX + 1]; /* Level 3: table and numbers of the bricks */
 };
 
 /* Starts an empty pool. In: alloc: NULL = malloc. max_bytes: memory limit; SIZE_MAX for none. */

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 #define UMBRAGE_CORE_FORMAT_NODE_POOL_PARTS_H
 /*
- * Tags, keys and slots, shared by node_pool.c, node_pool_room.c and node_pool_merge.c.
+ * Tags, keys and slots, shared by node_pool.c, node_pool_merge.c and pack_read.c.
  *
  * A tag is a hash of 32 bits. The high bits of the tag give the place in a table of any size. A
  * slot is one 64-bit word: the tag in the high half, the number plus one in the low half. So a
@@ -137,14 +137,6 @@ static inline int umb__node_equals(const struct umb__pool_level *level, uint32_t
 void umb__key_from_children(const uint32_t children[8], struct umb__node_key *key);
 
 /*
- * Make room for one more brick or node: in the arrays, and in the table if it must grow. Loose
- * pools have no table for nodes, and one of fixed size for bricks. Fails: as umb__pool_brick.
- */
-UMB_CHECKED enum umb_status umb__pool_brick_room(struct umb__pool *pool, struct umb_error *error);
-UMB_CHECKED enum umb_status
-umb__pool_node_room(struct umb__pool *pool, struct umb__pool_level *level, struct umb_error *error);
-
-/*
  * Find or add a brick or node that is not uniform. Not for loose pools. In: place: slot on the
  * tag's probe sequence, with nothing equal before it. Fails: as umb__pool_brick.
  */
@@ -159,8 +151,10 @@ UMB_CHECKED enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t
 /* Number of nodes or bricks that are looked up together. */
 #define UMB__POOL_GROUP 32U
 
-/* A group of nodes of one level. The caller sets the keys. */
-struct umb__node_group {
+/* A group of bricks, or of nodes of one level. The caller sets the count, and bricks or keys. */
+struct umb__pool_group {
+    uint32_t count; /* At most UMB__POOL_GROUP */
+    const uint64_t (*bricks)[8];
     struct umb__node_key keys[UMB__POOL_GROUP];
     uint32_t tags[UMB__POOL_GROUP];
     size_t places[UMB__POOL_GROUP];
@@ -168,14 +162,11 @@ struct umb__node_group {
 };
 
 /*
- * Find or add bricks, or a group of nodes. Each step prefetches the memory that a later step reads.
- * In: count: of nodes at most UMB__POOL_GROUP. Out: refs: uint32[count]. Fails: as umb__pool_brick.
+ * Finds or adds a group. Each step prefetches the memory that a later step reads.
+ * Out: refs: uint32[group->count]. Fails: as umb__pool_brick.
  */
-UMB_CHECKED enum umb_status umb__pool_find_bricks(struct umb__pool *pool,
-                                                  const uint64_t (*bricks)[8], uint32_t count,
-                                                  uint32_t *refs, struct umb_error *error);
-UMB_CHECKED enum umb_status umb__pool_find_nodes(struct umb__pool *pool, uint32_t level,
-                                                 struct umb__node_group *group, uint32_t count,
-                                                 uint32_t *refs, struct umb_error *error);
+UMB_CHECKED enum umb_status umb__pool_find(struct umb__pool *pool, uint32_t level,
+                                           struct umb__pool_group *group, uint32_t *refs,
+                                           struct umb_error *error);
 
 #endif

@@ -11,44 +11,24 @@
  * the DAG has the answer. For the other texels `lit` is stored here, exact to the voxel. Most of
  * them belong to roofs and walls, so squares of texels are planes.
  *
- * The entry FRNT of the canonical block is an array of u32 words: a reference for each frustum,
- * then records in the order in which references lead to them, depth first, without gaps.
- *
- * Bits 0..25 of a reference are the word where its record begins, bits 26..31 its kind. The
- * reference 0 means that there is no record: the DAG answers for all texels of the square. A square
- * of level l is 2^l texels a side. The root of a frustum of 2^n texels a side is a square of the
- * lowest level 3 * k that is at least n. The record of a square, by kind and level:
- *
- *   63, level 9 and up   divided into 8 x 8 squares: u64 mask of the squares that have a record
- *                        (square x + 8 * y), then a reference for each bit
- *   0, level 6           a plane: i64 c, i32 a, b: lit = floor((c + a * x + b * y) / 2^20), x and y
- *                        from the square's corner
- *   62, level 6          divided into 8 x 8 blocks: u32 number of planes, at most 15; for each a
- *                        plane as above and a u64 mask of the blocks that it answers; u64 mask of
- *                        the blocks that have a record, and a reference for each bit. The DAG
- *                        answers for the other blocks
- *   w = 0..20, level 3   i32 c, a, b, then 64 residuals of w bits each, texel x + 8 * y at bit
- *                        (x + 8 * y) * w, low bits first:
- *                        lit = floor((c + a * x + b * y) / 2^12) - residual, x and y from the
- *                        block's corner
- *   24 + k, k = 1..4,    64 numbers of k bits each, packed as residuals are. 0: the DAG answers;
- *   level 3              p: plane p - 1 of the square does
- *   32 + w, level 3      i32 c, a, b, u64 mask of texels, then as w. The DAG answers for texels
- *                        outside the mask
- *
- * An i64 or u64 has its low word first.
+ * The entry FRNT of the canonical block is a tree of squares over each frustum
+ * (docs/reference/umb-format.md, section 3, has the layout of its words). A reference names a
+ * record and the record's kind; the reference 0 means that the DAG answers for the whole square.
+ * Squares of level 9 and up, 2^level texels a side, are divided into 8 x 8. A square of level 6 is
+ * one plane, or several planes with a mask of blocks each. A block of level 3 is a plane with
+ * residuals, or names a plane of its square for each texel.
  */
 #include <stdbool.h>
 #include <stdint.h>
 #include "umbrage/asset.h"
 
-#define UMB__OCCLUDER_DEPTH_OFFSET_BITS 26U
-#define UMB__OCCLUDER_DEPTH_DIVIDED     63U
+#define UMB__OCCLUDER_DEPTH_OFFSET_BITS 26U /* Bits of a reference below its kind */
+#define UMB__OCCLUDER_DEPTH_DIVIDED     63U /* Kinds; 0: one plane; up to 20: bits of residuals */
 #define UMB__OCCLUDER_DEPTH_PLANES      62U
 #define UMB__OCCLUDER_DEPTH_PLANES_MAX  15U
-#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U /* Words of a plane with its mask of blocks */
-#define UMB__OCCLUDER_DEPTH_CHOICE      24U
-#define UMB__OCCLUDER_DEPTH_MASKED      32U
+#define UMB__OCCLUDER_DEPTH_PLANE_WORDS 6U  /* Words of a plane with its mask of blocks */
+#define UMB__OCCLUDER_DEPTH_CHOICE      24U /* Plus the bits of a plane's number */
+#define UMB__OCCLUDER_DEPTH_MASKED      32U /* Plus bits of residuals; a mask comes first */
 #define UMB__OCCLUDER_DEPTH_WIDTH_MAX   20U
 #define UMB__OCCLUDER_DEPTH_SHIFT       12U /* Fraction bits of planes of level 3 */
 #define UMB__OCCLUDER_DEPTH_WIDE_SHIFT  20U /* Fraction bits of level 6: 64 texels need more */
@@ -191,18 +171,6 @@ static inline bool umb__occluder_depth_find(const uint32_t *words, uint32_t root
     *lit = (uint32_t)value;
     return true;
 }
-
-/*
- * Copies the words of an entry without a check.
- *
- * In:    bytes: uint8[length], or NULL if there is no entry.
- * Out:   words: [count] of alloc; NULL and 0 without an entry.
- * Fails: E_CORRUPT (no whole words), E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umb__occluder_depth_load(const uint8_t *bytes, uint64_t length,
-                                                     const struct umb_alloc *alloc,
-                                                     uint32_t **words, uint64_t *count,
-                                                     struct umb_error *error);
 
 /*
  * Checks an occluder depth map: every reference leads to the next record, all values lie in

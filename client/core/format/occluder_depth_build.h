@@ -76,7 +76,7 @@ const uint32_t *umb__occluder_depth_square(const struct umb__occluder_depth *occ
 int umb__occluder_depth_square_fits(uint32_t log2_size, const uint32_t *words, size_t count);
 
 /*
- * Adds a square that has none yet.
+ * Adds the words of a square (umb__occluder_depth_square). The square must not have any yet.
  *
  * In:    words: uint32[words[0]] that umb__occluder_depth_square_fits accepts.
  * Fails: as umb__occluder_depth_add.

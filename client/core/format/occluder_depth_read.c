@@ -1,36 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loads and checks occluder depth maps. A check reads the records in the order in which they were
+/* Checks occluder depth maps. A check reads the records in the order in which they were
  * written, and each reference must lead to the next one. So nothing is read twice, and the walk
  * ends. */
 #include "format/occluder_depth_build.h"
-
-#include "base/bytes.h"
-#include "base/memory.h"
-
-enum umb_status umb__occluder_depth_load(const uint8_t *bytes, uint64_t length,
-                                         const struct umb_alloc *alloc, uint32_t **words,
-                                         uint64_t *count, struct umb_error *error)
-{
-    *words = NULL;
-    *count = 0;
-    if (!bytes) {
-        return UMB_OK;
-    }
-    if (length % 4 != 0 || length == 0) {
-        return umb_fail(error, UMB_E_CORRUPT, "front: %llu bytes are not whole words",
-                        (unsigned long long)length);
-    }
-    *words = umb__alloc(alloc, (size_t)(length / 4), sizeof **words);
-    if (!*words) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "front: no memory for %llu bytes",
-                        (unsigned long long)length);
-    }
-    *count = length / 4;
-    for (uint64_t i = 0; i < *count; i++) {
-        (*words)[i] = umb__load32(bytes + 4 * i);
-    }
-    return UMB_OK;
-}
 
 struct checker {
     const uint32_t *words;

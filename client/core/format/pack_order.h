@@ -3,7 +3,8 @@
 #define UMBRAGE_CORE_FORMAT_PACK_ORDER_H
 /*
  * The canonical order of a packed file: which pages each node stands in, and at which position.
- * pack_ordering.h makes it.
+ * Independent pages are ordered step by step: each can be encoded as soon as it is closed, while
+ * another thread goes on ordering.
  *
  * Levels are cut into bands (13 and up, 8 to 12, 3 to 7). Band after band, from the top, the nodes
  * are visited depth first from the roots of the band, in the order in which the band above first
@@ -20,6 +21,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include "format/octree.h"
+#include "umbrage/workers.h"
 
 #define UMB__LOWEST_END 8U /* First level above the lowest band */
 
@@ -54,14 +56,43 @@ struct umb__pack_order {
     const struct umb_alloc *alloc;
 };
 
-/* Makes room for the first ordinals of `needed` pages. Returns false if out of memory. */
-bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed);
-
 /* Finds the page and position of an ordinal of a level. Cost: a search among the pages of 16
  * ordinals. */
 struct umb__node_place umb__pack_place(const struct umb__pack_order *order, uint32_t level,
                                        uint32_t ordinal);
 
 void umb__pack_order_finish(struct umb__pack_order *order);
+
+struct umb__pack_ordering; /* opaque */
+
+/*
+ * Orders everything before the first independent page; the whole octree if no page is independent.
+ *
+ * In:    workers: helpers for the sample that decides on independent pages; or NULL.
+ * Out:   order: filled by the steps; finish it after `out`. Finish both also after a failure.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
+ *        or copies).
+ */
+UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
+                                                  const struct umb_workers *workers,
+                                                  struct umb__pack_order *order,
+                                                  struct umb__pack_ordering **out,
+                                                  struct umb_error *error);
+
+/* True if all nodes are ordered: page_count, ordinals and hints are final. */
+bool umb__pack_order_complete(const struct umb__pack_ordering *ordering);
+
+/*
+ * Makes room for a step of `pages` pages. Fails: E_NO_MEMORY.
+ * Threads: closed pages from alone_from on can be encoded during the step, which moves no memory.
+ */
+UMB_CHECKED enum umb_status umb__pack_order_reserve(struct umb__pack_ordering *ordering,
+                                                    uint32_t pages);
+
+/* Closes `pages` further pages, or all that are left if these are fewer. In: an order that is not
+ * complete. Fails: as umb__pack_order_begin. */
+UMB_CHECKED enum umb_status umb__pack_order_step(struct umb__pack_ordering *ordering,
+                                                 uint32_t pages);
+void umb__pack_ordering_destroy(struct umb__pack_ordering *ordering); /* NULL is allowed */
 
 #endif

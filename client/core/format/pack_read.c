@@ -10,16 +10,16 @@
  * once for each use and checked against the memory allocated for its page, and nodes are read only
  * from private copies of the pages.
  */
-#include "format/pack_read.h"
-
 #include <stdbool.h>
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
 
 #include "base/bytes.h"
+#include "base/compat.h"
 #include "base/memory.h"
 #include "base/try.h"
+#include "format/asset_parts.h"
 #include "format/directory.h"
 #include "format/layout.h"
 #include "format/node_pool_parts.h"
@@ -47,37 +47,25 @@ struct reader {
     struct umb__pool pool;
 };
 
-/* Returns true if the page of an entry lies in the file and fits the `room` bytes left for it.
- * Another process may have changed the entry. */
-static bool entry_fits(const struct umb__head *head, const struct umb__page_entry *entry,
-                       uint64_t room)
-{
-    return entry->raw_length <= room && entry->offset <= head->file_length &&
-           entry->stored_length <= head->file_length - entry->offset;
-}
-
-/* Returns true if a page's compressed bytes match the checksum of the page's entry. The decoder
- * ignores some bits of these bytes, so no other check detects a flip of those bits. */
-static bool stored_as_written(const uint8_t *file, const struct umb__page_entry *entry)
-{
-    return XXH3_64bits(file + entry->offset, entry->stored_length) == entry->check;
-}
-
 /* Uncompresses a page. Checks the page's place first and, with `check`, the page's checksum. In:
  * raw: uint8[room]. */
 static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct umb__head *head,
                               const struct umb__page_entry *entry, int check, uint8_t *raw,
                               uint64_t room, struct umb_error *error)
 {
-    if (!entry_fits(head, entry, room)) {
+    /* Another process may have changed the entry. */
+    if (entry->raw_length > room || entry->offset > head->file_length ||
+        entry->stored_length > head->file_length - entry->offset) {
         return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
                         entry->page);
     }
-    if (check && !stored_as_written(file, entry)) {
+    const uint8_t *stored = file + entry->offset;
+    /* The decoder ignores some bits of a page, so no other check detects a flip of those bits. */
+    if (check && XXH3_64bits(stored, entry->stored_length) != entry->check) {
         return umb_fail(error, UMB_E_CORRUPT, "page %u of the file: checksum does not match",
                         entry->page);
     }
-    return umb__page_expand(zstd, file + entry->offset, entry, raw, error);
+    return umb__page_expand(zstd, stored, entry, raw, error);
 }
 
 /* Makes the first pass. Out: totals: number of nodes of each level in all parsed pages. */
@@ -181,9 +169,9 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 
 /* Reads the keys of a page's next nodes of a level. Nodes in other pages are in the pool. */
 static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
-                      uint32_t count, struct umb__node_group *group)
+                      struct umb__pool_group *group)
 {
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < group->count; i++) {
         struct umb__node_key *key = &group->keys[i];
         *key = (struct umb__node_key){0};
         uint32_t *children = key->words + 1;
@@ -199,7 +187,7 @@ static void read_keys(const struct reader *r, const uint32_t *own, struct umb__p
 
 static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
 {
-    struct umb__node_group group;
+    UMB__UNSET struct umb__pool_group group;
     const struct umb__page *page = &r->pages[p];
     const uint32_t count = page->node_count[l];
     const uint32_t *own = r->numbers[l - 1] + r->first[p][l - 1];
@@ -207,9 +195,9 @@ static enum umb_status add_nodes(struct reader *r, uint32_t p, uint32_t l)
     struct umb__page_nodes nodes = umb__page_nodes(page, l);
     UMB__TRY(read_others(r, p, l));
     for (uint32_t i = 0; i < count; i += UMB__POOL_GROUP) {
-        const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
-        read_keys(r, own, &nodes, some, &group);
-        UMB__TRY(umb__pool_find_nodes(&r->pool, l, &group, some, numbers + i, r->error));
+        group.count = count - i < UMB__POOL_GROUP ? count - i : UMB__POOL_GROUP;
+        read_keys(r, own, &nodes, &group);
+        UMB__TRY(umb__pool_find(&r->pool, l, &group, numbers + i, r->error));
     }
     return UMB_OK;
 }
@@ -220,15 +208,16 @@ static enum umb_status add_bricks(struct reader *r, uint32_t p)
     const uint32_t count = page->node_count[UMB_LEVEL_BRICK];
     uint32_t *numbers = r->numbers[UMB_LEVEL_BRICK] + r->first[p][UMB_LEVEL_BRICK];
     struct umb__page_bricks bricks = umb__page_bricks(page, r->leaves);
-    uint64_t group[UMB__POOL_GROUP][8];
+    UMB__UNSET uint64_t slices[UMB__POOL_GROUP][8];
+    UMB__UNSET struct umb__pool_group group;
+    group.bricks = (const uint64_t(*)[8])slices;
     umb__page_leaves(page, r->leaves);
     for (uint32_t i = 0; i < count; i += UMB__POOL_GROUP) {
-        const uint32_t left = count - i, some = left < UMB__POOL_GROUP ? left : UMB__POOL_GROUP;
-        for (uint32_t k = 0; k < some; k++) {
-            umb__page_bricks_next(&bricks, group[k]);
+        group.count = count - i < UMB__POOL_GROUP ? count - i : UMB__POOL_GROUP;
+        for (uint32_t k = 0; k < group.count; k++) {
+            umb__page_bricks_next(&bricks, slices[k]);
         }
-        UMB__TRY(umb__pool_find_bricks(&r->pool, (const uint64_t(*)[8])group, some, numbers + i,
-                                       r->error));
+        UMB__TRY(umb__pool_find(&r->pool, UMB_LEVEL_BRICK, &group, numbers + i, r->error));
     }
     return UMB_OK;
 }
@@ -239,7 +228,7 @@ static enum umb_status add_bricks(struct reader *r, uint32_t p)
 static enum umb_status add_page(struct reader *r, uint32_t p, uint32_t l, uint64_t most)
 {
     enum umb_status status = l == UMB_LEVEL_BRICK ? add_bricks(r, p) : add_nodes(r, p, l);
-    const uint64_t found = l == UMB_LEVEL_BRICK ? r->pool.brick_count : r->pool.level[l].count;
+    const uint64_t found = r->pool.level[l].count;
     if (status == UMB_E_LIMIT) {
         return umb_fail(r->error, UMB_E_TOO_LARGE,
                         "asset: expanding its nodes takes more than the %zu bytes left, the limit "
@@ -419,8 +408,10 @@ static enum umb_status batch_prove(const struct batch *batch, const struct umb__
     return UMB_OK;
 }
 
-enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *head,
-                                 const struct umb_sha256 *sha256, struct umb_error *error)
+/* Compares each block of the directory with its hash in the head, and each page's uncompressed
+ * bytes with its hash in the block. */
+static enum umb_status prove_pages(const uint8_t *file, const struct umb__head *head,
+                                   const struct umb_sha256 *sha256, struct umb_error *error)
 {
     uint64_t raw_total;
     enum umb_status status = UMB_OK;
@@ -440,4 +431,33 @@ enum umb_status umb__pages_prove(const uint8_t *file, const struct umb__head *he
     ZSTD_freeDCtx(zstd);
     umb__free(NULL, batch.raw);
     return status;
+}
+
+enum umb_status umb_packed_prove(const void *bytes, size_t size, const uint8_t *id,
+                                 const struct umb_sha256 *sha256, struct umb_error *error)
+{
+    struct umb__head head;
+    uint8_t made[UMB_ID_BYTES];
+    if (!sha256) {
+        return umb_fail(error, UMB_E_ARGUMENT, "sha256: NULL, a proof needs one");
+    }
+    UMB__TRY(umb__head_parse(bytes, size, &head, error));
+    if (head.encoding != UMB_ENCODING_PACKED) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "encoding: a mapped file is a cache and proves nothing");
+    }
+    if (id && memcmp(id, head.id, UMB_ID_BYTES) != 0) {
+        char has[UMB_ID_TEXT_SIZE], wanted[UMB_ID_TEXT_SIZE];
+        umb_id_to_text(head.id, has);
+        umb_id_to_text(id, wanted);
+        return umb_fail(error, UMB_E_CORRUPT, "id: the file is of asset %s, asked for was %s", has,
+                        wanted);
+    }
+    if (!umb__directory_identify(&head, sha256, NULL, made)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "proving: out of memory");
+    }
+    if (memcmp(made, head.id, sizeof made) != 0) {
+        return umb_fail(error, UMB_E_CORRUPT, "id: does not match the canonical block and hashes");
+    }
+    return prove_pages(bytes, &head, sha256, error);
 }

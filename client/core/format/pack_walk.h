@@ -2,13 +2,33 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_WALK_H
 #define UMBRAGE_CORE_FORMAT_PACK_WALK_H
 /*
- * The walk through an octree that fills pages: depth first from the roots of a band, as
- * pack_order.h explains. The pages are added to an order, or are only measured, as for a sample.
+ * What the order of a packed file (pack_order.h) is made with.
+ *
+ * A survey finds the nodes that the roots reach, checks these nodes, and estimates their bytes in
+ * the file. It goes level by level from the top and reads each array once from end to end. That is
+ * much faster than a walk through the tree, whose reads are scattered over memory.
+ *
+ * A walk fills pages: depth first from the roots of a band. The pages are added to an order, or are
+ * only measured, as for a sample.
  */
 #include <stdbool.h>
 #include "format/pack_order.h"
-#include "format/pack_survey.h"
-#include "umbrage/workers.h"
+
+struct umb__pack_survey {
+    uint8_t *brick_bytes;               /* [brick_count] Estimated bytes of each brick */
+    uint64_t counts[UMB_LEVEL_MAX + 1]; /* Number of reached nodes of each level */
+    uint64_t bytes[UMB_LEVEL_MAX + 1];  /* Estimated bytes of the reached nodes, each node once */
+    const struct umb_alloc *alloc;
+};
+
+/*
+ * Surveys an octree. Unreached nodes are not checked, except bricks, of which any bytes are valid.
+ * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range, an impossible mask).
+ */
+UMB_CHECKED enum umb_status umb__pack_survey(const struct umb__octree *octree,
+                                             struct umb__pack_survey *survey,
+                                             struct umb_error *error);
+void umb__pack_survey_finish(struct umb__pack_survey *survey);
 
 /* A growing list of nodes. */
 struct umb__node_list {
@@ -33,8 +53,9 @@ struct umb__pack_walk {
                            ordinals */
 };
 
-/* Allocates the states of the levels [low, high]. False: out of memory. */
-bool umb__pack_walk_begin(struct umb__pack_walk *walk, uint32_t low, uint32_t high);
+/* Begins the order's first page, and allocates the states of the levels up to `high`. False: out of
+ * memory. */
+bool umb__pack_walk_begin(struct umb__pack_walk *walk, uint32_t high);
 void umb__pack_walk_finish(struct umb__pack_walk *walk);
 
 /* Adds a node to a list. Fails: E_NO_MEMORY. */
@@ -54,29 +75,10 @@ UMB_CHECKED enum umb_status umb__pack_close_page(struct umb__pack_walk *walk);
 /* Undoes all visits of levels below `end` since the order had `page_count` pages. */
 void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end);
 
-/*
- * The decision about copies (pack_copies.c). Pages of the lowest band may be independent, with
- * copies of the nodes that they share, if such pages take little more bytes than pages with
- * references.
- */
+/* Makes room for the first ordinals of `needed` pages. Returns false if out of memory. */
+bool umb__pack_grow_pages(struct umb__pack_order *order, size_t needed);
 
-/* True if the roots are so few that the sample is all of them. */
-bool umb__pack_copies_asks_all(const struct umb__node_list *roots);
-
-/* Returns the most bytes that the sampled roots may take with copies. In: asked: number of roots,
- * at most 2^15. */
-uint64_t umb__pack_copies_most(const struct umb__pack_survey *survey,
-                               const struct umb__node_list *roots, uint64_t asked);
-
-/*
- * Visits some runs of the lowest band's roots with copies. Compares the estimated bytes of their
- * pages with their share of all nodes, each taken once. The result is the same for any workers.
- *
- * In:    walk: at the beginning of the lowest band; only read. workers: or NULL.
- * Fails: E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umb__pack_copies(const struct umb__pack_walk *walk,
-                                             const struct umb__node_list *roots,
-                                             const struct umb_workers *workers, bool *worth);
+/* Fills error with E_NO_MEMORY for ordering, and returns that status. */
+enum umb_status umb__pack_no_memory(struct umb_error *error);
 
 #endif

@@ -8,20 +8,9 @@
  * The map of a frustum of 2^n voxels a side has 2^m texels a side. A texel's list has steps (z,
  * drop) with ascending z. A voxel at depth z' gets 1 minus the drops of all steps with z <= z'.
  * Drops are in units of 2^-21. A texel without a list gets all light. The entry TRNS of the
- * canonical block holds the maps of all frusta (docs/reference/umb-format.md, section 3):
- *
- * - a byte for each frustum: m, or 0 for a frustum without translucent casters;
- * - for each frustum with a map, its squares of 64x64 texels, row by row. A square is a u64 mask of
- *   its blocks of 8x8 texels that have a list (bit x + 8 * y); then for each such block a u64 mask
- *   of its texels that have a list, and the lists of these texels;
- * - a list is, for each step, number 4 * a + 2 * same + more, then number drop - 1 if `same` is 0.
- *   `more` is 1 if another step follows. `same` is 1 if the drop is that of the last step in the
- *   square with the same index in its list modulo 8. In the first step a is z minus the first z of
- *   the list before in the square (0 for the first list), folded: 0, -1, 1, -2 ... become 0, 1, 2,
- *   3 ...; in the others a is z minus the z of the step before, minus 1.
- *
- * Numbers are those of base/numbers.h. An open asset has the entry expanded: lists in the order of
- * the bytes, found through two layers of masks.
+ * canonical block holds the maps of all frusta (docs/reference/umb-format.md, section 3): squares
+ * of 64x64 texels with masks of the blocks and texels that have a list. An open asset has the entry
+ * expanded: lists in the order of the bytes, found through two layers of masks.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -94,5 +83,54 @@ struct umb__transmittance_window {
 uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *window);
+
+/*
+ * Writing: squares of 64x64 texels, in the order of the entry.
+ *
+ *     umb__transmittance_square(&bytes, lists, max_bytes, &error);   each square, row by row
+ *
+ * Several threads may write squares, each to an array of its own; then umb__transmittance_append
+ * puts the arrays one behind the other. No square depends on another.
+ */
+#define UMB__TRANSMITTANCE_SIDE 64U /* Texels a side of a square */
+
+/* A step as it is written. */
+struct umb__transmittance_drop {
+    uint32_t z;
+    uint32_t drop; /* Light taken, in units of 2^-21, 1 and up */
+};
+
+/* The list of one texel, z ascending; none if count is 0. */
+struct umb__transmittance_list {
+    const struct umb__transmittance_drop *steps;
+    uint32_t count;
+};
+
+/* A growing array of bytes. Start zeroed. */
+struct umb__transmittance_bytes {
+    const struct umb_alloc *alloc;
+    uint8_t *data; /* Bytes; free them with umb__transmittance_bytes_finish */
+    size_t count, capacity;
+};
+void umb__transmittance_bytes_finish(struct umb__transmittance_bytes *bytes);
+
+/*
+ * Appends a square.
+ *
+ * In:    lists: [64 * 64], row by row.
+ * Fails: E_NO_MEMORY, E_LIMIT (more than max_bytes then). After a failure only finish `bytes`.
+ */
+UMB_CHECKED enum umb_status umb__transmittance_square(struct umb__transmittance_bytes *bytes,
+                                                      const struct umb__transmittance_list *lists,
+                                                      size_t max_bytes, struct umb_error *error);
+
+/*
+ * Appends bytes unchanged: the levels of all frusta, or squares written elsewhere.
+ *
+ * Fails: as umb__transmittance_square.
+ */
+UMB_CHECKED enum umb_status umb__transmittance_append(struct umb__transmittance_bytes *bytes,
+                                                      const void *data, size_t count,
+                                                      size_t max_bytes, struct umb_error *error);
 
 #endif

@@ -33,13 +33,12 @@ static const double darkest = 6.93147180559945309417;
 static enum umb_status moments_check(const struct umb_map_settings *settings,
                                      struct umb_error *error)
 {
-    UMB__TRY(umb__check_plain_format(settings, "moments", error));
     if (settings->terms != 4 && settings->terms != 6 && settings->terms != 8) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.terms is %u; it must be 4, 6 or 8 moments",
                         settings->terms);
     }
-    UMB__TRY(umb__check_share("moment_bias", settings->moment_bias, error));
-    return umb__check_share("overestimate", settings->overestimate, error);
+    UMB__TRY(umb__check_number("settings.moment_bias", settings->moment_bias, 0.0, 1.0, error));
+    return umb__check_number("settings.overestimate", settings->overestimate, 0.0, 1.0, error);
 }
 
 /* Returns the value at d of Chebyshev's polynomial of degree k. */
@@ -88,12 +87,6 @@ static double light_encode(uint32_t k, const struct umb__taken *taken, size_t co
     return sum;
 }
 
-static uint32_t light_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)exponent;
-    return settings->terms;
-}
-
 static double light_bias(const struct umb_map_settings *settings)
 {
     return settings->moment_bias > 0.0
@@ -140,12 +133,6 @@ static double absorbance_encode(uint32_t k, const struct umb__taken *taken, size
     return sum;
 }
 
-static uint32_t absorbance_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)exponent;
-    return settings->terms + 1;
-}
-
 static double absorbance_answer(const struct umb__map_query *query,
                                 const struct umb__receiver *receiver, const double *at)
 {
@@ -178,27 +165,17 @@ static double absorbance_slack(const struct umb_map *map)
     return fmin(darkest * (share + e) + 0x1p-10, 1.0);
 }
 
-/* Lists the absorption of every texel's fragments, list after list. Out: first: index in `taken` of
- * each texel's list. */
-static enum umb_status texels_weigh(const struct umb_map *map, const struct umb_map_fragments *in,
-                                    uint64_t *first, struct umb__taken *taken,
-                                    struct umb_error *error)
+/* Lists of absorption while they are written. */
+struct weighing {
+    const struct umb__technique *technique;
+    struct umb__taken *taken;
+};
+
+static size_t list_weigh(void *user, const struct umb_map_fragment *sorted, size_t count,
+                         uint64_t used)
 {
-    const size_t texels = (size_t)map->frustum.width * map->frustum.height;
-    const uint64_t longest = umb__fragments_longest(in, texels);
-    uint64_t used = 0;
-    struct umb_map_fragment *sorted = umb__alloc(umb__map_alloc(map), longest, sizeof *sorted);
-    if (sorted == NULL) {
-        return umb__fragments_no_memory(longest, error);
-    }
-    for (size_t i = 0; i < texels; i++) {
-        const size_t count = umb__fragments_sort(in, i, sorted);
-        first[i] = used;
-        used += map->technique->weigh(sorted, count, taken + used);
-    }
-    first[texels] = used;
-    umb__free(umb__map_alloc(map), sorted);
-    return UMB_OK;
+    const struct weighing *to = user;
+    return to->technique->weigh(sorted, count, to->taken + used);
 }
 
 enum umb_status umb__translucent_init(struct umb__channels *channels, const struct umb_map *map,
@@ -206,13 +183,15 @@ enum umb_status umb__translucent_init(struct umb__channels *channels, const stru
 {
     const size_t texels = (size_t)map->frustum.width * map->frustum.height;
     UMB__TRY(umb__fragments_check(in, texels, error));
-    const struct umb_alloc *alloc = umb__map_alloc(map);
+    const struct umb_alloc *alloc = map->alloc;
     const uint64_t total = in->first[texels] - in->first[0];
     uint64_t *first = umb__alloc(alloc, texels + 1, sizeof *first);
     struct umb__taken *taken = umb__alloc(alloc, total, sizeof *taken);
-    enum umb_status status = first != NULL && taken != NULL
-                                 ? texels_weigh(map, in, first, taken, error)
-                                 : umb__fragments_no_memory(total, error);
+    struct weighing to = {map->technique, taken};
+    enum umb_status status =
+        first != NULL && taken != NULL
+            ? umb__lists_write(in, texels, alloc, list_weigh, &to, first, error)
+            : umb__fragments_no_memory(total, error);
     if (status == UMB_OK) {
         const struct umb__texels lists = {.first = first, .taken = taken};
         status = umb__channels_init(channels, map, &lists, error);
@@ -226,8 +205,9 @@ const struct umb__technique umb__map_moments = {
     .name = "moments",
     .bound = UMB_MAP_UPPER_BOUND,
     .filterable = 1,
+    .plain = "moments",
     .check = moments_check,
-    .channels = light_channels,
+    .channels_a_term = 1,
     .weigh = light_weigh,
     .encode_taken = light_encode,
     .answer = light_answer,
@@ -238,8 +218,10 @@ const struct umb__technique umb__map_absorbance = {
     .name = "absorbance",
     .bound = UMB_MAP_ESTIMATE,
     .filterable = 1,
+    .plain = "moments",
     .check = moments_check,
-    .channels = absorbance_channels,
+    .channel_count = 1,
+    .channels_a_term = 1,
     .weigh = absorbance_weigh,
     .encode_taken = absorbance_encode,
     .answer = absorbance_answer,

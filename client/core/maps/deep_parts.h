@@ -72,13 +72,17 @@ UMB_CHECKED enum umb_status umb__fragments_check(const struct umb_map_fragments 
 /* Fills error with E_NO_MEMORY for `count` fragments, and returns that status. */
 enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error);
 
-/* Returns the most fragments of a texel; umb__fragments_sort needs that much room. */
-uint64_t umb__fragments_longest(const struct umb_map_fragments *in, size_t texels);
+/* Writes the list of one texel and returns its length. In: sorted: the texel's fragments, sorted by
+ * depth, then by alpha, so that fragments in any order give equal products. used: number of
+ * elements of the lists before this one. */
+typedef size_t umb__list_writer(void *user, const struct umb_map_fragment *sorted, size_t count,
+                                uint64_t used);
 
-/* Copies the fragments of one texel, sorted by depth, then by alpha, so that fragments in any order
- * give equal products. Returns their number. */
-size_t umb__fragments_sort(const struct umb_map_fragments *in, size_t texel,
-                           struct umb_map_fragment *sorted);
+/* Writes the lists of all texels, one after another. Out: first: [texels + 1] number of elements
+ * before each list. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umb__lists_write(const struct umb_map_fragments *in, size_t texels,
+                                             const struct umb_alloc *alloc, umb__list_writer *write,
+                                             void *user, uint64_t *first, struct umb_error *error);
 
 /*
  * Makes the channels of a map of MOMENTS or ABSORBANCE (deep_moments.c).

@@ -289,9 +289,9 @@ enum umb_status umb__derive(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_NO_MEMORY, "a derived map does not fit in memory");
     }
     struct umb_derived *derived = &whole->shown;
-    whole->own_alloc = alloc != NULL;
     if (alloc != NULL) {
-        whole->alloc = *alloc;
+        whole->own_alloc = *alloc;
+        whole->alloc = &whole->own_alloc;
     }
     derived->count = map_count(settings);
     derived->settings = *settings;
@@ -338,7 +338,7 @@ void umb_derived_destroy(struct umb_derived *derived)
         umb_map_destroy(derived->maps[i]);
     }
     struct umb__derived *whole = (struct umb__derived *)(void *)derived;
-    const struct umb_alloc alloc = whole->alloc, *used = whole->own_alloc ? &alloc : NULL;
-    umb__free(used, whole->file);
-    umb__free(used, whole);
+    const struct umb_alloc own_alloc = whole->own_alloc;
+    umb__free(whole->alloc, whole->file);
+    umb__free(whole->alloc != NULL ? &own_alloc : NULL, whole);
 }

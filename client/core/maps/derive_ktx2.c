@@ -214,7 +214,7 @@ static void write_keys(const struct plan *plan, uint8_t *to)
 
 static enum umb_status make_file(struct umb__derived *whole, struct umb_error *error)
 {
-    const struct umb_alloc *alloc = umb__derived_alloc(whole);
+    const struct umb_alloc *alloc = whole->alloc;
     const struct umb_derived *derived = &whole->shown;
     struct plan *plan = umb__alloc(alloc, 1, sizeof *plan);
     if (plan == NULL) {

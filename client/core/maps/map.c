@@ -61,8 +61,14 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
         return umb_fail(error, UMB_E_ARGUMENT, "settings.blur is %u; it must be odd, 1..63",
                         settings->blur);
     }
-    UMB__TRY(umb__check_share("min_variance", settings->min_variance, error));
-    return techniques[settings->technique]->check(settings, error);
+    UMB__TRY(umb__check_number("settings.min_variance", settings->min_variance, 0.0, 1.0, error));
+    const struct umb__technique *technique = techniques[settings->technique];
+    if (technique->plain != NULL && settings->format != UMB_MAP_F32 &&
+        settings->format != UMB_MAP_U16) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: %s are F32 or U16",
+                        technique->plain);
+    }
+    return technique->check != NULL ? technique->check(settings, error) : UMB_OK;
 }
 
 /* Checks the frustum and the settings. In: translucent: 1 for the techniques of
@@ -103,9 +109,9 @@ static enum umb_status map_create(const struct umb_map_frustum *frustum,
     map->frustum = *frustum;
     map->technique = techniques[settings->technique];
     map->settings = *settings;
-    map->own_alloc = alloc != NULL;
     if (alloc != NULL) {
-        map->alloc = *alloc;
+        map->own_alloc = *alloc;
+        map->alloc = &map->own_alloc;
     }
     *out = map;
     return UMB_OK;
@@ -148,7 +154,7 @@ static enum umb_status deep_settings_check(const struct umb_map_deep_settings *s
     if (UMB__UNKNOWN(settings, "settings", error)) {
         return UMB_E_ARGUMENT;
     }
-    UMB__TRY(umb__check_share("epsilon", settings->epsilon, error));
+    UMB__TRY(umb__check_number("settings.epsilon", settings->epsilon, 0.0, 1.0, error));
     if (!(settings->exponent >= 0.0 && settings->exponent <= 1e6)) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.exponent is %g; it must be 0..1e6",
                         settings->exponent);
@@ -198,9 +204,9 @@ void umb_map_destroy(struct umb_map *map)
     }
     umb__channels_finish(&map->channels, map);
     umb__depths_finish(&map->depths, map);
-    umb__deep_destroy(map->deep, umb__map_alloc(map));
-    const struct umb_alloc alloc = map->alloc;
-    umb__free(map->own_alloc ? &alloc : NULL, map);
+    umb__deep_destroy(map->deep, map->alloc);
+    const struct umb_alloc own_alloc = map->own_alloc;
+    umb__free(map->alloc != NULL ? &own_alloc : NULL, map);
 }
 
 void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
@@ -218,7 +224,7 @@ void umb_map_get_info(const struct umb_map *map, struct umb_map_info *info)
         .bound = map->technique->weigh != NULL && map->settings.overestimate > 0.0
                      ? UMB_MAP_ESTIMATE
                      : map->technique->bound,
-        .slack = map->technique->slack(map),
+        .slack = map->technique->slack != NULL ? map->technique->slack(map) : 0.0,
     };
 }
 
@@ -252,12 +258,6 @@ enum umb_status umb_map_get_level(const struct umb_map *map, uint32_t level,
     return UMB_OK;
 }
 
-/* A number of a filter, and its range. */
-struct limit {
-    const char *name;
-    double value, least, most;
-};
-
 static enum umb_status filter_numbers_check(const struct umb_map *map,
                                             const struct umb_map_filter *filter,
                                             struct umb_error *error)
@@ -265,22 +265,14 @@ static enum umb_status filter_numbers_check(const struct umb_map *map,
     if (UMB__UNKNOWN(filter, "filter", error)) {
         return UMB_E_ARGUMENT;
     }
-    const struct limit limits[] = {
-        {"width", filter->width, 1.0, UMB_MAP_WIDTH_MAX},
-        {"bias_m", filter->bias_m, 0.0, 1e6},
-        {"bias_slope", filter->bias_slope, 0.0, 100.0},
-        {"bias_normal", filter->bias_normal, 0.0, 100.0},
-        {"light_size", filter->light_size, 0.0, map->frustum.directional ? 1.0 : 1e6},
-        {"reduction", filter->reduction, 0.0, 0.99},
-        {"contrast", filter->contrast, 1e-6, 1e6},
-    };
-    for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
-        if (!(limits[i].value >= limits[i].least && limits[i].value <= limits[i].most)) {
-            return umb_fail(error, UMB_E_ARGUMENT, "filter.%s is %g; it must be %g..%g",
-                            limits[i].name, limits[i].value, limits[i].least, limits[i].most);
-        }
-    }
-    return UMB_OK;
+    const double largest = map->frustum.directional ? 1.0 : 1e6;
+    UMB__TRY(umb__check_number("filter.width", filter->width, 1.0, UMB_MAP_WIDTH_MAX, error));
+    UMB__TRY(umb__check_number("filter.bias_m", filter->bias_m, 0.0, 1e6, error));
+    UMB__TRY(umb__check_number("filter.bias_slope", filter->bias_slope, 0.0, 100.0, error));
+    UMB__TRY(umb__check_number("filter.bias_normal", filter->bias_normal, 0.0, 100.0, error));
+    UMB__TRY(umb__check_number("filter.light_size", filter->light_size, 0.0, largest, error));
+    UMB__TRY(umb__check_number("filter.reduction", filter->reduction, 0.0, 0.99, error));
+    return umb__check_number("filter.contrast", filter->contrast, 1e-6, 1e6, error);
 }
 
 static enum umb_status kernel_check(const struct umb_map *map, const struct umb_map_filter *filter,

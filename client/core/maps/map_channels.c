@@ -217,7 +217,7 @@ static int is_power_of_two(uint32_t value)
 static enum umb_status storage_make(struct umb__channels *channels, const struct umb_map *map,
                                     struct umb_error *error)
 {
-    const struct umb_alloc *alloc = umb__map_alloc(map);
+    const struct umb_alloc *alloc = map->alloc;
     if (channels->access == UMB_MAP_SAT) {
         const size_t count = ((size_t)channels->width + 1) * ((size_t)channels->height + 1);
         channels->sums = umb__alloc_zeroed(alloc, count, channels->count * sizeof(uint64_t));
@@ -265,13 +265,16 @@ static void channel_make(struct plane *plane, struct umb__channels *channels,
 enum umb_status umb__channels_init(struct umb__channels *channels, const struct umb_map *map,
                                    const struct umb__texels *texels, struct umb_error *error)
 {
-    const struct umb_alloc *alloc = umb__map_alloc(map);
+    const struct umb_alloc *alloc = map->alloc;
     const struct umb_map_settings *settings = &map->settings;
     *channels = (struct umb__channels){.format = settings->format,
                                        .access = settings->access,
                                        .width = map->frustum.width,
                                        .height = map->frustum.height};
-    channels->count = map->technique->channels(settings, channels->exponent);
+    channels->count =
+        map->technique->channels != NULL
+            ? map->technique->channels(settings, channels->exponent)
+            : map->technique->channel_count + map->technique->channels_a_term * settings->terms;
     if (channels->access == UMB_MAP_MIPS &&
         !(is_power_of_two(channels->width) && is_power_of_two(channels->height))) {
         return umb_fail(error, UMB_E_ARGUMENT,
@@ -296,7 +299,7 @@ enum umb_status umb__channels_init(struct umb__channels *channels, const struct 
 
 void umb__channels_finish(struct umb__channels *channels, const struct umb_map *map)
 {
-    const struct umb_alloc *alloc = umb__map_alloc(map);
+    const struct umb_alloc *alloc = map->alloc;
     for (uint32_t level = 0; level < channels->level_count; level++) {
         umb__free(alloc, channels->levels[level]);
     }

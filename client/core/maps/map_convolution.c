@@ -23,7 +23,6 @@
  * and stays below 2e-13 for the greatest M (docs/explained/numerics-maps.md).
  * Source: Annen et al. 2007.
  */
-#include "base/try.h"
 #include "maps/map_parts.h"
 
 static const double pi = 3.14159265358979323846;
@@ -31,22 +30,11 @@ static const double pi = 3.14159265358979323846;
 static enum umb_status convolution_check(const struct umb_map_settings *settings,
                                          struct umb_error *error)
 {
-    UMB__TRY(umb__check_plain_format(settings, "Fourier terms", error));
     if (settings->terms < 1 || settings->terms > UMB_MAP_TERMS_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings.terms is %u; it must be 1..%d",
                         settings->terms, UMB_MAP_TERMS_MAX);
     }
-    if (!(settings->damping >= 0.0 && settings->damping <= 100.0)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "settings.damping is %g; it must be 0..100",
-                        settings->damping);
-    }
-    return UMB_OK;
-}
-
-static uint32_t convolution_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)exponent;
-    return 2 * settings->terms;
+    return umb__check_number("settings.damping", settings->damping, 0.0, 100.0, error);
 }
 
 /* Computes channel 2j, the sine of term j + 1, or channel 2j + 1, its cosine. */
@@ -100,8 +88,9 @@ const struct umb__technique umb__map_convolution = {
     .name = "convolution",
     .bound = UMB_MAP_ESTIMATE,
     .filterable = 1,
+    .plain = "Fourier terms",
     .check = convolution_check,
-    .channels = convolution_channels,
+    .channels_a_term = 2,
     .encode = convolution_encode,
     .answer = convolution_answer,
     .slack = convolution_slack,

@@ -25,7 +25,6 @@
  * it is off by at most `bias` for F.
  * Source: Peters, Klein 2015.
  */
-#include "base/try.h"
 #include "maps/map_parts.h"
 #include "maps/moment_bound.h"
 
@@ -42,15 +41,7 @@ static double bias_of(const struct umb_map_settings *settings)
 
 static enum umb_status msm_check(const struct umb_map_settings *settings, struct umb_error *error)
 {
-    UMB__TRY(umb__check_plain_format(settings, "moments", error));
-    return umb__check_share("moment_bias", settings->moment_bias, error);
-}
-
-static uint32_t msm_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)settings;
-    (void)exponent;
-    return 4;
+    return umb__check_number("settings.moment_bias", settings->moment_bias, 0.0, 1.0, error);
 }
 
 static double msm_encode(const struct umb_map_settings *settings, uint32_t k, double depth,
@@ -154,8 +145,9 @@ const struct umb__technique umb__map_msm = {
     .name = "msm",
     .bound = UMB_MAP_UPPER_BOUND,
     .filterable = 1,
+    .plain = "moments",
     .check = msm_check,
-    .channels = msm_channels,
+    .channel_count = 4,
     .encode = msm_encode,
     .answer = msm_answer,
     .slack = msm_slack,

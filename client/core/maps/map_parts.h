@@ -57,8 +57,8 @@ struct umb__texels {
 
 struct umb_map {
     const struct umb__technique *technique;
-    struct umb_alloc alloc;
-    int own_alloc; /* 1: `alloc` is set; 0: malloc */
+    struct umb_alloc own_alloc;
+    const struct umb_alloc *alloc; /* &own_alloc; NULL: malloc */
     struct umb_map_frustum frustum;
     struct umb_map_settings settings;
     double nearest; /* Depth of the nearest caster, which has the widest penumbra */
@@ -80,10 +80,14 @@ struct umb__technique {
     const char *name;
     enum umb_map_bound bound;
     int filterable;
-    /* Checks settings (format and access are known enums). */
+    const char *plain; /* Name in messages of channels of -1..1, which are stored as F32 or U16;
+                          NULL: `check` tests the format */
+    /* Checks settings (format and access are known enums); NULL: nothing is left to check. */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
-    /* Filterable: returns the number of channels a texel. Out: exponents of the channels that are
-     * stored as logarithms; all are 0 before the call. */
+    /* Filterable: number of channels of a texel, and number added for each of settings.terms */
+    uint32_t channel_count, channels_a_term;
+    /* Returns the number of channels; NULL: the two numbers above give it. Out: exponents of the
+     * channels that are stored as logarithms; all are 0 before the call. */
     uint32_t (*channels)(const struct umb_map_settings *settings, double *exponent);
     /* Filterable: computes channel k of a depth (-1..1). In: gain: depth that the surface gains a
      * texel in x and in y. */
@@ -98,7 +102,7 @@ struct umb__technique {
      * filterable map. */
     double (*answer)(const struct umb__map_query *query, const struct umb__receiver *receiver,
                      const double *at);
-    /* Returns the stated error of an answer by storage and arithmetic. */
+    /* Returns the stated error of an answer by storage and arithmetic; NULL: 0. */
     double (*slack)(const struct umb_map *map);
 };
 
@@ -119,12 +123,6 @@ static inline double umb__biased_depth(const struct umb__map_query *query,
                  (fabs(receiver->gain[0]) + fabs(receiver->gain[1]));
     }
     return depth;
-}
-
-/* Returns the allocator of a map, for umb__alloc. */
-static inline const struct umb_alloc *umb__map_alloc(const struct umb_map *map)
-{
-    return map->own_alloc ? &map->alloc : NULL;
 }
 
 /* Returns half of the least step of a format for numbers of -1..1: its rounding error. */
@@ -149,24 +147,15 @@ static inline double umb__channel_error(const struct umb_map_settings *settings)
     return settings->access == UMB_MAP_SAT ? 0x1p-41 : umb__format_error(settings->format);
 }
 
-/* Checks that channels of -1..1 are stored as F32 or U16. In: channels: name of the channels in
- * messages. Fails: E_UNSUPPORTED. */
-UMB_CHECKED static inline enum umb_status
-umb__check_plain_format(const struct umb_map_settings *settings, const char *channels,
-                        struct umb_error *error)
+/* Checks that a number is in least..most. Fails: E_ARGUMENT, naming it. */
+UMB_CHECKED static inline enum umb_status umb__check_number(const char *name, double value,
+                                                            double least, double most,
+                                                            struct umb_error *error)
 {
-    return settings->format == UMB_MAP_F32 || settings->format == UMB_MAP_U16
+    return value >= least && value <= most
                ? UMB_OK
-               : umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: %s are F32 or U16", channels);
-}
-
-/* Checks that a setting is 0..1. Fails: E_ARGUMENT. */
-UMB_CHECKED static inline enum umb_status umb__check_share(const char *name, double value,
-                                                           struct umb_error *error)
-{
-    return value >= 0.0 && value <= 1.0
-               ? UMB_OK
-               : umb_fail(error, UMB_E_ARGUMENT, "settings.%s is %g; it must be 0..1", name, value);
+               : umb_fail(error, UMB_E_ARGUMENT, "%s is %g; it must be %g..%g", name, value, least,
+                          most);
 }
 
 /*
@@ -186,13 +175,10 @@ static inline double umb__chebyshev(double variance, double distance, double con
     return variance / (variance + contrast * distance * distance);
 }
 
-/* Stores a layer of depths (map_depths.c). Fails: E_NO_MEMORY. */
+/* Stores a layer of depths (map_pcf.c). Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
                                              const float *layer, struct umb_error *error);
 void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map);
-
-/* Returns the depth of a texel; INFINITY if it has no caster or lies beyond the border. */
-double umb__depth_at(const struct umb__depths *depths, int64_t x, int64_t y);
 
 /*
  * Fills `count` points of a disc of radius 1 that keep apart from one another: each is the

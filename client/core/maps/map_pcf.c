@@ -7,8 +7,79 @@
  * so that the answer changes smoothly with the width.
  * Sources: Williams 1978; Reeves, Salesin, Cook 1987; Fernando 2005.
  */
-#include <math.h>
+#include <string.h>
+#include "base/bytes.h"
+#include "base/memory.h"
 #include "maps/map_parts.h"
+
+static unsigned format_bytes(enum umb_map_format format)
+{
+    return format == UMB_MAP_U16 ? 2 : format == UMB_MAP_U24 ? 3 : 4;
+}
+
+/* Returns the greatest value of an integer format; 0 for floats. */
+static uint32_t format_top(enum umb_map_format format)
+{
+    return format == UMB_MAP_U16 ? 0xffffU : format == UMB_MAP_U24 ? 0xffffffU : 0;
+}
+
+static void texel_store(uint8_t *at, enum umb_map_format format, float depth)
+{
+    const uint32_t top = format_top(format);
+    if (top == 0) {
+        uint32_t bits;
+        memcpy(&bits, &depth, sizeof bits);
+        umb__store32(at, bits);
+        return;
+    }
+    uint32_t value = (uint32_t)((double)depth * (double)top + 0.5);
+    value = depth < 1.0F && value == top ? top - 1 : value;
+    umb__store_narrow(at, value, format_bytes(format));
+}
+
+enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
+                                 const float *layer, struct umb_error *error)
+{
+    const size_t count = (size_t)map->frustum.width * map->frustum.height;
+    const unsigned width = format_bytes(map->settings.format);
+    *depths = (struct umb__depths){.format = map->settings.format,
+                                   .width = map->frustum.width,
+                                   .height = map->frustum.height,
+                                   .bytes = (uint64_t)count * width};
+    depths->texels = umb__alloc(map->alloc, count, width);
+    if (depths->texels == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "a map of %zu texels does not fit in memory",
+                        count);
+    }
+    for (size_t i = 0; i < count; i++) {
+        texel_store((uint8_t *)depths->texels + width * i, depths->format, layer[i]);
+    }
+    return UMB_OK;
+}
+
+void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map)
+{
+    umb__free(map->alloc, depths->texels);
+    depths->texels = NULL;
+}
+
+/* Returns the depth of a texel; INFINITY if it has no caster or lies beyond the border. */
+static double depth_at(const struct umb__depths *depths, int64_t x, int64_t y)
+{
+    if (x < 0 || y < 0 || x >= (int64_t)depths->width || y >= (int64_t)depths->height) {
+        return INFINITY;
+    }
+    const size_t index = (size_t)y * depths->width + (size_t)x;
+    const uint8_t *texels = depths->texels;
+    const uint32_t top = format_top(depths->format);
+    if (top == 0) {
+        const double depth = (double)umb__load_f32(texels + 4 * index);
+        return depth < 1.0 ? depth : INFINITY;
+    }
+    const unsigned width = format_bytes(depths->format);
+    const uint32_t value = umb__load_narrow(texels + width * index, width);
+    return value < top ? (double)value / (double)top : INFINITY;
+}
 
 /* Returns the next number of SplitMix64 (Steele, Lea, Flood 2014). */
 static uint64_t next(uint64_t *state)
@@ -69,7 +140,7 @@ static double box_answer(const struct umb__map_query *query, const struct umb__r
     uint32_t lit = 0;
     for (int64_t y = y0; y < y0 + taps; y++) {
         for (int64_t x = x0; x < x0 + taps; x++) {
-            lit += umb__depth_at(&query->map->depths, x, y) >= depth;
+            lit += depth_at(&query->map->depths, x, y) >= depth;
         }
     }
     return (double)lit / (double)(taps * taps);
@@ -83,7 +154,7 @@ static double poisson_answer(const struct umb__map_query *query,
     for (uint32_t i = 0; i < query->filter.samples; i++) {
         const int64_t x = (int64_t)floor(receiver->x + query->kernel[i][0]);
         const int64_t y = (int64_t)floor(receiver->y + query->kernel[i][1]);
-        lit += umb__depth_at(&query->map->depths, x, y) >= depth;
+        lit += depth_at(&query->map->depths, x, y) >= depth;
     }
     return (double)lit / (double)query->filter.samples;
 }
@@ -159,7 +230,7 @@ static int blockers_find(const struct umb__map_query *query, const struct umb__r
     int64_t count = 0;
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {
-            const double at = umb__depth_at(&query->map->depths, x, y);
+            const double at = depth_at(&query->map->depths, x, y);
             if (at < plane_depth(query, receiver, x, y)) {
                 sum += at;
                 count++;
@@ -181,7 +252,7 @@ static double penumbra_answer(const struct umb__map_query *query,
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {
-            if (umb__depth_at(&query->map->depths, x, y) >= plane_depth(query, receiver, x, y)) {
+            if (depth_at(&query->map->depths, x, y) >= plane_depth(query, receiver, x, y)) {
                 lit += span_share(&xs, x) * span_share(&ys, y);
             }
         }
@@ -209,17 +280,10 @@ static enum umb_status pcf_check(const struct umb_map_settings *settings, struct
     return UMB_OK;
 }
 
-/* Returns 0, since counting is exact. Rounding of depths only moves a shadow's boundary. */
-static double pcf_slack(const struct umb_map *map)
-{
-    (void)map;
-    return 0.0;
-}
-
+/* No slack: counting is exact. Rounding of depths only moves a shadow's boundary. */
 const struct umb__technique umb__map_pcf = {
     .name = "pcf",
     .bound = UMB_MAP_EXACT,
     .check = pcf_check,
     .answer = pcf_answer,
-    .slack = pcf_slack,
 };

@@ -2,10 +2,8 @@
 /* Points in map space; see map_receiver.h. */
 #include "maps/map_receiver.h"
 
-#include <math.h>
 #include "base/reserved.h"
-#include "base/bytes.h"
-#include "base/vec.h"
+#include "query/query_parts.h"
 
 static int affine_map(const struct umb_map_frustum *frustum, const double p[3],
                       struct umb__map_point *out)
@@ -107,35 +105,6 @@ enum umb_status umb__frustum_check(const struct umb_map_frustum *frustum, struct
     return UMB_OK;
 }
 
-static void point_read(const struct umb_points *points, size_t index, double world[3])
-{
-    const uint8_t *bytes = points->positions;
-    for (size_t k = 0; k < 3; k++) {
-        const size_t at = 3 * index + k;
-        const double value = points->format == UMB_POINT_F64
-                                 ? umb__load_f64(bytes + 8 * at)
-                                 : (double)umb__load_f32(bytes + 4 * at);
-        world[k] = points->origin[k] + value;
-    }
-}
-
-/* Reads a point's normal, scaled to unit length. Returns 0 if the point has no normal. */
-static int normal_read(const struct umb_points *points, size_t index, double normal[3])
-{
-    if (points->normals == NULL) {
-        return 0;
-    }
-    for (size_t k = 0; k < 3; k++) {
-        normal[k] = (double)umb__load_f32((const uint8_t *)points->normals + 4 * (3 * index + k));
-    }
-    const double length = umb__length(normal);
-    if (!(length > 0.0 && isfinite(length))) {
-        return 0;
-    }
-    umb__scale(1.0 / length, normal);
-    return 1;
-}
-
 static int faces_away(const struct umb_map_frustum *frustum, const double world[3],
                       const double normal[3])
 {
@@ -188,8 +157,11 @@ void umb__receiver_make(const struct umb_map_frustum *frustum, const struct umb_
     double world[3], normal[3];
     struct umb__map_point point;
     *receiver = (struct umb__receiver){.place = UMB__RECEIVER_OUTSIDE};
-    point_read(points, index, world);
-    const int has_normal = normal_read(points, index, normal);
+    for (unsigned k = 0; k < 3; k++) {
+        world[k] = points->origin[k] + umb__coordinate(points, index, k);
+    }
+    (void)umb__normal(points, index, normal);
+    const int has_normal = umb__unit(normal);
     if (has_normal && faces_away(frustum, world, normal)) {
         receiver->place = UMB__RECEIVER_FACING_AWAY;
         return;

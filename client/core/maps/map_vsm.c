@@ -35,18 +35,6 @@ static double bound(const struct umb__map_query *query, const double moments[2],
     return umb__chebyshev(variance, depth - moments[0], query->filter.contrast);
 }
 
-static enum umb_status vsm_check(const struct umb_map_settings *settings, struct umb_error *error)
-{
-    return umb__check_plain_format(settings, "moments", error);
-}
-
-static uint32_t vsm_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)settings;
-    (void)exponent;
-    return 2;
-}
-
 static double vsm_encode(const struct umb_map_settings *settings, uint32_t k, double depth,
                          const double gain[2])
 {
@@ -101,8 +89,8 @@ const struct umb__technique umb__map_vsm = {
     .name = "vsm",
     .bound = UMB_MAP_UPPER_BOUND,
     .filterable = 1,
-    .check = vsm_check,
-    .channels = vsm_channels,
+    .plain = "moments",
+    .channel_count = 2,
     .encode = vsm_encode,
     .answer = vsm_answer,
     .slack = vsm_slack,
@@ -114,13 +102,7 @@ static enum umb_status lvsm_check(const struct umb_map_settings *settings, struc
         return umb_fail(error, UMB_E_ARGUMENT, "settings.terms: %u layers; it must be 1..%d",
                         settings->terms, UMB_MAP_TERMS_MAX);
     }
-    return vsm_check(settings, error);
-}
-
-static uint32_t lvsm_channels(const struct umb_map_settings *settings, double *exponent)
-{
-    (void)exponent;
-    return 2 * settings->terms;
+    return UMB_OK;
 }
 
 /* Stretches a depth so that slice `slice` of `count` becomes -1..1, and clamps it. */
@@ -153,8 +135,9 @@ const struct umb__technique umb__map_lvsm = {
     .name = "lvsm",
     .bound = UMB_MAP_UPPER_BOUND,
     .filterable = 1,
+    .plain = "moments",
     .check = lvsm_check,
-    .channels = lvsm_channels,
+    .channels_a_term = 2,
     .encode = lvsm_encode,
     .answer = lvsm_answer,
     .slack = vsm_slack,

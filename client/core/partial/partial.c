@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opening, and the pages: proven one by one, see partial.h. */
+/* Opening, and the pages: proven one by one within a budget of memory; see partial.h. */
 #include "umbrage/partial.h"
 
 #include <string.h>
@@ -17,19 +17,144 @@
 /* Bytes reserved for links: of a new page, and of pages that it is the first to refer to. */
 #define ROOM_FOR_LINKS 4096U
 
+/* --- memory budget ---------------------------------------------------------------------------- */
+
+/* The size of each block is stored before it, in 16 bytes, which keep the block aligned. */
+#define PREFIX 16U
+
+static void *resize(void *user, void *block, size_t bytes)
+{
+    struct umb__meter *meter = user;
+    uint8_t *old = block ? (uint8_t *)block - PREFIX : NULL;
+    uint64_t had = 0;
+    if (old) {
+        memcpy(&had, old, sizeof had);
+    }
+    if (bytes == 0) {
+        umb__free(meter->inner, old);
+        meter->used -= had;
+        return NULL;
+    }
+    const uint64_t all = (uint64_t)bytes + PREFIX;
+    if (all < bytes || all > meter->limit || meter->used - had > meter->limit - all) {
+        return NULL;
+    }
+    uint8_t *made = umb__resize(meter->inner, old, (size_t)all);
+    if (!made) {
+        return NULL;
+    }
+    memcpy(made, &all, sizeof all);
+    meter->used += all - had;
+    meter->peak = meter->used > meter->peak ? meter->used : meter->peak;
+    return made + PREFIX;
+}
+
+/* Starts a meter, and makes an allocator that goes through it. In: meter: its address must stay. */
+static void meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
+                       struct umb_alloc *alloc)
+{
+    *meter = (struct umb__meter){.inner = inner, .limit = limit};
+    *alloc = (struct umb_alloc){.resize = resize, .user = meter};
+}
+
+/* --- the page of least benefit ---------------------------------------------------------------- */
+
+/* The page is found without a scan, by a heap. The heap is rebuilt when benefits have changed.
+ * Entries of dropped pages stay in it until they reach the top. */
+
+/* Returns true if page a is dropped before page b: a has less benefit, or the same benefit and a
+ * later place in the file. */
+static bool is_worse(const struct umb_partial *p, uint32_t a, uint32_t b)
+{
+    const double x = p->pages[a].benefit, y = p->pages[b].benefit;
+    return x < y || (!(y < x) && a > b);
+}
+
+/* Moves an entry of the heap down until none below it is worse. */
+static void sift_down(struct umb_partial *p, uint32_t at)
+{
+    for (;;) {
+        uint32_t worst = at;
+        for (uint32_t child = 2 * at + 1; child < p->heap_count && child <= 2 * at + 2; child++) {
+            worst = is_worse(p, p->heap[child], p->heap[worst]) ? child : worst;
+        }
+        if (worst == at) {
+            return;
+        }
+        const uint32_t page = p->heap[at];
+        p->heap[at] = p->heap[worst];
+        p->heap[worst] = page;
+        at = worst;
+    }
+}
+
+static void make_heap(struct umb_partial *p)
+{
+    p->heap_count = 0;
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
+        if (p->pages[page].stored) {
+            p->heap[p->heap_count++] = page;
+        }
+    }
+    for (uint32_t at = p->heap_count / 2; at-- > 0;) {
+        sift_down(p, at);
+    }
+    p->heap_fresh = true;
+}
+
+static void note_page(struct umb_partial *p, uint32_t page)
+{
+    if (!p->heap_fresh || p->heap_count == p->head.page_count) {
+        p->heap_fresh = false;
+        return;
+    }
+    uint32_t at = p->heap_count++;
+    p->heap[at] = page;
+    while (at > 0 && is_worse(p, page, p->heap[(at - 1) / 2])) {
+        p->heap[at] = p->heap[(at - 1) / 2];
+        p->heap[(at - 1) / 2] = page;
+        at = (at - 1) / 2;
+    }
+}
+
+uint32_t umb__partial_worst(struct umb_partial *p)
+{
+    if (!p->heap_fresh) {
+        make_heap(p);
+    }
+    while (p->heap_count > 0 && !p->pages[p->heap[0]].stored) {
+        p->heap[0] = p->heap[--p->heap_count];
+        sift_down(p, 0);
+    }
+    return p->heap_count > 0 ? p->heap[0] : UINT32_MAX;
+}
+
+/* --- opening ---------------------------------------------------------------------------------- */
+
 static enum umb_status no_memory(struct umb_error *error, const char *what)
 {
     return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory within the budget for %s",
                     what);
 }
 
-struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page)
+/* Returns a page's links, made at the first call; NULL: out of memory. */
+static struct umb__links *links_of(struct umb_partial *p, uint32_t page)
 {
     struct umb__held *held = &p->pages[page];
     if (!held->links) {
         held->links = umb__alloc_zeroed(&p->alloc, 1, sizeof *held->links);
     }
     return held->links;
+}
+
+/* Records that a page must hold the node of a level at a position. False: out of memory. */
+static bool note_link(struct umb_partial *p, uint32_t level, uint32_t page, uint32_t position)
+{
+    struct umb__links *links = links_of(p, page);
+    if (links && links->needed[level] <= position) {
+        links->needed[level] = position + 1;
+    }
+    return links != NULL;
 }
 
 /* Checks that the head has the required id, and that the head's content hashes to this id. */
@@ -79,12 +204,8 @@ static enum umb_status link_roots(struct umb_partial *p, struct umb_error *error
         if (root->page >= p->head.page_count || root->position == UINT32_MAX) {
             return umb_fail(error, UMB_E_CORRUPT, "root %u: page %u is not there", i, root->page);
         }
-        struct umb__links *links = umb__partial_links(p, root->page);
-        if (!links) {
+        if (!note_link(p, level, root->page, root->position)) {
             return no_memory(error, "the roots");
-        }
-        if (links->needed[level] <= root->position) {
-            links->needed[level] = root->position + 1;
         }
     }
     return UMB_OK;
@@ -130,9 +251,9 @@ enum umb_status umb_partial_open(const void *front, size_t size,
     if (!p) {
         return no_memory(error, "itself");
     }
-    umb__meter_init(&p->meter, options->alloc,
-                    options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY,
-                    &p->alloc);
+    meter_init(&p->meter, options->alloc,
+               options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY,
+               &p->alloc);
     p->meter.used = sizeof *p;
     p->sha256 = options->sha256;
     enum umb_status status = open_front(p, front, size, options->id, error);
@@ -180,58 +301,46 @@ void umb_partial_close(struct umb_partial *p)
     umb__free(p->meter.inner, p);
 }
 
-enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit, void *user)
+/* --- pages ------------------------------------------------------------------------------------ */
+
+/* Checks a link of a page's node of `level`: the page at the other end may have a node of the level
+ * below at this position. */
+static enum umb_status check_link(struct umb_partial *p, const struct umb__page *page,
+                                  uint32_t number, uint32_t level, struct umb__node_place to,
+                                  struct umb_error *error)
+{
+    bool there = to.page < p->head.page_count && to.position < p->canonical.counts[level - 1];
+    if (there && to.page == number) {
+        there = to.position < page->node_count[level - 1];
+    } else if (there && p->pages[to.page].stored) {
+        there = to.position < p->pages[to.page].links->count[level - 1];
+    } else if (there && umb__partial_knows(p, to.page)) {
+        const struct umb__page_entry entry = umb__directory_load(&p->head, to.page);
+        there = to.position < entry.records && level - 1 <= entry.level_high &&
+                level - 1 >= entry.level_low;
+    }
+    return there ? UMB_OK
+                 : umb_fail(error, UMB_E_CORRUPT,
+                            "page %u of the file: refers to node %u of level %u in page %u, which "
+                            "is not there",
+                            number, to.position, level - 1, to.page);
+}
+
+/* Checks the references of a page to nodes in other pages or, with `note`, records that those pages
+ * must hold the nodes. */
+static enum umb_status visit_links(struct umb_partial *p, const struct umb__page *page,
+                                   uint32_t number, bool note, struct umb_error *error)
 {
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX; level++) {
         struct umb__page_others others = umb__page_others(page, level);
         for (size_t i = 0; i < page->external_count[level]; i++) {
-            const struct umb__node_place place = umb__page_others_next(&others);
-            UMB__TRY(visit(user, level, place.page, place.position));
+            const struct umb__node_place to = umb__page_others_next(&others);
+            if (!note) {
+                UMB__TRY(check_link(p, page, number, level, to, error));
+            } else if (!note_link(p, level - 1, to.page, to.position)) {
+                return no_memory(error, "a page's links");
+            }
         }
-    }
-    return UMB_OK;
-}
-
-/* Arguments of check_link and note_link: the page whose links to other pages are visited. */
-struct link_check {
-    struct umb_partial *p;
-    const struct umb__page *page;
-    uint32_t number;
-    struct umb_error *error;
-};
-
-/* Checks a link to another page: that page may have a node of this level at this position. */
-static enum umb_status check_link(void *user, uint32_t level, uint32_t page, uint32_t position)
-{
-    const struct link_check *c = user;
-    const struct umb_partial *p = c->p;
-    bool there = page < p->head.page_count && position < p->canonical.counts[level - 1];
-    if (there && page == c->number) {
-        there = position < c->page->node_count[level - 1];
-    } else if (there && p->pages[page].stored) {
-        there = position < p->pages[page].links->count[level - 1];
-    } else if (there && umb__partial_knows(p, page)) {
-        const struct umb__page_entry entry = umb__directory_load(&p->head, page);
-        there = position < entry.records && level - 1 <= entry.level_high &&
-                level - 1 >= entry.level_low;
-    }
-    return there ? UMB_OK
-                 : umb_fail(c->error, UMB_E_CORRUPT,
-                            "page %u of the file: refers to node %u of level %u in page %u, which "
-                            "is not there",
-                            c->number, position, level - 1, page);
-}
-
-/* Records that another page must hold the node which a link names. */
-static enum umb_status note_link(void *user, uint32_t level, uint32_t page, uint32_t position)
-{
-    const struct link_check *c = user;
-    struct umb__links *links = umb__partial_links(c->p, page);
-    if (!links) {
-        return no_memory(c->error, "a page's links");
-    }
-    if (links->needed[level - 1] <= position) {
-        links->needed[level - 1] = position + 1;
     }
     return UMB_OK;
 }
@@ -273,16 +382,14 @@ static enum umb_status prove(const struct umb_partial *p, const struct umb__page
                           entry->page);
 }
 
-/* Stores a checked page. */
 static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
                             const struct umb__page_entry *entry, const void *stored,
                             struct umb_error *error)
 {
-    struct link_check check = {.p = p, .page = page, .number = entry->page, .error = error};
-    struct umb__links *links = umb__partial_links(p, entry->page);
+    struct umb__links *links = links_of(p, entry->page);
     uint8_t *copy = umb__alloc(&p->alloc, entry->stored_length, 1);
-    enum umb_status status = links && copy ? umb__partial_each_link(page, note_link, &check)
-                                           : no_memory(error, "a page");
+    enum umb_status status =
+        links && copy ? visit_links(p, page, entry->page, true, error) : no_memory(error, "a page");
     if (status != UMB_OK) {
         umb__free(&p->alloc, copy);
         return status;
@@ -292,7 +399,7 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     p->pages[entry->page].stored = copy;
     p->held_count++;
     p->held_bytes += entry->stored_length;
-    umb__partial_note_page(p, entry->page);
+    note_page(p, entry->page);
     return UMB_OK;
 }
 
@@ -302,12 +409,11 @@ static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__p
                                       const void *stored, uint8_t *raw, struct umb_error *error)
 {
     struct umb__page page;
-    struct link_check check = {.p = p, .page = &page, .number = entry->page, .error = error};
     UMB__TRY(umb__page_expand(p->zstd, stored, entry, raw, error));
     UMB__TRY(prove(p, entry, raw, error));
     UMB__TRY(umb__page_open(raw, entry, &page, error));
     UMB__TRY(check_counts(p, entry->page, &page, error));
-    UMB__TRY(umb__partial_each_link(&page, check_link, &check));
+    UMB__TRY(visit_links(p, &page, entry->page, false, error));
     return keep(p, &page, entry, stored, error);
 }
 

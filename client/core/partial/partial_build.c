@@ -37,12 +37,13 @@ uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint3
 }
 
 /* Numbers the nodes of all held pages, in the order of the file. */
-static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__LEVELS])
+static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__LEVELS],
+                                    struct umb_error *error)
 {
     memset(totals, 0, UMB__LEVELS * sizeof *totals);
     p->order = umb__alloc(&p->alloc, p->held_count, sizeof *p->order);
     if (!p->order) {
-        return UMB_E_NO_MEMORY;
+        return no_memory(error);
     }
     for (uint32_t page = 0; page < p->head.page_count; page++) {
         struct umb__links *links = p->pages[page].links;
@@ -54,7 +55,7 @@ static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__
             links->first[level] = (uint32_t)totals[level];
             totals[level] += links->count[level];
             if (totals[level] >= UMB__ABSENT) {
-                return UMB_E_CORRUPT;
+                return umb_fail(error, UMB_E_CORRUPT, "pages: one level has 2^31 nodes or more");
             }
         }
     }
@@ -169,7 +170,6 @@ static enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_
     return filled ? UMB_OK : no_memory(error);
 }
 
-/* Adds all held pages to the graph. */
 static enum umb_status fill_graph(struct umb_partial *p, struct umb_error *error)
 {
     struct filling f = {.p = p};
@@ -207,11 +207,9 @@ static void place_roots(struct umb_partial *p)
 static enum umb_status build_graph(struct umb_partial *p, struct umb_error *error)
 {
     uint64_t totals[UMB__LEVELS];
-    enum umb_status status = number_pages(p, totals);
-    if (status != UMB_OK || !allocate_graph(p, totals)) {
-        return status == UMB_E_CORRUPT
-                   ? umb_fail(error, status, "pages: one level has 2^31 nodes or more")
-                   : no_memory(error);
+    UMB__TRY(number_pages(p, totals, error));
+    if (!allocate_graph(p, totals)) {
+        return no_memory(error);
     }
     UMB__TRY(fill_graph(p, error));
     place_roots(p);

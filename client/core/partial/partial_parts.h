@@ -45,7 +45,7 @@ struct umb_partial {
     struct umb__head head;
     struct umb__canonical canonical;
     struct umb__held *pages; /* [head.page_count] */
-    uint32_t *heap;          /* [heap_count] Heap of pages, the worst first (partial_worst.c) */
+    uint32_t *heap;          /* [heap_count] Heap of pages, the worst first (umb__partial_worst) */
     uint32_t heap_count;
     bool heap_fresh; /* False if pages or benefits have changed since the heap was built */
     uint32_t held_count;
@@ -62,18 +62,11 @@ struct umb_partial {
     struct umb_asset lower, upper; /* Assets for queries, which borrow `canonical` */
 };
 
-/* Starts a meter, and makes an allocator that goes through it. In: meter: its address must stay. */
-void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
-                     struct umb_alloc *alloc);
-
 /* Returns true if the block of a page's entry is held: umb__directory_load may then be called. */
 static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page)
 {
     return p->blocks[page / UMB__BLOCK_PAGES];
 }
-
-/* Returns a page's links, made at the first call; NULL: out of memory. */
-struct umb__links *umb__partial_links(struct umb_partial *p, uint32_t page);
 
 /* Frees the last build. */
 void umb__partial_unbuild(struct umb_partial *p);
@@ -83,21 +76,11 @@ void umb__partial_unbuild(struct umb_partial *p);
  * false). */
 uint32_t umb__partial_worst(struct umb_partial *p);
 
-/* Adds a page that has arrived to the heap of umb__partial_worst. */
-void umb__partial_note_page(struct umb_partial *p, uint32_t page);
-
 /* Returns the page that holds a node of the graph. */
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index);
 
 /* Returns the number of nodes and bricks of the graph. */
 uint64_t umb__partial_nodes(const struct umb_partial *p);
-
-/* Calls visit for each reference of a page to a node in another page. In: level: level of the
- * referring node. page, position: place of the node, one level below. */
-typedef enum umb_status (*umb__link_fn)(void *user, uint32_t level, uint32_t page,
-                                        uint32_t position);
-UMB_CHECKED enum umb_status umb__partial_each_link(const struct umb__page *page, umb__link_fn visit,
-                                                   void *user);
 
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {

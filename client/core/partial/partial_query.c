@@ -54,7 +54,6 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
     return lack;
 }
 
-/* Writes the answers of point i from its two bounds. */
 static void settle(const struct bracket *b, size_t i, float low, float high)
 {
     struct umb_partial_answers *a = b->answers;

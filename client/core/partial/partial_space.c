@@ -57,11 +57,6 @@ static bool make_planes(struct umb__sight *sight)
     return true;
 }
 
-static bool finite3(const double v[3])
-{
-    return isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
-}
-
 static enum umb_status check_box(const struct umb_partial_view *view, struct umb_error *error)
 {
     for (unsigned i = 0; i < 3; i++) {
@@ -76,12 +71,11 @@ static enum umb_status check_box(const struct umb_partial_view *view, struct umb
     return UMB_OK;
 }
 
-/* Checks the camera and makes its planes. */
 static enum umb_status check_camera(struct umb__sight *sight, struct umb_error *error)
 {
     const struct umb_camera *camera = &sight->view->camera;
     const double *eye = camera->eye, *forward = camera->forward, *up = camera->up;
-    if (!finite3(eye)) {
+    if (!umb__all_finite(eye, 3)) {
         return umb_fail(error, UMB_E_ARGUMENT, "camera.eye: (%g, %g, %g), must be finite", eye[0],
                         eye[1], eye[2]);
     }
@@ -123,16 +117,6 @@ enum umb_status umb__sight_init(struct umb__sight *sight, const struct umb_parti
     return view->has_camera ? check_camera(sight, error) : UMB_OK;
 }
 
-/* Fills in the fields of a perspective frustum. */
-static void init_perspective(struct umb__space *s, const struct umb_frustum_info *f)
-{
-    struct umb__perspective perspective = {0};
-    (void)umb__perspective_derive(f, &perspective); /* Proven sound when the file was opened */
-    memcpy(s->axis, perspective.axis, sizeof s->axis);
-    s->w_step = perspective.scale;
-    s->w0 = perspective.offset;
-}
-
 /*
  * Returns the largest distance in metres of a point's look-up from the point: the bias, half the
  * width of the window, and a voxel for rounding down. The automatic bias (umbrage/query.h) is at
@@ -147,7 +131,7 @@ static double margin_of(const struct umb__space *s, double taps)
     const double normal = slack * 0.5 * (taps * diagonal + s->edges[2]);
     const double plain = slack * (2 * taps + 1) / (2 * sqrt(3.0)) * s->edges[2];
     const double bias = normal > plain ? normal : plain;
-    return (s->perspective ? 4 * bias : bias) + (taps / 2 + 1) * diagonal + s->edges[2];
+    return (s->is_perspective ? 4 * bias : bias) + (taps / 2 + 1) * diagonal + s->edges[2];
 }
 
 void umb__space_init(struct umb__space *s, const struct umb__content *content, uint32_t frustum,
@@ -157,14 +141,15 @@ void umb__space_init(struct umb__space *s, const struct umb__content *content, u
     const struct umb_light_info *light = &content->lights[f->light];
     memset(s, 0, sizeof *s);
     memcpy(s->step, f->voxel_step, sizeof s->step);
-    s->perspective = umb__is_perspective(f) != 0;
+    s->is_perspective = umb__is_perspective(f) != 0;
     s->log2_size = f->log2_size;
     umb_frustum_voxel_edges(f, s->edges);
-    if (s->perspective) {
+    if (s->is_perspective) {
         for (unsigned i = 0; i < 3; i++) {
             s->base[i] = light->position[i] - content->origin[i];
         }
-        init_perspective(s, f);
+        /* The frustum was proven sound when the file was opened. */
+        (void)umb__perspective_derive(f, &s->perspective);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
             for (unsigned i = 0; i < 3; i++) {
@@ -178,14 +163,13 @@ void umb__space_init(struct umb__space *s, const struct umb__content *content, u
     s->margin_m = margin_of(s, view->taps ? view->taps : UMB_TAPS_MAX) + view->bias_m;
 }
 
-/* Computes the world position of a point in voxel coordinates. */
 static void corner(const struct umb__space *s, const double v[3], double world[3])
 {
-    const double w = s->perspective ? s->w0 + s->w_step * v[2] : 1.0;
+    const double w = s->is_perspective ? s->perspective.offset + s->perspective.scale * v[2] : 1.0;
     for (unsigned i = 0; i < 3; i++) {
         const double across = v[0] * s->step[0][i] + v[1] * s->step[1][i];
-        world[i] = s->base[i] +
-                   (s->perspective ? w * (across + s->axis[i]) : across + v[2] * s->step[2][i]);
+        world[i] = s->base[i] + (s->is_perspective ? w * (across + s->perspective.axis[i])
+                                                   : across + v[2] * s->step[2][i]);
     }
 }
 
@@ -216,7 +200,6 @@ static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_
     }
 }
 
-/* Compares the world box around a cube with the view's box. */
 static void see_box(const struct umb_box *box, const double low[3], const double high[3],
                     struct umb__seen_cube *cube)
 {
@@ -226,7 +209,6 @@ static void see_box(const struct umb_box *box, const double low[3], const double
     }
 }
 
-/* Compares the world box around a cube with the camera's view. */
 static void see_camera(const struct umb__sight *sight, const double low[3], const double high[3],
                        struct umb__seen_cube *cube)
 {
@@ -261,10 +243,10 @@ double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t 
 {
     const double count = (double)(1U << level), *edges = space->edges;
     double across = fmax(edges[0], edges[1]);
-    if (space->perspective) { /* The edges are those of the last voxels */
+    if (space->is_perspective) { /* The edges are those of the last voxels */
         const double size = (double)(1U << space->log2_size);
-        across *=
-            (space->w0 + space->w_step * ((double)z + count)) / (space->w0 + space->w_step * size);
+        const double offset = space->perspective.offset, scale = space->perspective.scale;
+        across *= (offset + scale * ((double)z + count)) / (offset + scale * size);
     }
     return fmax(across, edges[2]) * count;
 }

@@ -14,9 +14,8 @@ struct umb__space {
     double base[3];    /* World position of voxel coordinates (0, 0, 0), or the apex of a
                           perspective frustum */
     double step[3][3]; /* World vectors of a voxel along x, y (where W = 1 if perspective) and z */
-    double axis[3];    /* Perspective: world vector along the axis for a step of 1 in W */
-    double w0, w_step; /* Perspective: coefficients of W = w0 + w_step * Z */
-    bool perspective;
+    bool is_perspective;
+    struct umb__perspective perspective; /* Zero of a frustum that is not */
     uint32_t log2_size;
     double edges[3]; /* Largest edges of a voxel along x, y, z, metres */
     double margin_m; /* Largest distance of a point's look-up from the point, metres */

@@ -50,7 +50,6 @@ static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, d
     p->pages[page].benefit += benefit;
 }
 
-/* Returns child c of a cube. */
 static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
 {
     const uint32_t half = 1U << (cube->level - 1);
@@ -151,7 +150,6 @@ uint64_t umb__partial_nodes(const struct umb_partial *p)
     return nodes;
 }
 
-/* Walks every root of the view's lights. */
 static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
 {
     const struct umb__content *content = &p->canonical.content;
@@ -174,7 +172,6 @@ static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
     }
 }
 
-/* Takes all benefits back. */
 static void forget(struct umb_partial *p)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {

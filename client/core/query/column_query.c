@@ -107,8 +107,7 @@ void umb_volume_columns(const struct umb_volume *volume, const struct umb_points
         double p[3];
         struct spot spot = {.step_m = step_m};
         for (unsigned axis = 0; axis < 3; axis++) {
-            p[axis] = points->origin[axis] - v.origin[axis] +
-                      umb__scalar_at(points->positions, points->format, 3 * i + axis);
+            p[axis] = points->origin[axis] - v.origin[axis] + umb__coordinate(points, i, axis);
         }
         if (v.face_count > 0) {
             spot = spot_of(&v, p);

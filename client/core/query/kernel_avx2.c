@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The query kernel compiled for x86-64 with AVX2, POPCNT and BMI; elsewhere it is the baseline. */
+/* The query kernels compiled for x86-64 with AVX2, POPCNT and BMI; elsewhere they are the
+ * baseline. */
 #define UMB__KERNEL umb__kernel_avx2
+#define UMB__COARSE umb__kernel_coarse_avx2
 #if defined(__AVX2__)
-#include "query/kernel_grid_avx2.h"
 #include "query/kernel_lanes_avx2.h"
 #include "query/kernel_place_lanes.h"
 #include "query/kernel_runs_avx2.h"
@@ -12,14 +13,8 @@
 #define UMB__PLACE_WINDOWS  umb__lane_place_block
 #define UMB__GRID           umb__grid_block_avx2
 #define UMB__COMPARE_POINTS umb__compare_points_avx2
-#define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs_avx2
-#define UMB__MAKE_MASKS     umb__make_masks
-#define UMB__TAKE_WINDOWS   umb__take_heads
-#define UMB__TOUCHED_STATES umb__touched_states
-#define UMB__SPREAD_SETTLED umb__spread_settled
-#define UMB__COUNT_WINDOWS  umb__count_windows
 #define UMB__READ_BRICK     umb__read_brick_avx2
-#define UMB__STEP_HEADS     umb__step_heads
 #endif
 #include "query/kernel_body.h"
+#include "query/kernel_coarse_body.h"

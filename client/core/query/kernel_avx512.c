@@ -6,7 +6,6 @@
  */
 #if defined(__AVX512F__) && defined(__AVX512VL__) && defined(__AVX512BW__) &&                      \
     defined(__AVX512DQ__) && defined(__AVX512CD__)
-#include "query/kernel_grid_avx2.h"
 #include "query/kernel_place_avx512.h"
 #include "query/kernel_runs_avx512.h"
 #include "query/kernel_windows_avx512.h"

@@ -15,30 +15,30 @@
  *
  * One tap is kernel_points.h, a window kernel_windows.h.
  */
-#ifndef UMB__PLACER
+#ifndef UMB__PLACER /* Steps that both kinds of vectors have hand-written */
 #define UMB__PLACER         umb__placer
 #define UMB__PLACER_INIT    umb__placer_init
 #define UMB__PLACE          umb__place_block
 #define UMB__PLACE_WINDOWS  umb__place_block
 #define UMB__GRID           umb__grid_block
 #define UMB__COMPARE_POINTS umb__compare_points
-#define UMB__TAKE_HEADS     umb__take_heads
 #define UMB__READ_RUNS      umb__read_runs
-#define UMB__MAKE_MASKS     umb__make_masks
-#define UMB__TAKE_WINDOWS   umb__take_heads
-#define UMB__TOUCHED_STATES umb__touched_states
-#define UMB__SPREAD_SETTLED umb__spread_settled
-#define UMB__COUNT_WINDOWS  umb__count_windows
 #define UMB__READ_BRICK     umb__read_brick
-#define UMB__STEP_HEADS     umb__step_heads
+#endif
+#ifndef UMB__TAKE_HEADS /* Steps that only AVX-512 has hand-written */
+#define UMB__TAKE_HEADS                            umb__take_heads
+#define UMB__MAKE_MASKS                            umb__make_masks
+#define UMB__TAKE_WINDOWS                          umb__take_heads
+#define UMB__TOUCHED_STATES                        umb__touched_states
+#define UMB__SPREAD_SETTLED                        umb__spread_settled
+#define UMB__COUNT_WINDOWS                         umb__count_windows
+#define UMB__STEP_HEADS                            umb__step_heads
+#define UMB__RUNS_OF(runs, heads)                  ((void)(runs), umb__count_bits(heads))
+#define UMB__MERGE_HEADS(spread, heads, runs)      ((void)(spread))
+#define UMB__ASK_FOR_ANSWERS(query, values, first) ((void)0)
 #endif
 #include "query/kernel_points.h"
 #include "query/kernel_windows.h"
-
-/* Prefetches the memory of answers that are written some blocks later. */
-#ifndef UMB__ASK_FOR_ANSWERS
-#define UMB__ASK_FOR_ANSWERS(query, values, first) ((void)0)
-#endif
 
 static void answer_points(const struct umb__query *query, const struct UMB__PLACER *placer,
                           size_t first, size_t end, void *values, struct umb_query_stats *stats)

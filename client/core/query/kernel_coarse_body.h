@@ -1,22 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of the coarse kernel: look-ups that stop at cells of 1 << level voxels
- * (umb_query_settings .level). Included by kernel_coarse.c and kernel_coarse_avx2.c, which name the
- * function (UMB__COARSE), and may name how points are placed. There is no include guard: each file
- * includes this one once.
+ * (umb_query_settings .level). Included behind kernel_body.h by kernel_base.c and kernel_avx2.c,
+ * which name the function (UMB__COARSE). There is no include guard: each file includes this one
+ * once.
  *
  * As in kernel_body.h a block of 64 points goes stage by stage: place, grid, one stage for each
  * level of wide nodes above the wanted one. Points whose node is still mixed then get the answer
  * one half; no brick is read. Answers are counted in halves: 0, 1 or 2.
  */
-#include "query/kernel_parts.h"
-
-#ifndef UMB__PLACER
-#define UMB__PLACER      umb__placer
-#define UMB__PLACER_INIT umb__placer_init
-#define UMB__PLACE       umb__place_block
-#endif
-
 #define HALVES 2U
 
 /* Reads the grid's cells. Points in uniform cells leave `todo`; others get a node's number. */

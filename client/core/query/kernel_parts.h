@@ -11,8 +11,7 @@
 
 /* A block of points, as it passes through the stages. */
 struct umb__block {
-    uint32_t size; /* First texel of each point's window, inside the frustum; 0, 0, 0 for points
-                      without a look-up. Arrays begin at cache lines. */
+    uint32_t size; /* Number of points */
     uint64_t todo; /* Bit i: point i still needs its look-up */
     /* First texel of the window, which lies in the frustum; 0, 0, 0 for points without a look-up.
      * Arrays begin at cache lines. */

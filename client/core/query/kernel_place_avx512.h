@@ -46,15 +46,13 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-#define UMB__FIXED_SLACK                                                                           \
-    16                            /* Units of 2^-32 voxels; twice the error that the argument above
-                                      allows */
-#define UMB__FIXED_MOST (1 << 22) /* Most slack for normals: a thousandth of a voxel */
-#define UMB__FLOATS_MOST                                                                           \
-    1e10 /* Largest number computed with in floats, so that nothing
-                                      overflows */
-#define UMB__FIXED_BASE (1 << 20)
-#define UMB__FIXED_HIGH 0x41300000 /* Upper half of the bits of the double 2^20 */
+/* Slack in units of 2^-32 voxels: twice the error of the argument above; and the most for normals,
+ * a thousandth of a voxel. */
+#define UMB__FIXED_SLACK 16
+#define UMB__FIXED_MOST  (1 << 22)
+#define UMB__FLOATS_MOST 1e10 /* Largest number computed with in floats: nothing overflows */
+#define UMB__FIXED_BASE  (1 << 20)
+#define UMB__FIXED_HIGH  0x41300000 /* Upper half of the bits of the double 2^20 */
 
 struct umb__wide_placer {
     struct umb__lane_placer exact;
@@ -330,11 +328,10 @@ static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m5
     return _mm512_min_epu32(_mm512_min_epu32(fixed[0], fixed[1]), fixed[2]);
 }
 
-/* Result so far of the test whether all points of a block are placed: with certain voxels, inside
- * the frustum. */
+/* Result so far of the test that every point of a block has a certain voxel inside the frustum. */
 struct umb__placed {
-    __m512i least;  /* fractions, in the lanes of even number */
-    __m512i ends;   /* bits that any index has */
+    __m512i least;  /* Least fractions, in the even lanes */
+    __m512i ends;   /* Bits that are set in any index of a voxel */
     __mmask16 near; /* Lanes whose points were all within reach, or faced away */
 };
 
@@ -403,15 +400,10 @@ UMB__INLINE void umb__ask_for_points(const uint8_t *at, size_t bytes)
     }
 }
 
-/* The form of a batch, as constants where it is used. */
-struct umb__wide_form {
-    bool f32, normals, windows;
-};
-
 /* Places a whole block. Returns false if the block needs another function. Points with a look-up
  * have no answer yet. */
 UMB__INLINE bool umb__place_sixteens(const struct umb__wide_placer *placer, size_t first,
-                                     struct umb__wide_form form, struct umb__block *block,
+                                     struct umb__form form, struct umb__block *block,
                                      struct umb_query_stats *stats)
 {
     const struct umb_points *points = placer->exact.plain.points;
@@ -454,15 +446,16 @@ UMB__INLINE bool umb__place_form(const struct umb__wide_placer *placer, size_t f
     const bool f32 = points->format == UMB_POINT_F32;
     if (points->normals != NULL) {
         return f32 ? umb__place_sixteens(placer, first,
-                                         (struct umb__wide_form){true, true, windows}, block, stats)
+                                         (struct umb__form){true, true, false, windows}, block,
+                                         stats)
                    : umb__place_sixteens(placer, first,
-                                         (struct umb__wide_form){false, true, windows}, block,
+                                         (struct umb__form){false, true, false, windows}, block,
                                          stats);
     }
-    return f32 ? umb__place_sixteens(placer, first, (struct umb__wide_form){true, false, windows},
+    return f32 ? umb__place_sixteens(placer, first, (struct umb__form){true, false, false, windows},
                                      block, stats)
-               : umb__place_sixteens(placer, first, (struct umb__wide_form){false, false, windows},
-                                     block, stats);
+               : umb__place_sixteens(
+                     placer, first, (struct umb__form){false, false, false, windows}, block, stats);
 }
 
 UMB__INLINE void umb__wide_place_block(const struct umb__wide_placer *placer, size_t first,

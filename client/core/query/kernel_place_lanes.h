@@ -56,22 +56,13 @@ static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes 
     return v[0] * w[0] + v[1] * w[1] + v[2] * w[2];
 }
 
-/* The form of a batch; callers pass constants. `still`: points are relative to the asset's origin
- * and have no bias, so they are transformed directly. */
+/* The form of a batch; callers pass constants. */
 struct umb__form {
-    bool f32, normals, still;
+    bool f32, normals;
+    bool still;   /* True: points are relative to the asset's origin and have no bias, so they are
+                     transformed directly */
+    bool windows; /* True: any number of taps; false: one (AVX-512) */
 };
-
-static inline void umb__load_lanes(const struct umb_points *points, size_t i, bool f32,
-                                   umb__lanes axis[3])
-{
-    const uint8_t *positions = points->positions;
-    if (f32) {
-        umb__lanes_load_f32(positions + 12 * i, axis);
-    } else {
-        umb__lanes_load_f64(positions + 24 * i, axis);
-    }
-}
 
 /* Moves points with normals as umb__move does. Returns the lanes whose normal faces away. */
 static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
@@ -112,9 +103,14 @@ struct umb__placed_lanes {
 UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_placer *placer,
                                                       size_t index, struct umb__form form)
 {
+    const uint8_t *positions = placer->plain.points->positions;
     struct umb__placed_lanes to = {.away = 0};
     umb__lanes p[3], v[3];
-    umb__load_lanes(placer->plain.points, index, form.f32, p);
+    if (form.f32) {
+        umb__lanes_load_f32(positions + 12 * index, p);
+    } else {
+        umb__lanes_load_f64(positions + 24 * index, p);
+    }
     for (unsigned axis = 0; axis < 3 && !form.still; axis++) {
         p[axis] = placer->offset[axis] + p[axis];
     }
@@ -146,10 +142,9 @@ static inline void umb__clear_lanes(__m256i v[3], unsigned away)
 
 /*
  * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
- * look-up in the low byte, and those that face away in the next byte. If these are not all eight,
- * some point is neither clearly inside nor faces away, and the lanes are unspecified. A window lies
- * inside if both its ends are below the frustum's size, a power of two, which a test of bits
- * proves.
+ * look-up in the low byte, and those that face away in the next byte. A lane in neither has a point
+ * that is not clearly inside; then all eight lanes are unspecified. A window lies inside if both
+ * its ends are below the frustum's size. That is a power of two, so a test of bits proves it.
  */
 UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, size_t index,
                                       struct umb__form form, struct umb__block *block, uint32_t i)
@@ -233,11 +228,14 @@ static inline void umb__lane_place_block(const struct umb__lane_placer *placer, 
         return;
     }
     if (f32 && !normals && placer->still) {
-        umb__place_eights(placer, first, (struct umb__form){true, false, true}, block, stats);
+        umb__place_eights(placer, first, (struct umb__form){true, false, true, false}, block,
+                          stats);
     } else if (f32) {
-        umb__place_eights(placer, first, (struct umb__form){true, normals, false}, block, stats);
+        umb__place_eights(placer, first, (struct umb__form){true, normals, false, false}, block,
+                          stats);
     } else {
-        umb__place_eights(placer, first, (struct umb__form){false, normals, false}, block, stats);
+        umb__place_eights(placer, first, (struct umb__form){false, normals, false, false}, block,
+                          stats);
     }
     umb__pad_block(block);
 }

@@ -6,12 +6,6 @@
 #include "query/kernel_descent.h"
 #include "query/kernel_runs.h"
 
-/* Lets one head stand for several runs, if the kernel has that step. */
-#ifndef UMB__MERGE_HEADS
-#define UMB__MERGE_HEADS(spread, heads, runs) ((void)(spread))
-#define UMB__RUNS_OF(runs, heads)             ((void)(runs), umb__count_bits(heads))
-#endif
-
 /* A mixed cube, and a voxel in it. */
 struct umb__cube {
     uint32_t level;
@@ -21,8 +15,8 @@ struct umb__cube {
 
 /* The cubes that a block's points share. */
 struct umb__common {
-    bool found;            /* Else every point begins at its column */
-    struct umb__cube cube; /* around all of them */
+    bool found;            /* True: `cube` is around all points; false: each begins at its column */
+    struct umb__cube cube; /* Cube at which the descent of each point begins */
     struct umb__cube last; /* Smallest cube with a node around the last block that had such a cube;
                               level 0: none yet */
 };
@@ -36,8 +30,9 @@ static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
 }
 
 /* Returns the cube at which the descent of a block begins. Its points share a cube of the columns'
- * level; if they are all in the cube of the last block, the descent begins there. number: the state
- * of a uniform cube, or UMB__CELL_FIRST plus the number of a node or brick. */
+ * level; if they are all in the cube of the last block, the descent begins there. The result's
+ * `number` is the state of a uniform cube, or UMB__CELL_FIRST plus the number of a node or
+ * brick. */
 static inline struct umb__cube umb__begin_together(const struct umb__query *q,
                                                    const struct umb__block *block, uint32_t spread,
                                                    const struct umb__cube *last)

@@ -3,8 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_RUNS_AVX512_H
 /* The steps of kernel_runs.h with AVX-512, for sixteen points at a time. They give the same
  * integers as those in C, and no branch depends on the length of runs. */
-#include <immintrin.h>
-#include "query/kernel_runs.h"
+#include "query/kernel_runs_avx2.h"
 
 static inline __m512i umb__load_sixteen(const int32_t *at)
 {
@@ -148,7 +147,8 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
         const __m512i z = umb__load_sixteen(heads->z + i);
         const uint32_t left = runs->count - i;
         const __mmask16 there = (__mmask16)(left < 16 ? (1U << left) - 1 : 0xffff);
-        /* For each key, bits of the equal keys before it; the lowest is the first of them. */
+        /* Lane k has a bit for each lane before k with the same key. The lowest bit is the first
+         * such lane; no bit: lane k is the first itself. */
         const __m512i equal = _mm512_maskz_conflict_epi32(there, umb__brick_keys(x, y, z));
         const __mmask16 other = _mm512_test_epi32_mask(equal, equal);
         const __mmask16 alone = (__mmask16)(there & ~other);
@@ -293,11 +293,6 @@ static inline void umb__read_runs_avx512(struct umb__block *block, const struct 
     for (uint32_t i = 0; i < UMB__BLOCK / 16; i++) {
         _mm512_store_si512(block->lit + 16 * i, lit[i]);
     }
-}
-
-static inline __m256i umb__load_eight(const int32_t at[8])
-{
-    return _mm256_load_si256((const __m256i *)(const void *)at);
 }
 
 /* Finds the children of `level` that contain eight heads, as 63 - umb__child_bit. */

@@ -30,8 +30,9 @@ static const uint16_t GAUSSIAN[HALF_MAX + 1][HALF_MAX + 2] = {
     {288, 272, 225, 165, 107, 61, 31, 14, 5},
 };
 
-/* Rows of a window: bit i of rows[j] is texel (first x + i, first y + j). */
+/* Rows of a window: bit i of bits[j] is texel (x + i, y + j). */
 struct rows {
+    int32_t x, y; /* First texel of the window; it may lie outside the frustum */
     uint64_t bits[UMB_TAPS_MAX];
 };
 
@@ -46,16 +47,24 @@ static void add_square(const struct umb__place *place, const struct umb__window 
             row = place->brick[w->z & 7] >> (8 * (y & 7)) & 0xffU;
         }
         /* Texels before the window's first one are cut off here, those behind it later. */
-        rows->bits[y - w->y0] |= bx < w->x0 ? row >> (w->x0 - bx) : row << (bx - w->x0);
+        rows->bits[y - rows->y] |= bx < rows->x ? row >> (rows->x - bx) : row << (bx - rows->x);
     }
 }
 
-/* Gathers the texels of the clipped window, the first one at bit 0 of row 0. In: first: place of
- * the first texel. */
-static void gather(const struct umb__tree *tree, const struct umb__window *w,
-                   struct umb__place first, struct umb_volume_stats *read, struct rows *rows)
+/* Gathers the texels of the window around v. Texels outside the frustum are lit. In: w: the part of
+ * the window inside the frustum. first: place of that part's first texel. */
+static void gather(const struct umb__query *q, const struct umb__tree *tree, const double v[3],
+                   const struct umb__window *w, struct umb__place first,
+                   struct umb_volume_stats *read, struct rows *rows)
 {
+    const int32_t x = (int32_t)floor(v[0]) - q->taps / 2, y = (int32_t)floor(v[1]) - q->taps / 2;
     const int32_t bx0 = w->x0 & ~7, by0 = w->y0 & ~7;
+    const uint64_t outside = ~((((uint64_t)2 << (w->x1 - w->x0)) - 1) << (w->x0 - x));
+    rows->x = x;
+    rows->y = y;
+    for (int32_t j = 0; j < q->taps; j++) {
+        rows->bits[j] = j < w->y0 - y || j > w->y1 - y ? UINT64_MAX : outside;
+    }
     for (int32_t by = by0; by <= w->y1; by += 8) {
         for (int32_t bx = bx0; bx <= w->x1; bx += 8) {
             struct umb__place place = first;
@@ -64,21 +73,6 @@ static void gather(const struct umb__tree *tree, const struct umb__window *w,
             }
             add_square(&place, w, bx, by, rows);
         }
-    }
-}
-
-/* Moves clipped rows to their place in the whole window. Texels outside the frustum become lit. */
-static void place_rows(const struct umb__query *q, const double v[3], const struct umb__window *w,
-                       const struct rows *clipped, struct rows *whole)
-{
-    int32_t half = q->taps / 2;
-    int32_t left = w->x0 - ((int32_t)floor(v[0]) - half);
-    int32_t top = w->y0 - ((int32_t)floor(v[1]) - half);
-    int32_t width = w->x1 - w->x0 + 1, height = w->y1 - w->y0 + 1;
-    uint64_t inside = (((uint64_t)1 << width) - 1) << left;
-    for (int32_t j = 0; j < q->taps; j++) {
-        bool cut = j < top || j >= top + height;
-        whole->bits[j] = cut ? UINT64_MAX : (clipped->bits[j - top] << left & inside) | ~inside;
     }
 }
 
@@ -129,10 +123,9 @@ UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], cons
         umb__tree_locate(&tree, (uint32_t)w.x0, (uint32_t)w.y0, (uint32_t)w.z, &read);
     uint32_t lit = first.lit ? total : 0;
     if (!is_uniform(&first, &w)) {
-        struct rows clipped = {{0}}, whole;
-        gather(&tree, &w, first, &read, &clipped);
-        place_rows(q, v, &w, &clipped, &whole);
-        lit = weigh(q, &whole, weights, row);
+        struct rows rows;
+        gather(q, &tree, v, &w, first, &read, &rows);
+        lit = weigh(q, &rows, weights, row);
     }
     stats->nodes += read.nodes;
     stats->bricks += read.bricks;

@@ -10,8 +10,9 @@ struct umb__window_masks {
     _Alignas(64) uint64_t columns[3][8];
     uint64_t rows[3][8];
     /* Only with AVX-512: masks of the bricks that a window touches, by columns and by rows. The
-     * window begins at texel 0..31 of a cell. There is a bit for each of sixteen bricks of that
-     * cell, of the cell to the right and of the two cells below, each twice. */
+     * window begins at texel 0..31 of a cell. Two equal words, for the two masks of a node, have a
+     * bit for each of a cell's sixteen bricks. There are words for that cell, for the cell to the
+     * right, and for the two cells below. */
     uint64_t cell_columns[32][8], cell_rows[32][8];
 };
 

@@ -6,45 +6,41 @@
 #include "base/reserved.h"
 #include "query/query_parts.h"
 
-/*
- * Returns 1 if none of CHECK_WORDS numbers is infinite or NaN. For finite numbers, adding one to
- * the exponent's lowest bit never changes the sign bit. The loop has no branch and a fixed length,
- * so compilers vectorise it.
- */
 #define CHECK_WORDS 96 /* divides into whole points */
 
-static int all_finite_f32(const uint8_t *bytes)
+/*
+ * Returns whether none of CHECK_WORDS numbers is infinite or NaN. The exponent is in the upper 32
+ * bits of either format. For finite numbers, adding one to its lowest bit never changes the sign
+ * bit. The loop has no branch and a fixed length, so compilers vectorise it.
+ */
+UMB__INLINE bool all_finite(const uint8_t *bytes, bool wide)
 {
+    const uint32_t exponent = wide ? 0x7ff00000U : 0x7f800000U, lowest = exponent & (0 - exponent);
     uint32_t carry = 0;
     for (size_t i = 0; i < CHECK_WORDS; i++) {
-        uint32_t bits;
-        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-        carry |= (bits & 0x7f800000U) + 0x00800000U;
+        uint32_t upper;
+        if (wide) {
+            uint64_t number;
+            memcpy(&number, bytes + i * sizeof number, sizeof number);
+            upper = (uint32_t)(number >> 32);
+        } else {
+            memcpy(&upper, bytes + i * sizeof upper, sizeof upper);
+        }
+        carry |= (upper & exponent) + lowest;
     }
     return carry >> 31 == 0;
-}
-
-static int all_finite_f64(const uint8_t *bytes)
-{
-    uint64_t carry = 0;
-    for (size_t i = 0; i < CHECK_WORDS; i++) {
-        uint64_t bits;
-        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-        carry |= (bits & 0x7ff0000000000000U) + 0x0010000000000000U;
-    }
-    return carry >> 63 == 0;
 }
 
 /* Number of coordinates that are proven finite, in whole blocks. */
 static size_t count_finite(const struct umb_points *points)
 {
     const size_t block = CHECK_WORDS / 3;
-    const int wide = points->format == UMB_POINT_F64;
+    const bool wide = points->format == UMB_POINT_F64;
     const size_t stride = CHECK_WORDS * (wide ? sizeof(double) : sizeof(float));
     const uint8_t *bytes = points->positions;
     size_t count = 0;
     while (points->count - count >= block &&
-           (wide ? all_finite_f64(bytes) : all_finite_f32(bytes))) {
+           (wide ? all_finite(bytes, true) : all_finite(bytes, false))) {
         bytes += stride;
         count += block;
     }

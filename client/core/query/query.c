@@ -38,19 +38,6 @@ static umb__kernel *choose_kernel(void)
     return umb__kernel_base;
 }
 
-static bool always(const struct umb__plan *plan)
-{
-    (void)plan;
-    return true;
-}
-
-static void set_kernel(const struct umb__plan *plan, struct umb__query *q)
-{
-    q->run = q->kernel = plan->filter->kernel != NULL ? plan->filter->kernel : choose_kernel();
-}
-
-static const struct umb__stage kernel_stage = {always, set_kernel};
-
 #ifndef UMB_WITHOUT_LEVELS
 static bool has_level(const struct umb__plan *plan)
 {
@@ -109,21 +96,8 @@ static void set_bias(const struct umb__plan *plan, struct umb__query *q)
 
 static const struct umb__stage bias_stage = {is_parallel, set_bias};
 
-static bool has_own_part(const struct umb__plan *plan)
-{
-    return plan->filter->set != NULL;
-}
-
-static void set_own_part(const struct umb__plan *plan, struct umb__query *q)
-{
-    plan->filter->set(plan, q);
-}
-
-static const struct umb__stage filter_stage = {has_own_part, set_own_part};
-
-/* The stages, from the kernel outwards. */
+/* The stages around the kernel, from it outwards. */
 static const struct umb__stage *const STAGES[] = {
-    &kernel_stage,
 #ifndef UMB_WITHOUT_LEVELS
     &level_stage,
 #endif
@@ -137,7 +111,6 @@ static const struct umb__stage *const STAGES[] = {
 #ifndef UMB_WITHOUT_STATIC
     &umb__receiver_mask_stage,
 #endif
-    &filter_stage,
 };
 
 /* Returns the window width: taps, or the odd number of texels nearest to footprint_m. */
@@ -162,13 +135,16 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     return UMB_OK;
 }
 
-/* Returns the query without its stages. */
+/* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
+    umb__kernel *kernel = plan->filter->kernel != NULL ? plan->filter->kernel : choose_kernel();
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;
     const struct umb__top *top = &view->tops[plan->light->first_frustum];
     struct umb__query q = {
+        .run = kernel,
+        .kernel = kernel,
         .grid = view->grid + top->first_cell,
         .columns = view->columns + top->first_column,
         .pieces = view->pieces + top->first_piece,
@@ -205,6 +181,9 @@ enum umb_status umb_query_prepare(const struct umb_asset *asset,
         if (STAGES[i]->applies(&plan)) {
             STAGES[i]->set(&plan, &q);
         }
+    }
+    if (plan.filter->set != NULL) {
+        plan.filter->set(&plan, &q);
     }
     memcpy(query->opaque, &q, sizeof q);
     return UMB_OK;

@@ -1,73 +1,43 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Checks the settings of a query: first each by itself, then what they say together. */
 #include <math.h>
-#include <stddef.h>
 
+#include "base/query_settings.h"
 #include "base/reserved.h"
 #include "base/try.h"
 #include "query/stages.h"
 #include "umbrage/curve.h"
 
-#define AT(field) offsetof(struct umb_query_settings, field)
-
-/* A setting: its values go from 0 to `most`. */
-struct setting {
-    const char *name;
-    size_t place; /* Offset in bytes in struct umb_query_settings */
-    enum {
-        CHOICE, /* A value of an enum */
-        TAPS,   /* An odd number; 0: unset */
-        NUMBER  /* A double */
-    } kind;
-    double most;
-    const char *unit;
-    size_t taken_by; /* Offset in struct umb_filter_info of the flag of filters that take the
-                        setting; 0: all filters take it */
-};
-
-static const struct setting SETTINGS[] = {
-    {"taps", AT(taps), TAPS, UMB_TAPS_MAX, "", 0},
-    {"bias_mode", AT(bias_mode), CHOICE, UMB_BIAS_NONE, "", 0},
-    {"format", AT(format), CHOICE, UMB_ANSWER_BIT, "", 0},
-    {"bias", AT(bias), NUMBER, UMB_BIAS_MAX, "", 0},
-    {"filter", AT(filter), CHOICE, UMB_FILTERS - 1, "", 0},
-    {"light_extent", AT(light_extent), NUMBER, UMB_EXTENT_MAX, " rad",
-     offsetof(struct umb_filter_info, has_extent)},
-    {"pixel_rad", AT(pixel_rad), NUMBER, 1, "", offsetof(struct umb_filter_info, has_footprints)},
-};
-
-static bool is_taken(const struct setting *row, enum umb_filter filter)
+static bool is_taken(const struct umb__setting *row, enum umb_filter filter)
 {
     int flag;
     memcpy(&flag, (const uint8_t *)umb_filter_get_info(filter) + row->taken_by, sizeof flag);
     return flag != 0;
 }
 
-/* Checks that one setting is in range and, if it is given, that the filter takes it. */
-static enum umb_status check_setting(const struct umb_query_settings *settings,
-                                     const struct setting *row, struct umb_error *error)
+static enum umb_status check_whole(const struct umb__setting *row, uint32_t value,
+                                   struct umb_error *error)
 {
-    const uint8_t *at = (const uint8_t *)settings + row->place;
-    if (row->kind != NUMBER) {
-        uint32_t value;
-        memcpy(&value, at, sizeof value);
-        if (row->kind == CHOICE) {
-            return value <= row->most
-                       ? UMB_OK
-                       : umb_fail(error, UMB_E_ARGUMENT, "%s: %d, unknown", row->name, (int)value);
-        }
-        return value == 0 || (value <= row->most && value % 2 == 1)
-                   ? UMB_OK
-                   : umb_fail(error, UMB_E_ARGUMENT, "%s: %u, must be odd and at most %g",
-                              row->name, value, row->most);
+    const bool is_odd = row->kind == UMB__SETTING_ODD;
+    if (value <= row->most && (!is_odd || value == 0 || value % 2 == 1)) {
+        return UMB_OK;
     }
-    double value;
-    memcpy(&value, at, sizeof value);
+    return row->kind == UMB__SETTING_CHOICE
+               ? umb_fail(error, UMB_E_ARGUMENT, "%s: %d, unknown", row->name, (int)value)
+               : umb_fail(error, UMB_E_ARGUMENT, "%s: %u, must be %sat most %g", row->name, value,
+                          is_odd ? "odd and " : "", row->most);
+}
+
+/* Checks that a number is in range and, if it is given, that the filter takes it. */
+static enum umb_status check_number(const struct umb__setting *row, double value,
+                                    enum umb_filter filter, struct umb_error *error)
+{
+    const char *unit = row->unit != NULL ? row->unit : "";
     if (!(value >= 0 && value <= row->most)) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: %g%s, must be 0 to %g", row->name, value,
-                        row->unit, row->most);
+        return umb_fail(error, UMB_E_ARGUMENT, "%s: %g%s, must be 0 to %g", row->name, value, unit,
+                        row->most);
     }
-    if (row->taken_by == 0 || value == 0 || is_taken(row, settings->filter)) {
+    if (row->taken_by == 0 || value == 0 || is_taken(row, filter)) {
         return UMB_OK;
     }
     enum umb_filter owner = UMB_FILTER_BOX;
@@ -75,7 +45,26 @@ static enum umb_status check_setting(const struct umb_query_settings *settings,
         owner++;
     }
     return umb_fail(error, UMB_E_ARGUMENT, "%s: %g%s belongs to the %s filter", row->name, value,
-                    row->unit, umb_filter_name(owner));
+                    unit, umb_filter_name(owner));
+}
+
+static enum umb_status check_setting(const struct umb_query_settings *settings,
+                                     const struct umb__setting *row, struct umb_error *error)
+{
+    const uint8_t *at = (const uint8_t *)settings + row->at;
+    uint32_t whole;
+    double number;
+    switch (row->most > 0 ? row->kind : UMB__SETTING_NUMBERS) {
+    case UMB__SETTING_NUMBER:
+        memcpy(&number, at, sizeof number);
+        return check_number(row, number, settings->filter, error);
+    case UMB__SETTING_FLAG: /* any value but 0 is true */
+    case UMB__SETTING_NUMBERS:
+        return UMB_OK;
+    default:
+        memcpy(&whole, at, sizeof whole);
+        return check_whole(row, whole, error);
+    }
 }
 
 /* Checks that the light takes the filter. */
@@ -148,8 +137,8 @@ enum umb_status umb__plan_make(const struct umb_asset *asset,
         return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
                         content->light_count);
     }
-    for (size_t i = 0; i < sizeof SETTINGS / sizeof SETTINGS[0]; i++) {
-        UMB__TRY(check_setting(settings, &SETTINGS[i], error));
+    for (size_t i = 0; i < umb__setting_count; i++) {
+        UMB__TRY(check_setting(settings, &umb__settings[i], error));
     }
     const struct umb_light_info *light = &content->lights[settings->light];
     *plan = (struct umb__plan){.asset = asset,

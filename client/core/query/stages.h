@@ -32,7 +32,7 @@ struct umb__filter {
     umb__kernel *kernel; /* Kernel; NULL: that of windows */
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
-    size_t slice; /* Number of points of a slice; 0: the number depends on the taps (batch.c) */
+    size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
     /* Cost of a point without its window, in look-ups of one tap; and the cost added for each
      * radian of the light's extent */
     double work, work_radian;

@@ -169,15 +169,13 @@ struct umb_client_description {
  * Called at the end of a query.
  *
  * In:    status UMB_OK: reply is set and error NULL; else reply is NULL and error is set.
- * Owns:  both are borrowed during the call.
  * Threads: called exactly once for each started query, on the client's thread. May start calls.
  */
 typedef void (*umb_client_query_fn)(void *user, enum umb_status status,
                                     const struct umb_client_query_reply *reply,
                                     const struct umb_error *error);
 
-/* Called at the end of a call. In: error: NULL if status is UMB_OK, else borrowed during the
- * callback.
+/* Called at the end of a call. In: error: NULL if status is UMB_OK.
  * Threads: called exactly once for each started call, on the client's thread. May start calls. */
 typedef void (*umb_client_done_fn)(void *user, enum umb_status status,
                                    const struct umb_error *error);

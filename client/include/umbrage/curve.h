@@ -51,9 +51,9 @@ UMB_API uint32_t umb_level_max(uint32_t log2_size);
 UMB_API double umb_frustum_bound_m(const struct umb_frustum_info *frustum, uint32_t level,
                                    uint32_t taps);
 
-/* Returns the bound in metres of settings with their bias: the largest of all frusta of the light.
- * In: settings that umb_query_prepare accepts. Returns 0 if the asset has no such light. Returns 0
- * for penumbras and footprints: their width differs from point to point, so no bound is stated. */
+/* Returns the bound in metres of settings with their bias: the largest of all frusta of the light;
+ * 0 if the asset has no such light. Penumbras and footprints also give 0: their width differs from
+ * point to point, so no bound is stated. In: settings that umb_query_prepare accepts. */
 UMB_API double umb_query_bound_m(const struct umb_asset *asset,
                                  const struct umb_query_settings *settings);
 

@@ -94,8 +94,8 @@ enum umb_filter {
 
 #define UMB_FILTERS 5 /* Number of values of enum umb_filter in this version */
 
-#define UMB_FILTER_NAMES                                                                           \
-    "box|tent|penumbra|footprint|gaussian" /* Names of the filters, in their order */
+/* Names of the filters, in their order. */
+#define UMB_FILTER_NAMES "box|tent|penumbra|footprint|gaussian"
 
 /* What a filter is and takes. Later versions may add fields at the end. */
 struct umb_filter_info {
@@ -273,7 +273,7 @@ UMB_API size_t umb_query_slice(const struct umb_query *query);
  * In:    workers: threads to run on; the calling thread alone answers a batch of one slice.
  * Out:   as umb_query_run for all points, bit for bit, whatever the threads and their order.
  * Threads: those of the workers, which read query and points and write disjoint slices of
- *        answers->values; answers->stats is added to once a slice. No allocation.
+ *        answers->values; answers->stats is added to once a slice.
  */
 UMB_API void umb_query_run_split(const struct umb_query *query, const struct umb_points *points,
                                  const struct umb_workers *workers, struct umb_answers *answers);

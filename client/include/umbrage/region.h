@@ -103,8 +103,7 @@ struct umb_region_request {
  * Opens the asset of a source: reads its head, and the coarse pages behind it as far as the first
  * read reaches.
  *
- * In:    source: copied; its `user` must outlive the region. options: copied; NULL for the
- *        defaults.
+ * In:    options: NULL for the defaults.
  * Out:   out: the region, which answers every point with bounds; NULL on failure.
  * Owns:  the caller closes it with umb_region_close.
  * Fails: as the source, umb_partial_open and umb_partial_add.
@@ -119,7 +118,7 @@ UMB_API UMB_CHECKED enum umb_status umb_region_open(const struct umb_region_sour
  * Opens a region from a partial file that umb_partial_save wrote. The first umb_region_update reads
  * 128 bytes of the source to compare the asset; another asset is E_CORRUPT there.
  *
- * In:    bytes: uint8[size], copied; the rest as umb_region_open.
+ * In:    bytes: uint8[size]. The rest as umb_region_open.
  * Fails: as umb_partial_open_saved.
  */
 UMB_API UMB_CHECKED enum umb_status umb_region_resume(const void *bytes, size_t size,

@@ -93,10 +93,8 @@ static uint8_t kind_of(const struct umbs_part *part, enum umbb_closed_mode mode)
 
 static double area_of(const double corners[3][3])
 {
-    double a[3], b[3], normal[3];
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, normal);
+    double normal[3];
+    umb__triangle_cross(corners, normal);
     return 0.5 * umb__length(normal);
 }
 

@@ -98,13 +98,11 @@ static double greatest(const double position[3], const double corners[3][3], con
 static int judge(const double corners[3][3], const double origin[3], const struct umbb_eye *eye,
                  double near, double tangent, struct umbb_contact *contact)
 {
-    double at[3][3], one[3], two[3], normal[3], place[3];
+    double at[3][3], normal[3], place[3];
     for (int i = 0; i < 3; i++) {
         umb__subtract(corners[i], eye->position, at[i]);
     }
-    umb__subtract(at[1], at[0], one);
-    umb__subtract(at[2], at[0], two);
-    umb__cross(one, two, normal);
+    umb__triangle_cross((const double(*)[3])at, normal);
     if (!umb__unit(normal)) {
         return 0;
     }

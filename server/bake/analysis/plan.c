@@ -223,6 +223,16 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     }
 }
 
+/* Writes the materials of triangles: the only one, or their number and the first. */
+static void write_materials(FILE *to, size_t count, const char *first)
+{
+    if (count == 1) {
+        fprintf(to, "material '%s': ", first);
+    } else {
+        fprintf(to, "%zu materials, the first '%s': ", count, first);
+    }
+}
+
 /* Materials whose textures cut holes. */
 static void write_cut_out(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const struct umbb_options *options)
@@ -243,12 +253,12 @@ static void write_cut_out(FILE *to, const struct umbb_analysis *a,
                 figures->mask_triangles, name);
         return;
     }
+    write_materials(to, figures->materials, name);
+    fprintf(to, "%zu triangles with alpha below ", figures->triangles);
     if (figures->materials == 1) {
-        fprintf(to, "material '%s': %zu triangles with alpha below %.3g", name, figures->triangles,
-                (double)view->materials[figures->first].alpha_cutoff);
+        fprintf(to, "%.3g", (double)view->materials[figures->first].alpha_cutoff);
     } else {
-        fprintf(to, "%zu materials, the first '%s': %zu triangles with alpha below their cut-off",
-                figures->materials, name, figures->triangles);
+        fputs("their cut-off", to);
     }
     fprintf(to, " on %.3g %% of their texels\" cost=\"%s\"\n", 100.0 * figures->share,
             on ? "a look at the texture for each of their texels in the bake; finer shadows take "
@@ -270,11 +280,7 @@ static void write_transmittance(FILE *to, const struct umbb_analysis *a,
     umbb_escape(view->materials[figures->first].name, name, sizeof name);
     fprintf(to, "effect=transmittance state=%s reason=\"%s", on ? "on" : "off",
             on ? "" : "switched off, they are baked as opaque: ");
-    if (figures->materials == 1) {
-        fprintf(to, "material '%s': ", name);
-    } else {
-        fprintf(to, "%zu materials, the first '%s': ", figures->materials, name);
-    }
+    write_materials(to, figures->materials, name);
     fprintf(to, "%zu triangles take %.3g to %.3g %% of the light\" cost=\"%s\"\n",
             figures->triangles, 100.0 * figures->least, 100.0 * figures->most,
             on ? "lists of depths for the texels that they cover, in the asset's head; a second "

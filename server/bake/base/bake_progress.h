@@ -18,8 +18,8 @@ struct umbb_progress {
 void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *unit,
                          uint64_t total);
 
-/* Draws the line, and writes one to the supervisor. In: user: the struct umbb_progress. done:
- * number of items done. */
+/* Draws the line on the terminal, and writes a line for the supervisor (below). In: user: the
+ * struct umbb_progress. done: number of items done. */
 void umbb_progress_update(void *user, uint64_t done);
 
 /* Removes the line. */

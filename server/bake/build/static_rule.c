@@ -2,9 +2,9 @@
 /*
  * The texels that filter windows read are bounded by boxes. The bias moves point p of a triangle by
  * at most `reach`, and the window adds half the taps. So the window of p can read texel t only if p
- * lies within a box of that size around t. Inside the box the triangle lies between two depths. The
- * bias keeps the whole window of a point on the triangle's plane before the plane, by half a voxel
- * or more.
+ * lies within a box of that size around t. Inside the box the triangle lies between two depths. For
+ * a point on the triangle's plane the bias moves the whole window to the light's side of that
+ * plane, half a voxel or more away.
  */
 #include "bake/build/static_rule.h"
 
@@ -270,12 +270,10 @@ struct asked {
 
 static void asked_init(struct asked *asked, const double corners[3][3])
 {
-    double a[3], b[3], n[3];
+    double n[3];
     bounds_of(corners, 3, asked->low, asked->high);
     memcpy(asked->anchor, corners[0], sizeof asked->anchor);
-    umb__subtract(corners[1], corners[0], a);
-    umb__subtract(corners[2], corners[0], b);
-    umb__cross(a, b, n);
+    umb__triangle_cross(corners, n);
     asked->is_vertical = !(fabs(n[2]) > VERTICAL * umb__length(n));
     asked->gradient[0] = asked->is_vertical ? 0 : -n[0] / n[2];
     asked->gradient[1] = asked->is_vertical ? 0 : -n[1] / n[2];

@@ -99,8 +99,8 @@ void umbb_squares_destroy(struct umbb_squares *squares)
     free(squares);
 }
 
-/* Returns the bytes of a square's pool and runs. The numbers of a merge are left out, because they
- * take only a fraction of the pool's bytes. */
+/* Returns the bytes of a square's node pool and runs. The table of new node numbers that a merge
+ * needs is left out: it takes only a fraction of the pool's bytes. */
 static size_t work_bytes(const struct work *work)
 {
     return work->pool.bytes + work->runs.capacity * sizeof *work->runs.items;

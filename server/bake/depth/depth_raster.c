@@ -131,7 +131,7 @@ struct far_sides {
     size_t count;
 };
 
-/* Returns whether a prepared triangle seems a near side of a solid; this affects time only. */
+/* Returns whether a prepared triangle seems to face the light. A wrong result costs time only. */
 static int is_near_side(const struct umbb_coverage *coverage, uint8_t kind)
 {
     return coverage->facing != (kind == UMBB_CASTER_CLOSED_FLIPPED);

@@ -18,7 +18,8 @@
 
 #include "tool/threads.h"
 
-/* Share of its products below which a projected area may be rounding error alone. */
+/* A projected area is a difference of two products. Below this share of their sum it may be
+ * rounding error alone. */
 #define AREA_DOUBT 1e-9
 
 /* Greatest number of casters for each square of 64 x 64 texels at which marks are worth their cost.

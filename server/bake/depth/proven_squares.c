@@ -20,8 +20,7 @@ enum {
     BORDER = 4,  /* a border is within a texel */
 };
 
-/* A strip of a tile's squares; coordinates in texels of the frustum, squares counted in the tile.
- */
+/* Rows of a tile's squares. Texels are numbered in the frustum, squares in the tile. */
 struct squares {
     const struct umbb_casters *casters;
     struct umbb_tile *tile;

@@ -14,7 +14,7 @@
  * Opacity Maps, 2008.
  */
 #include "bake/depth/tile.h"
-#include "format/transmittance_write.h"
+#include "format/transmittance.h"
 
 #define UMBB_TRANSMITTANCE_LEAST 0.001
 

@@ -39,18 +39,11 @@ enum umb_status umbb_face_corner(struct umbb_faces *faces, uint64_t vertex, stru
         return umb_fail(error, UMB_E_LIMIT, "a face has more than %u corners",
                         UMBB_POLYGON_CORNERS_MAX);
     }
-    uint32_t *room = umbs_array_reserve(&faces->corners, 1, sizeof(*room));
-    if (room == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a face");
-    }
-    if (is_usable(faces->scene, vertex)) {
-        *room = (uint32_t)vertex; /* a builder never holds more than 2^32 - 1 vertices */
-    } else {
-        *room = 0;
-        faces->bad = 1;
-    }
-    faces->corners.count++;
-    return UMB_OK;
+    const int good = is_usable(faces->scene, vertex);
+    /* A builder never holds more than 2^32 - 1 vertices. */
+    const uint32_t corner = good ? (uint32_t)vertex : 0;
+    faces->bad |= !good;
+    return umbs_array_add(&faces->corners, &corner, sizeof corner, error);
 }
 
 static enum umb_status add_polygon(struct umbb_faces *faces, const uint32_t *corners,
@@ -101,11 +94,11 @@ enum umb_status umbb_faces_check(const struct umbb_faces *faces, struct umb_erro
         return UMB_OK;
     }
     return faces->count == 0
-               ? umb_fail(error, UMB_E_BAD_SCENE, "the file has no triangles")
-               : umb_fail(error, UMB_E_BAD_SCENE,
-                          "none of %" PRIu64
-                          " faces can be used (not finite, bad index or fewer than 3 corners)",
-                          faces->count);
+               ? UMBB_REFUSE(error, "the file has no triangles")
+               : UMBB_REFUSE(error,
+                             "none of %" PRIu64
+                             " faces can be used (not finite, bad index or fewer than 3 corners)",
+                             faces->count);
 }
 
 enum umb_status umbb_faces_end_scene(struct umbb_faces *faces, struct umb_error *error)

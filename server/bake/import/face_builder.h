@@ -7,8 +7,8 @@
  *
  *     umbb_face_corner(&faces, vertex, &error) for each corner; umbb_face_end(&faces, &error);
  */
+#include "bake/import/import_job.h"
 #include "bake/import/polygon_clip.h"
-#include "scene/scene_builder.h"
 
 #define UMBB_BAD_CORNER UINT64_MAX
 

@@ -17,8 +17,6 @@
 #include <jansson.h>
 
 #include "bake/import/face_builder.h"
-#include "bake/import/import_job.h"
-#include "bake/import/text_number.h"
 #include "bake/import/texture_table.h"
 
 struct umbb_gltf_buffer {
@@ -28,12 +26,41 @@ struct umbb_gltf_buffer {
     char *decoded; /* content of a data URI */
 };
 
+/* Mapping of a mesh's texture coordinates to those of the image. */
+struct umbb_gltf_mapping {
+    int64_t set;         /* n of TEXCOORD_n */
+    int moves;           /* 0: the matrix is the identity */
+    double matrix[2][3]; /* KHR_texture_transform; v counts down, as in the file */
+};
+
+struct umbb_gltf_material {
+    int is_read;
+    uint32_t number; /* material of the builder */
+    struct umbb_gltf_mapping mapping;
+};
+
+struct umbb_gltf_mesh {
+    int is_read;
+    uint32_t first, count; /* meshes of the builder: primitives with triangles */
+};
+
+/* The file, and the state of reading its scene. The walk over the nodes reads meshes and materials
+ * where a node first shows them; what no node shows is not read. Each array has one item for each
+ * of the file's. */
 struct umbb_gltf {
     struct umbb_import *job; /* borrowed */
     json_t *json;
-    struct umbb_cursor chunk;         /* binary chunk of a GLB, or empty */
-    struct umbb_gltf_buffer *buffers; /* one for each of the file's buffers */
-    uint8_t *ascending; /* one for each of the file's accessors; 1: its sparse indices ascend */
+    struct umbb_cursor chunk; /* binary chunk of a GLB, or empty */
+    struct umbb_gltf_buffer *buffers;
+    uint8_t *accessors; /* 1: the sparse indices ascend */
+    struct umbb_gltf_material *materials;
+    struct umbb_gltf_mesh *meshes;
+    uint8_t *nodes; /* 1: visited */
+    struct umbb_faces faces;
+    struct umbb_texture_table textures;
+    unsigned bare;    /* number of primitives without coordinates for their texture */
+    unsigned skinned; /* number of nodes with a skin */
+    unsigned morphed; /* number of primitives with morph targets */
 };
 
 /* Reference that is missing, and one that is not a whole number from 0 on: beyond every list. */
@@ -58,11 +85,17 @@ int64_t umbb_gltf_index(const json_t *object, const char *key);
 /* The object's byteOffset, 0 if it has none. */
 int64_t umbb_gltf_offset(const json_t *object);
 
+/* The text at `key`, or NULL. */
+const char *umbb_gltf_text(const json_t *object, const char *key);
+
 /* The number at `key`, or `otherwise` if there is none. */
 double umbb_gltf_number(const json_t *object, const char *key, double otherwise);
 
 /* Reads the array at `key` if it has `count` numbers. Returns 0 and changes nothing otherwise. */
 int umbb_gltf_numbers(const json_t *object, const char *key, size_t count, double *numbers);
+
+/* The object's `uri`; at is NULL if there is none. */
+struct umbb_cursor umbb_gltf_uri(const json_t *object);
 
 /* The object of an extension by its name, or NULL. */
 const json_t *umbb_gltf_extension(const json_t *object, const char *name);
@@ -79,8 +112,8 @@ UMB_CHECKED enum umb_status umbb_gltf_item(const struct umbb_gltf *gltf, const c
  * Out:   bytes: free it; NULL if the text is no such URI.
  * Fails: E_NO_MEMORY.
  */
-UMB_CHECKED enum umb_status umbb_gltf_data_uri(const char *uri, size_t length, char **bytes,
-                                               size_t *size, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_gltf_data_uri(struct umbb_cursor uri, char **bytes, size_t *size,
+                                               struct umb_error *error);
 
 struct umbb_gltf_view {
     const char *bytes; /* borrowed */
@@ -108,18 +141,11 @@ struct umbb_gltf_use {
     unsigned kinds;   /* bits of components */
 };
 
-/* Component of an element. */
-struct umbb_gltf_component {
-    int64_t type;   /* componentType of the specification */
-    unsigned kind;  /* one of the bits above */
-    uint32_t bytes; /* size */
-};
-
 /* Run of elements in place. */
 struct umbb_gltf_run {
     const char *bytes; /* NULL: all elements are 0 */
     size_t stride;
-    struct umbb_gltf_component component;
+    struct umbb_scalar component;
 };
 
 struct umbb_gltf_accessor {
@@ -146,45 +172,13 @@ UMB_CHECKED enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t n
  * Out: numbers: double[accessor->width]. */
 void umbb_gltf_get(const struct umbb_gltf_accessor *accessor, uint32_t index, double *numbers);
 
-/* Mapping of a mesh's texture coordinates to those of the image. */
-struct umbb_gltf_mapping {
-    int64_t set;         /* n of TEXCOORD_n */
-    int moves;           /* 0: the matrix is the identity */
-    double matrix[2][3]; /* KHR_texture_transform; v counts down, as in the file */
-};
-
-struct umbb_gltf_material {
-    int is_read;
-    uint32_t number; /* material of the builder */
-    struct umbb_gltf_mapping mapping;
-};
-
-struct umbb_gltf_mesh {
-    int is_read;
-    uint32_t first, count; /* meshes of the builder: primitives with triangles */
-};
-
-/* State of reading one scene. The walk over the nodes reads meshes and materials where a node first
- * shows them; what no node shows is not read. */
-struct umbb_gltf_scene {
-    struct umbb_gltf file;
-    struct umbb_faces faces;
-    struct umbb_texture_table textures;
-    struct umbb_gltf_material *materials; /* one for each of the file's materials */
-    struct umbb_gltf_mesh *meshes;        /* one for each of the file's meshes */
-    uint8_t *nodes;                       /* one for each of the file's nodes; 1: visited */
-    unsigned bare;    /* number of primitives without coordinates for their texture */
-    unsigned skinned; /* number of nodes with a skin */
-    unsigned morphed; /* number of primitives with morph targets */
-};
-
 /*
  * Finds a mesh, and reads it at its first use: a mesh of the builder for each primitive with
  * triangles. Points and lines cast no shadow.
  *
  * Fails: E_BAD_SCENE (no such mesh, accessors that cannot be read), E_LIMIT, E_NO_MEMORY.
  */
-UMB_CHECKED enum umb_status umbb_gltf_get_mesh(struct umbb_gltf_scene *scene, int64_t number,
+UMB_CHECKED enum umb_status umbb_gltf_get_mesh(struct umbb_gltf *gltf, int64_t number,
                                                const struct umbb_gltf_mesh **mesh,
                                                struct umb_error *error);
 

@@ -10,15 +10,20 @@
 #define ZEROS_MAX  1048576U /* elements without bytes of the file */
 
 /* The component of a componentType, if `kinds` has its kind. */
-static int find_component(int64_t type, unsigned kinds, struct umbb_gltf_component *component)
+static int find_component(int64_t type, unsigned kinds, struct umbb_scalar *component)
 {
-    static const struct umbb_gltf_component known[] = {
-        {5120, UMBB_GLTF_SIGNED, 1},   {5121, UMBB_GLTF_UNSIGNED, 1}, {5122, UMBB_GLTF_SIGNED, 2},
-        {5123, UMBB_GLTF_UNSIGNED, 2}, {5125, UMBB_GLTF_UINT32, 4},   {5126, UMBB_GLTF_FLOAT, 4},
+    static const struct {
+        int64_t type;
+        unsigned kind;
+        struct umbb_scalar component;
+    } known[] = {
+        {5120, UMBB_GLTF_SIGNED, {'i', 1}}, {5121, UMBB_GLTF_UNSIGNED, {'u', 1}},
+        {5122, UMBB_GLTF_SIGNED, {'i', 2}}, {5123, UMBB_GLTF_UNSIGNED, {'u', 2}},
+        {5125, UMBB_GLTF_UINT32, {'u', 4}}, {5126, UMBB_GLTF_FLOAT, {'f', 4}},
     };
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
         if (known[i].type == type && (known[i].kind & kinds) != 0) {
-            *component = known[i];
+            *component = known[i].component;
             return 1;
         }
     }
@@ -48,18 +53,7 @@ static enum umb_status open_run(struct umbb_gltf *gltf, const json_t *place, uin
 static double load(const struct umbb_gltf_run *run, size_t element, uint32_t place)
 {
     const char *at = run->bytes + element * run->stride + (size_t)place * run->component.bytes;
-    const int is_signed = run->component.kind == UMBB_GLTF_SIGNED;
-    if (run->component.bytes == 4) {
-        const uint32_t bits = umbb_load_u32(at);
-        float value;
-        memcpy(&value, &bits, sizeof value);
-        return run->component.kind == UMBB_GLTF_FLOAT ? (double)value : (double)bits;
-    }
-    if (run->component.bytes == 1) {
-        return is_signed ? (double)(int8_t)*at : (double)(uint8_t)*at;
-    }
-    const uint16_t bits = (uint16_t)((uint8_t)at[0] | (uint8_t)at[1] << 8);
-    return is_signed ? (double)(int16_t)bits : (double)bits;
+    return umbb_load_number(at, run->component, 0);
 }
 
 static uint32_t sparse_index(const struct umbb_gltf_accessor *accessor, uint32_t at)
@@ -75,8 +69,8 @@ struct source {
 
 static enum umb_status bad(struct source source, const char *fault, struct umb_error *error)
 {
-    return umb_fail(error, UMB_E_BAD_SCENE, "accessors[%lld] of %s %s", (long long)source.number,
-                    source.use->name, fault);
+    return UMBB_REFUSE(error, "accessors[%lld] of %s %s", (long long)source.number,
+                       source.use->name, fault);
 }
 
 /* Opens the replacements of an accessor. */
@@ -103,13 +97,13 @@ static enum umb_status open_sparse(struct umbb_gltf *gltf, struct source source,
         return bad(source, "has sparse elements outside of their buffer", error);
     }
     /* Once for each accessor: thousands of nodes may use the same one. */
-    for (uint32_t i = 0; !gltf->ascending[source.number] && i < accessor->sparse_count; i++) {
+    for (uint32_t i = 0; !gltf->accessors[source.number] && i < accessor->sparse_count; i++) {
         const uint32_t index = sparse_index(accessor, i);
         if (index >= accessor->count || (i > 0 && index <= sparse_index(accessor, i - 1))) {
             return bad(source, "has sparse indices that do not ascend below its count", error);
         }
     }
-    gltf->ascending[source.number] = 1;
+    gltf->accessors[source.number] = 1;
     return UMB_OK;
 }
 
@@ -121,7 +115,7 @@ enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t number,
     const struct source source = {use, number};
     const json_t *json;
     UMB__TRY(umbb_gltf_item(gltf, "accessors", number, &json, error));
-    const char *type = json_string_value(json_object_get(json, "type"));
+    const char *type = umbb_gltf_text(json, "type");
     const int64_t count = umbb_gltf_index(json, "count");
     const json_t *sparse = json_object_get(json, "sparse");
     *accessor = (struct umbb_gltf_accessor){
@@ -129,8 +123,8 @@ enum umb_status umbb_gltf_accessor(struct umbb_gltf *gltf, int64_t number,
     if (type == NULL || strcmp(type, widths[use->width - 1]) != 0 ||
         !find_component(umbb_gltf_index(json, "componentType"), use->kinds,
                         &accessor->elements.component)) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "accessors[%lld] of %s must be %s",
-                        (long long)number, use->name, use->must);
+        return UMBB_REFUSE(error, "accessors[%lld] of %s must be %s", (long long)number, use->name,
+                           use->must);
     }
     if (count < 1 || count >= UINT32_MAX) {
         return bad(source, "has no count from 1 to 4294967294", error);
@@ -181,7 +175,7 @@ void umbb_gltf_get(const struct umbb_gltf_accessor *accessor, uint32_t index, do
     for (uint32_t i = 0; i < accessor->width; i++) {
         double value = run->bytes != NULL ? load(run, element, i) : 0.0;
         if (accessor->is_normalized && run->component.bytes < 4) {
-            const uint32_t is_signed = run->component.kind == UMBB_GLTF_SIGNED;
+            const uint32_t is_signed = run->component.kind == 'i';
             const double whole = (double)((1U << (8 * run->component.bytes - is_signed)) - 1U);
             value = value > -whole ? value / whole : -1.0;
         }

@@ -42,59 +42,45 @@ static int parse(struct umbb_cursor text, json_t **json, json_error_t *fault)
     return 1;
 }
 
-/* Finds the JSON of a file that check_glb has passed: the file without a byte order mark, or the
- * first chunk of a GLB, which some exporters fill with NULs. Also finds the binary chunk. */
-static struct umbb_cursor find_json(const struct umbb_file *file, struct umbb_cursor *chunk)
+/* Finds the JSON: the file without a byte order mark, or the first chunk of a GLB, which some
+ * exporters fill with NULs. Also finds the binary chunk of a GLB. */
+static enum umb_status find_json(const struct umbb_file *file, struct umbb_cursor *json,
+                                 struct umbb_cursor *chunk, struct umb_error *error)
 {
-    const char *end = file->bytes + file->size;
-    struct umbb_cursor json = {file->bytes, end};
-    *chunk = (struct umbb_cursor){end, end};
-    if (!umbb_starts_with(file, "glTF")) {
-        json.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
-        return json;
-    }
-    const char *header = file->bytes + GLB_HEADER_BYTES;
-    json.at = header + GLB_CHUNK_BYTES;
-    const size_t length = umbb_load_u32(header);
-    const size_t padded = (length + 3) & ~(size_t)3; /* chunks begin at multiples of 4 */
-    json.end = json.at + length;
-    if (padded + GLB_CHUNK_BYTES <= (size_t)(end - json.at)) {
-        header = json.at + padded;
-        const size_t bytes = umbb_load_u32(header);
-        const size_t left = (size_t)(end - header) - GLB_CHUNK_BYTES;
-        if (memcmp(header + 4, "BIN", 4) == 0) {
-            chunk->at = header + GLB_CHUNK_BYTES;
-            chunk->end = chunk->at + (bytes < left ? bytes : left);
-        }
-    }
-    while (json.end > json.at && json.end[-1] == '\0') {
-        json.end--;
-    }
-    return json;
-}
-
-/* Checks the headers of a GLB and of its first chunk. */
-static enum umb_status check_glb(const struct umbb_file *file, struct umb_error *error)
-{
-    if (!umbb_starts_with(file, "glTF")) {
+    const size_t before = GLB_HEADER_BYTES + GLB_CHUNK_BYTES;
+    *json = umbb_text_of(file);
+    *chunk = (struct umbb_cursor){json->end, json->end};
+    if (!umbb_starts_with(*json, "glTF")) {
+        json->at += umbb_starts_with(*json, "\xef\xbb\xbf") ? 3 : 0;
         return UMB_OK;
     }
     if (file->size < GLB_HEADER_BYTES || umbb_load_u32(file->bytes + 4) != 2) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "the file is GLB of another version than 2");
+        return UMBB_REFUSE(error, "the file is GLB of another version than 2");
     }
     if (umbb_load_u32(file->bytes + 8) > file->size) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "the file ends before the length it states");
+        return UMBB_REFUSE(error, "the file ends before the length it states");
     }
-    const char *header = file->bytes + GLB_HEADER_BYTES;
-    const size_t before = GLB_HEADER_BYTES + GLB_CHUNK_BYTES;
-    if (file->size < before || memcmp(header + 4, "JSON", 4) != 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "the first chunk of the GLB is not JSON");
+    if (file->size < before || memcmp(file->bytes + GLB_HEADER_BYTES + 4, "JSON", 4) != 0) {
+        return UMBB_REFUSE(error, "the first chunk of the GLB is not JSON");
     }
-    return umbb_load_u32(header) <= file->size - before
-               ? UMB_OK
-               : umb_fail(error, UMB_E_BAD_SCENE,
-                          "the JSON chunk has %u bytes, but the file has only %zu after its header",
-                          umbb_load_u32(header), file->size - before);
+    const size_t length = umbb_load_u32(file->bytes + GLB_HEADER_BYTES), left = file->size - before;
+    const size_t padded = (length + 3) & ~(size_t)3; /* chunks begin at multiples of 4 */
+    if (length > left) {
+        return UMBB_REFUSE(
+            error, "the JSON chunk has %zu bytes, but the file has only %zu after its header",
+            length, left);
+    }
+    json->at += before;
+    json->end = json->at + length;
+    if (padded + GLB_CHUNK_BYTES <= left && memcmp(json->at + padded + 4, "BIN", 4) == 0) {
+        const size_t bytes = umbb_load_u32(json->at + padded);
+        chunk->at = json->at + padded + GLB_CHUNK_BYTES;
+        chunk->end = bytes < umbb_length(*chunk) ? chunk->at + bytes : chunk->end;
+    }
+    while (json->end > json->at && json->end[-1] == '\0') {
+        json->end--;
+    }
+    return UMB_OK;
 }
 
 /* Checks the extensions that the file requires: those that change no shape, or that are read. */
@@ -115,8 +101,8 @@ static enum umb_status check_extensions(const json_t *required, struct umb_error
         if (!is_harmless) {
             char shown[80];
             umbs_text_clean(shown, sizeof shown, name, strlen(name));
-            return umb_fail(error, UMB_E_BAD_SCENE,
-                            "it requires the glTF extension '%s', which is not supported", shown);
+            return UMBB_REFUSE(error, "it requires the glTF extension '%s', which is not supported",
+                               shown);
         }
     }
     return UMB_OK;
@@ -124,39 +110,46 @@ static enum umb_status check_extensions(const json_t *required, struct umb_error
 
 static enum umb_status check_version(const json_t *json, struct umb_error *error)
 {
-    const char *version =
-        json_string_value(json_object_get(json_object_get(json, "asset"), "version"));
+    const char *version = umbb_gltf_text(json_object_get(json, "asset"), "version");
     if (version == NULL) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "it has no asset.version, so it is no glTF");
+        return UMBB_REFUSE(error, "it has no asset.version, so it is no glTF");
     }
     if (strncmp(version, "2.", 2) != 0) {
         char shown[16];
         umbs_text_clean(shown, sizeof shown, version, strlen(version));
-        return umb_fail(error, UMB_E_BAD_SCENE, "glTF version '%s' is not supported (2.x is)",
-                        shown);
+        return UMBB_REFUSE(error, "glTF version '%s' is not supported (2.x is)", shown);
     }
     return UMB_OK;
+}
+
+/* Number of items in a list of the file. */
+static size_t count_of(const struct umbb_gltf *gltf, const char *list)
+{
+    return json_array_size(json_object_get(gltf->json, list));
 }
 
 enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_import *job,
                                struct umb_error *error)
 {
-    *gltf = (struct umbb_gltf){.job = job};
-    UMB__TRY(check_glb(&job->file, error));
-    const struct umbb_cursor text = find_json(&job->file, &gltf->chunk);
+    struct umbb_cursor text;
     json_error_t fault = {0};
+    *gltf =
+        (struct umbb_gltf){.job = job, .faces = {.scene = &job->scene}, .textures = {.job = job}};
+    UMB__TRY(find_json(&job->file, &text, &gltf->chunk, error));
     const int is_parsed = parse(text, &gltf->json, &fault);
-    const size_t buffers = json_array_size(json_object_get(gltf->json, "buffers"));
-    const size_t accessors = json_array_size(json_object_get(gltf->json, "accessors"));
-    gltf->buffers = calloc(buffers + 1, sizeof *gltf->buffers);
-    gltf->ascending = calloc(accessors + 1, 1);
-    if (!is_parsed || gltf->buffers == NULL || gltf->ascending == NULL) {
+    gltf->buffers = calloc(count_of(gltf, "buffers") + 1, sizeof *gltf->buffers);
+    gltf->accessors = calloc(count_of(gltf, "accessors") + 1, 1);
+    gltf->materials = calloc(count_of(gltf, "materials") + 1, sizeof *gltf->materials);
+    gltf->meshes = calloc(count_of(gltf, "meshes") + 1, sizeof *gltf->meshes);
+    gltf->nodes = calloc(count_of(gltf, "nodes") + 1, 1);
+    if (!is_parsed || gltf->buffers == NULL || gltf->accessors == NULL || gltf->materials == NULL ||
+        gltf->meshes == NULL || gltf->nodes == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for the JSON");
     }
     if (gltf->json == NULL) {
         char shown[sizeof fault.text];
         umbs_text_clean(shown, sizeof shown, fault.text, strlen(fault.text));
-        return umb_fail(error, UMB_E_BAD_SCENE, "JSON, line %d: %s", fault.line, shown);
+        return UMBB_REFUSE(error, "JSON, line %d: %s", fault.line, shown);
     }
     UMB__TRY(check_version(gltf->json, error));
     return check_extensions(json_object_get(gltf->json, "extensionsRequired"), error);
@@ -164,13 +157,17 @@ enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_import *job,
 
 void umbb_gltf_close(struct umbb_gltf *gltf)
 {
-    const size_t count = json_array_size(json_object_get(gltf->json, "buffers"));
-    for (size_t i = 0; gltf->buffers != NULL && i < count; i++) {
+    for (size_t i = 0; gltf->buffers != NULL && i < count_of(gltf, "buffers"); i++) {
         umbb_file_unmap(&gltf->buffers[i].file);
         free(gltf->buffers[i].decoded);
     }
-    free(gltf->buffers);
-    free(gltf->ascending);
+    void *const arrays[] = {gltf->buffers, gltf->accessors, gltf->materials, gltf->meshes,
+                            gltf->nodes};
+    for (size_t i = 0; i < sizeof arrays / sizeof arrays[0]; i++) {
+        free(arrays[i]);
+    }
+    umbb_faces_finish(&gltf->faces);
+    umbb_texture_table_finish(&gltf->textures);
     json_decref(gltf->json);
     memset(gltf, 0, sizeof *gltf);
 }
@@ -194,6 +191,11 @@ int64_t umbb_gltf_offset(const json_t *object)
     return offset != UMBB_GLTF_NONE ? offset : 0;
 }
 
+const char *umbb_gltf_text(const json_t *object, const char *key)
+{
+    return json_string_value(json_object_get(object, key));
+}
+
 double umbb_gltf_number(const json_t *object, const char *key, double otherwise)
 {
     const json_t *value = json_object_get(object, key);
@@ -213,6 +215,13 @@ int umbb_gltf_numbers(const json_t *object, const char *key, size_t count, doubl
     return good;
 }
 
+struct umbb_cursor umbb_gltf_uri(const json_t *object)
+{
+    const json_t *uri = json_object_get(object, "uri");
+    const char *text = json_string_value(uri);
+    return (struct umbb_cursor){text, text != NULL ? text + json_string_length(uri) : NULL};
+}
+
 const json_t *umbb_gltf_extension(const json_t *object, const char *name)
 {
     return json_object_get(json_object_get(object, "extensions"), name);
@@ -223,15 +232,14 @@ enum umb_status umbb_gltf_item(const struct umbb_gltf *gltf, const char *list, i
 {
     *item = json_array_get(json_object_get(gltf->json, list), (size_t)number);
     if (number == UMBB_GLTF_NONE) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "a reference into %s is missing", list);
+        return UMBB_REFUSE(error, "a reference into %s is missing", list);
     }
     if (number == UMBB_GLTF_BAD) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "a reference into %s is not a whole number from 0 to 2^40", list);
+        return UMBB_REFUSE(error, "a reference into %s is not a whole number from 0 to 2^40", list);
     }
-    return json_is_object(*item) ? UMB_OK
-                                 : umb_fail(error, UMB_E_BAD_SCENE, "%s[%lld] does not exist", list,
-                                            (long long)number);
+    return json_is_object(*item)
+               ? UMB_OK
+               : UMBB_REFUSE(error, "%s[%lld] does not exist", list, (long long)number);
 }
 
 /* Value of a base64 letter (RFC 4648); 64 for other characters. */
@@ -242,26 +250,26 @@ static uint32_t base64_digit(char c)
     return at != NULL ? (uint32_t)(at - digits) : 64;
 }
 
-enum umb_status umbb_gltf_data_uri(const char *uri, size_t length, char **bytes, size_t *size,
+enum umb_status umbb_gltf_data_uri(struct umbb_cursor uri, char **bytes, size_t *size,
                                    struct umb_error *error)
 {
-    static const char scheme[] = "data:", base64[] = ";base64,";
-    const size_t tail = sizeof base64 - 1;
-    const char *comma = memchr(uri, ',', length < 200 ? length : 200);
-    const size_t head = comma != NULL ? (size_t)(comma - uri) + 1 : 0;
+    static const char base64[] = ";base64,";
+    const size_t tail = sizeof base64 - 1, length = umbb_length(uri);
+    const char *comma = memchr(uri.at, ',', length < 200 ? length : 200);
+    const size_t head = comma != NULL ? (size_t)(comma - uri.at) + 1 : 0;
     uint32_t bits = 0, held = 0;
     *bytes = NULL;
     *size = 0;
-    if (head < sizeof scheme - 1 + tail || memcmp(uri, scheme, sizeof scheme - 1) != 0 ||
-        memcmp(uri + head - tail, base64, tail) != 0) {
+    if (head < sizeof "data:" - 1 + tail || !umbb_starts_with(uri, "data:") ||
+        memcmp(uri.at + head - tail, base64, tail) != 0) {
         return UMB_OK;
     }
     *bytes = malloc(length);
     if (*bytes == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a data URI");
     }
-    for (size_t i = head; i < length && base64_digit(uri[i]) < 64; i++) {
-        bits = bits << 6 | base64_digit(uri[i]);
+    for (size_t i = head; i < length && base64_digit(uri.at[i]) < 64; i++) {
+        bits = bits << 6 | base64_digit(uri.at[i]);
         held += 6;
         if (held >= 8) {
             held -= 8;
@@ -275,25 +283,22 @@ enum umb_status umbb_gltf_data_uri(const char *uri, size_t length, char **bytes,
 static enum umb_status open_buffer(const struct umbb_gltf *gltf, const json_t *item,
                                    struct umbb_gltf_buffer *buffer, struct umb_error *error)
 {
-    const json_t *uri = json_object_get(item, "uri");
-    const char *name = json_string_value(uri);
-    const size_t length = json_string_length(uri);
-    if (name == NULL) {
+    const struct umbb_cursor uri = umbb_gltf_uri(item);
+    if (uri.at == NULL) {
         buffer->bytes = gltf->chunk.at;
-        buffer->size = (size_t)(gltf->chunk.end - gltf->chunk.at);
+        buffer->size = umbb_length(gltf->chunk);
         return UMB_OK;
     }
-    UMB__TRY(umbb_gltf_data_uri(name, length, &buffer->decoded, &buffer->size, error));
+    UMB__TRY(umbb_gltf_data_uri(uri, &buffer->decoded, &buffer->size, error));
     if (buffer->decoded != NULL) {
         buffer->bytes = buffer->decoded;
         return UMB_OK;
     }
-    if (strncmp(name, "data:", 5) == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "a data URI of a buffer is not base64");
+    if (umbb_starts_with(uri, "data:")) {
+        return UMBB_REFUSE(error, "a data URI of a buffer is not base64");
     }
     struct umb_error cause = {0};
-    const enum umb_status status = umbb_file_map_uri(
-        &gltf->job->folder, name, length, gltf->job->max_input_bytes, &buffer->file, &cause);
+    const enum umb_status status = umbb_file_map_uri(gltf->job, uri, &buffer->file, &cause);
     if (status != UMB_OK) {
         return umb_fail(error, status == UMB_E_NO_MEMORY ? status : UMB_E_BAD_SCENE, "buffer: %s",
                         cause.message);
@@ -315,8 +320,8 @@ enum umb_status umbb_gltf_view(struct umbb_gltf *gltf, int64_t number, struct um
     const int64_t offset = umbb_gltf_offset(json);
     const int64_t length = umbb_gltf_index(json, "byteLength");
     if (length < 0 || (uint64_t)(offset + length) > buffer->size) { /* both at most 2^40 */
-        return umb_fail(error, UMB_E_BAD_SCENE, "bufferViews[%lld] lies outside of its buffer",
-                        (long long)number);
+        return UMBB_REFUSE(error, "bufferViews[%lld] lies outside of its buffer",
+                           (long long)number);
     }
     *view = (struct umbb_gltf_view){.bytes = buffer->bytes + offset,
                                     .size = (size_t)length,

@@ -55,37 +55,36 @@ static void read_mapping(const json_t *info, struct umbb_gltf_mapping *mapping)
 
 /* Gets the texture of an image: bytes of a view, a data URI, or a file. In: image: as embedded. A
  * known texture is found first, because a data URI takes long to decode. */
-static enum umb_status get_texture(struct umbb_gltf_scene *scene, const json_t *json,
+static enum umb_status get_texture(struct umbb_gltf *gltf, const json_t *json,
                                    struct umbb_image *image, uint32_t *texture,
                                    struct umb_error *error)
 {
-    const json_t *uri = json_object_get(json, "uri");
-    const char *name = json_string_value(uri);
+    const struct umbb_cursor uri = umbb_gltf_uri(json);
     struct umbb_gltf_view view;
     char *decoded = NULL;
-    if (umbb_texture_find(&scene->textures, image, texture)) {
+    if (umbb_texture_find(&gltf->textures, image, texture)) {
         return UMB_OK;
     }
-    if (name == NULL) {
-        UMB__TRY(umbb_gltf_view(&scene->file, umbb_gltf_index(json, "bufferView"), &view, error));
+    if (uri.at == NULL) {
+        UMB__TRY(umbb_gltf_view(gltf, umbb_gltf_index(json, "bufferView"), &view, error));
         image->bytes = view.bytes;
         image->size = view.size;
     } else {
-        UMB__TRY(umbb_gltf_data_uri(name, json_string_length(uri), &decoded, &image->size, error));
+        UMB__TRY(umbb_gltf_data_uri(uri, &decoded, &image->size, error));
         image->bytes = decoded;
         if (decoded == NULL) {
             image->is_embedded = 0;
-            image->name = name;
-            image->name_length = json_string_length(uri);
+            image->name = uri.at;
+            image->name_length = umbb_length(uri);
         }
     }
-    const enum umb_status status = umbb_texture_get(&scene->textures, image, texture, error);
+    const enum umb_status status = umbb_texture_get(&gltf->textures, image, texture, error);
     free(decoded);
     return status;
 }
 
 /* Gives a material the alpha of its texture. In: info: a textureInfo, or NULL. */
-static enum umb_status read_texture(struct umbb_gltf_scene *scene, const json_t *info,
+static enum umb_status read_texture(struct umbb_gltf *gltf, const json_t *info,
                                     struct umbs_material *material,
                                     struct umbb_gltf_mapping *mapping, struct umb_error *error)
 {
@@ -94,19 +93,18 @@ static enum umb_status read_texture(struct umbb_gltf_scene *scene, const json_t 
     if (info == NULL) {
         return UMB_OK;
     }
-    UMB__TRY(
-        umbb_gltf_item(&scene->file, "textures", umbb_gltf_index(info, "index"), &texture, error));
+    UMB__TRY(umbb_gltf_item(gltf, "textures", umbb_gltf_index(info, "index"), &texture, error));
     const int64_t source = umbb_gltf_index(texture, "source");
     if (source == UMBB_GLTF_NONE) {
-        umbs_scene_warn(&scene->file.job->scene,
+        umbs_scene_warn(&gltf->job->scene,
                         "material '%s': its texture has no PNG or JPEG image and is left out",
                         material->name);
         return UMB_OK;
     }
-    UMB__TRY(umbb_gltf_item(&scene->file, "images", source, &json, error));
+    UMB__TRY(umbb_gltf_item(gltf, "images", source, &json, error));
     const int64_t sampler_number = umbb_gltf_index(texture, "sampler");
     if (sampler_number != UMBB_GLTF_NONE) {
-        UMB__TRY(umbb_gltf_item(&scene->file, "samplers", sampler_number, &sampler, error));
+        UMB__TRY(umbb_gltf_item(gltf, "samplers", sampler_number, &sampler, error));
     }
     struct umbb_image image = {
         .name = number,
@@ -116,7 +114,7 @@ static enum umb_status read_texture(struct umbb_gltf_scene *scene, const json_t 
         .wrap_t = wrap_of(sampler, "wrapT"),
         .nearest = umbb_gltf_index(sampler, "magFilter") == GL_NEAREST};
     read_mapping(info, mapping);
-    return get_texture(scene, json, &image, &material->texture, error);
+    return get_texture(gltf, json, &image, &material->texture, error);
 }
 
 static double clamp_unit(double value)
@@ -127,7 +125,7 @@ static double clamp_unit(double value)
 static void read_alpha(struct umbs_scene_builder *builder, const json_t *json,
                        struct umbs_material *material)
 {
-    const char *mode = json_string_value(json_object_get(json, "alphaMode"));
+    const char *mode = umbb_gltf_text(json, "alphaMode");
     const double cutoff = umbb_gltf_number(json, "alphaCutoff", 0.5);
     material->alpha_mode = mode != NULL && strcmp(mode, "MASK") == 0    ? UMBS_ALPHA_MASK
                            : mode != NULL && strcmp(mode, "BLEND") == 0 ? UMBS_ALPHA_BLEND
@@ -139,10 +137,10 @@ static void read_alpha(struct umbs_scene_builder *builder, const json_t *json,
     material->alpha_cutoff = (float)clamp_unit(cutoff);
 }
 
-static enum umb_status read_material(struct umbb_gltf_scene *scene, const json_t *json,
+static enum umb_status read_material(struct umbb_gltf *gltf, const json_t *json,
                                      struct umbb_gltf_mapping *mapping, struct umb_error *error)
 {
-    struct umbs_scene_builder *builder = &scene->file.job->scene;
+    struct umbs_scene_builder *builder = &gltf->job->scene;
     struct umbs_material material = umbs_material_opaque();
     const json_t *name = json_object_get(json, "name");
     const json_t *metallic = json_object_get(json, "pbrMetallicRoughness");
@@ -168,7 +166,7 @@ static enum umb_status read_material(struct umbb_gltf_scene *scene, const json_t
                         material.name);
     }
     if (material.alpha_mode != UMBS_ALPHA_OPAQUE) {
-        UMB__TRY(read_texture(scene,
+        UMB__TRY(read_texture(gltf,
                               info != NULL ? info : json_object_get(metallic, "baseColorTexture"),
                               &material, mapping, error));
     }
@@ -176,16 +174,16 @@ static enum umb_status read_material(struct umbb_gltf_scene *scene, const json_t
 }
 
 /* Finds a material, and reads it at its first use. */
-static enum umb_status get_material(struct umbb_gltf_scene *scene, int64_t number,
+static enum umb_status get_material(struct umbb_gltf *gltf, int64_t number,
                                     const struct umbb_gltf_material **material,
                                     struct umb_error *error)
 {
     const json_t *json;
-    UMB__TRY(umbb_gltf_item(&scene->file, "materials", number, &json, error));
-    struct umbb_gltf_material *found = &scene->materials[number];
+    UMB__TRY(umbb_gltf_item(gltf, "materials", number, &json, error));
+    struct umbb_gltf_material *found = &gltf->materials[number];
     if (!found->is_read) {
-        UMB__TRY(read_material(scene, json, &found->mapping, error));
-        found->number = (uint32_t)scene->file.job->scene.materials.count - 1;
+        UMB__TRY(read_material(gltf, json, &found->mapping, error));
+        found->number = (uint32_t)gltf->job->scene.materials.count - 1;
         found->is_read = 1;
     }
     *material = found;
@@ -222,22 +220,21 @@ static void get_uv(const struct umbb_gltf_accessor *accessor,
 
 /* One primitive. */
 struct primitive {
-    struct umbb_gltf_accessor positions, indices, uvs;
-    int has_indices, has_uvs;
-    uint32_t material; /* of the builder, or UMBS_NO_INDEX */
+    struct umbb_gltf_accessor positions, indices, uvs; /* count 0: the primitive has none */
+    uint32_t material;                                 /* of the builder, or UMBS_NO_INDEX */
     const struct umbb_gltf_mapping *mapping;
     int64_t mode;
 };
 
 /* Chooses the material. A mesh that lacks the coordinates of its material's texture gets none and
  * is opaque. */
-static enum umb_status choose_material(struct umbb_gltf_scene *scene, const json_t *json,
+static enum umb_status choose_material(struct umbb_gltf *gltf, const json_t *json,
                                        struct primitive *p, struct umb_error *error)
 {
     static const struct umbb_gltf_use use = {"TEXCOORD",
                                              "VEC2 of floats or unsigned integers of 8 or 16 bits",
                                              2, UMBB_GLTF_FLOAT | UMBB_GLTF_UNSIGNED};
-    const struct umbs_array *materials = &scene->file.job->scene.materials;
+    const struct umbs_array *materials = &gltf->job->scene.materials;
     const struct umbb_gltf_material *material;
     const int64_t number = umbb_gltf_index(json, "material");
     char key[32];
@@ -245,7 +242,7 @@ static enum umb_status choose_material(struct umbb_gltf_scene *scene, const json
     if (number == UMBB_GLTF_NONE) {
         return UMB_OK;
     }
-    UMB__TRY(get_material(scene, number, &material, error));
+    UMB__TRY(get_material(gltf, number, &material, error));
     p->material = material->number;
     p->mapping = &material->mapping;
     if (((const struct umbs_material *)materials->data)[material->number].texture ==
@@ -255,11 +252,11 @@ static enum umb_status choose_material(struct umbb_gltf_scene *scene, const json
     (void)snprintf(key, sizeof key, "TEXCOORD_%lld", (long long)p->mapping->set);
     const int64_t accessor = umbb_gltf_index(json_object_get(json, "attributes"), key);
     if (accessor != UMBB_GLTF_NONE) {
-        UMB__TRY(umbb_gltf_accessor(&scene->file, accessor, &use, &p->uvs, error));
-        p->has_uvs = p->uvs.count == p->positions.count;
+        UMB__TRY(umbb_gltf_accessor(gltf, accessor, &use, &p->uvs, error));
     }
-    if (!p->has_uvs) {
-        scene->bare++;
+    if (p->uvs.count != p->positions.count) {
+        p->uvs.count = 0;
+        gltf->bare++;
         p->material = UMBS_NO_INDEX;
     }
     return UMB_OK;
@@ -270,16 +267,17 @@ static enum umb_status add_triangles(struct umbb_faces *faces, const struct prim
                                      struct umb_error *error)
 {
     const uint64_t first = faces->scene->positions.count;
-    const uint32_t corners = p->has_indices ? p->indices.count : p->positions.count;
+    const uint32_t corners = p->indices.count > 0 ? p->indices.count : p->positions.count;
     const uint32_t count = p->mode == MODE_TRIANGLES ? corners / 3 : corners < 3 ? 0 : corners - 2;
     for (uint32_t i = 0; count > 0 && i < p->positions.count; i++) {
         double position[3];
         float uv[2];
         umbb_gltf_get(&p->positions, i, position);
-        if (p->has_uvs) {
+        if (p->uvs.count > 0) {
             get_uv(&p->uvs, p->mapping, i, uv);
         }
-        UMB__TRY(umbs_scene_add_vertex(faces->scene, position, p->has_uvs ? uv : NULL, error));
+        UMB__TRY(
+            umbs_scene_add_vertex(faces->scene, position, p->uvs.count > 0 ? uv : NULL, error));
     }
     for (uint32_t i = 0; i < count; i++) {
         /* Every second triangle of a strip is wound the other way. */
@@ -290,7 +288,7 @@ static enum umb_status add_triangles(struct umbb_faces *faces, const struct prim
                                     : p->mode == MODE_FAN     ? fan[k]
                                                               : strip[k];
             double vertex = (double)corner;
-            if (p->has_indices) {
+            if (p->indices.count > 0) {
                 umbb_gltf_get(&p->indices, corner, &vertex);
             }
             UMB__TRY(umbb_face_corner(faces,
@@ -304,58 +302,57 @@ static enum umb_status add_triangles(struct umbb_faces *faces, const struct prim
 }
 
 /* Reads a primitive; without POSITION it has no shape. */
-static enum umb_status add_primitive(struct umbb_gltf_scene *scene, const json_t *json,
+static enum umb_status add_primitive(struct umbb_gltf *gltf, const json_t *json,
                                      struct umb_error *error)
 {
     static const struct umbb_gltf_use position_use = {"POSITION", "VEC3 of floats", 3,
                                                       UMBB_GLTF_FLOAT};
     static const struct umbb_gltf_use index_use = {"indices", "SCALAR of unsigned integers", 1,
                                                    UMBB_GLTF_UNSIGNED | UMBB_GLTF_UINT32};
-    struct umbs_scene_builder *builder = &scene->file.job->scene;
+    struct umbs_scene_builder *builder = &gltf->job->scene;
     const int64_t position = umbb_gltf_index(json_object_get(json, "attributes"), "POSITION");
     const int64_t indices = umbb_gltf_index(json, "indices");
     const int64_t mode = umbb_gltf_index(json, "mode");
     struct primitive p = {.mode = mode != UMBB_GLTF_NONE ? mode : MODE_TRIANGLES};
     if (p.mode == UMBB_GLTF_BAD) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "the mode of a primitive is not a whole number from 0 to %d", MODE_FAN);
+        return UMBB_REFUSE(error, "the mode of a primitive is not a whole number from 0 to %d",
+                           MODE_FAN);
     }
     if (p.mode > MODE_FAN) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "mode %lld of a primitive is not in 0 to %d",
-                        (long long)p.mode, MODE_FAN);
+        return UMBB_REFUSE(error, "mode %lld of a primitive is not in 0 to %d", (long long)p.mode,
+                           MODE_FAN);
     }
     if (p.mode < MODE_TRIANGLES || position == UMBB_GLTF_NONE) {
         return UMB_OK;
     }
-    UMB__TRY(umbb_gltf_accessor(&scene->file, position, &position_use, &p.positions, error));
+    UMB__TRY(umbb_gltf_accessor(gltf, position, &position_use, &p.positions, error));
     if (indices != UMBB_GLTF_NONE) {
-        p.has_indices = 1;
-        UMB__TRY(umbb_gltf_accessor(&scene->file, indices, &index_use, &p.indices, error));
+        UMB__TRY(umbb_gltf_accessor(gltf, indices, &index_use, &p.indices, error));
         p.indices.is_normalized = 0; /* a fraction numbers no vertex */
     }
-    UMB__TRY(choose_material(scene, json, &p, error));
-    scene->morphed += json_array_size(json_object_get(json, "targets")) > 0;
+    UMB__TRY(choose_material(gltf, json, &p, error));
+    gltf->morphed += json_array_size(json_object_get(json, "targets")) > 0;
     const size_t first = builder->triangles.count;
-    UMB__TRY(add_triangles(&scene->faces, &p, error));
+    UMB__TRY(add_triangles(&gltf->faces, &p, error));
     const uint32_t count = (uint32_t)(builder->triangles.count - first);
     return count == 0 ? UMB_OK
                       : umbs_scene_end_mesh(builder, 0, (uint32_t)builder->positions.count, count,
                                             p.material, error);
 }
 
-enum umb_status umbb_gltf_get_mesh(struct umbb_gltf_scene *scene, int64_t number,
+enum umb_status umbb_gltf_get_mesh(struct umbb_gltf *gltf, int64_t number,
                                    const struct umbb_gltf_mesh **mesh, struct umb_error *error)
 {
     const json_t *json;
-    UMB__TRY(umbb_gltf_item(&scene->file, "meshes", number, &json, error));
-    struct umbb_gltf_mesh *found = &scene->meshes[number];
-    const struct umbs_array *made = &scene->file.job->scene.meshes;
+    UMB__TRY(umbb_gltf_item(gltf, "meshes", number, &json, error));
+    struct umbb_gltf_mesh *found = &gltf->meshes[number];
+    const struct umbs_array *made = &gltf->job->scene.meshes;
     const json_t *primitives = json_object_get(json, "primitives");
     if (!found->is_read) {
         found->is_read = 1;
         found->first = (uint32_t)made->count;
         for (size_t i = 0; i < json_array_size(primitives); i++) {
-            UMB__TRY(add_primitive(scene, json_array_get(primitives, i), error));
+            UMB__TRY(add_primitive(gltf, json_array_get(primitives, i), error));
         }
         found->count = (uint32_t)made->count - found->first;
     }

@@ -28,9 +28,9 @@ static enum umb_status bad_transform(const struct node *node, struct umb_error *
 {
     char name[80];
     umbs_text_clean(name, sizeof name, node->name, strlen(node->name));
-    return umb_fail(error, UMB_E_BAD_SCENE,
-                    "transform of node '%s' is not of finite numbers, not affine or over %g", name,
-                    UMBS_COORDINATE_MAX);
+    return UMBB_REFUSE(error,
+                       "transform of node '%s' is not of finite numbers, not affine or over %g",
+                       name, UMBS_COORDINATE_MAX);
 }
 
 /* parent * m. Returns 0 if the result is not a usable affine transform. */
@@ -101,11 +101,11 @@ static int local_transform(const json_t *json, double local[3][4])
     return good;
 }
 
-static enum umb_status add_meshes(struct umbb_gltf_scene *scene, const struct umbb_gltf_mesh *mesh,
+static enum umb_status add_meshes(struct umbb_gltf *gltf, const struct umbb_gltf_mesh *mesh,
                                   transform world, struct umb_error *error)
 {
     for (uint32_t i = 0; i < mesh->count; i++) {
-        UMB__TRY(umbs_scene_add_instance(&scene->file.job->scene, mesh->first + i, world, error));
+        UMB__TRY(umbs_scene_add_instance(&gltf->job->scene, mesh->first + i, world, error));
     }
     return UMB_OK;
 }
@@ -124,7 +124,7 @@ struct places {
     struct umbb_gltf_accessor columns[COLUMN_COUNT]; /* count 0: the node lacks the column */
 };
 
-static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *node,
+static enum umb_status open_places(struct umbb_gltf *gltf, const json_t *node,
                                    struct places *places, struct umb_error *error)
 {
     static const struct umbb_gltf_use uses[COLUMN_COUNT] = {
@@ -142,12 +142,12 @@ static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *
         if (number == UMBB_GLTF_NONE) {
             continue;
         }
-        UMB__TRY(umbb_gltf_accessor(&scene->file, number, &uses[i], column, error));
+        UMB__TRY(umbb_gltf_accessor(gltf, number, &uses[i], column, error));
         if (places->count > 0 && places->count != column->count) {
-            return umb_fail(error, UMB_E_BAD_SCENE,
-                            "EXT_mesh_gpu_instancing: accessors of %u and of %u elements in one "
-                            "node",
-                            places->count, column->count);
+            return UMBB_REFUSE(error,
+                               "EXT_mesh_gpu_instancing: accessors of %u and of %u elements in one "
+                               "node",
+                               places->count, column->count);
         }
         places->count = column->count;
     }
@@ -156,7 +156,7 @@ static enum umb_status open_places(struct umbb_gltf_scene *scene, const json_t *
 
 /* Adds the node's mesh, once or at all its places. The limit of triangles ends the loop over
  * places. A mesh without triangles would not reach that limit, so it is left out. */
-static enum umb_status add_instances(struct umbb_gltf_scene *scene, const struct node *node,
+static enum umb_status add_instances(struct umbb_gltf *gltf, const struct node *node,
                                      transform world, struct umb_error *error)
 {
     const int64_t number = umbb_gltf_index(node->json, "mesh");
@@ -165,11 +165,11 @@ static enum umb_status add_instances(struct umbb_gltf_scene *scene, const struct
     if (number == UMBB_GLTF_NONE) {
         return UMB_OK;
     }
-    UMB__TRY(umbb_gltf_get_mesh(scene, number, &mesh, error));
-    scene->skinned += json_object_get(node->json, "skin") != NULL;
-    UMB__TRY(open_places(scene, node->json, &places, error));
+    UMB__TRY(umbb_gltf_get_mesh(gltf, number, &mesh, error));
+    gltf->skinned += json_object_get(node->json, "skin") != NULL;
+    UMB__TRY(open_places(gltf, node->json, &places, error));
     if (places.count == 0) {
-        return add_meshes(scene, mesh, world, error);
+        return add_meshes(gltf, mesh, world, error);
     }
     for (uint32_t i = 0; mesh->count > 0 && i < places.count; i++) {
         double values[COLUMN_COUNT][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
@@ -184,7 +184,7 @@ static enum umb_status add_instances(struct umbb_gltf_scene *scene, const struct
             !multiply(world, (transform)local, place)) {
             return bad_transform(node, error);
         }
-        UMB__TRY(add_meshes(scene, mesh, (transform)place, error));
+        UMB__TRY(add_meshes(gltf, mesh, (transform)place, error));
     }
     return UMB_OK;
 }
@@ -222,7 +222,7 @@ static void light_color(const json_t *json, struct umbs_light *light)
 /* Reads the kind and the cones. Returns 0 for an unknown kind. */
 static int light_kind(const json_t *json, struct umbs_light *light)
 {
-    const char *type = json_string_value(json_object_get(json, "type"));
+    const char *type = umbb_gltf_text(json, "type");
     const json_t *spot = json_object_get(json, "spot");
     if (type == NULL) {
         return 0;
@@ -242,14 +242,13 @@ static int light_kind(const json_t *json, struct umbs_light *light)
 
 /* Appends the light of a node, if it has one (KHR_lights_punctual). A light shines along the node's
  * -z; the node's scale does not change the light. */
-static enum umb_status add_light(struct umbb_gltf_scene *scene, const struct node *node,
-                                 transform world, struct umb_error *error)
+static enum umb_status add_light(struct umbb_gltf *gltf, const struct node *node, transform world,
+                                 struct umb_error *error)
 {
     static const char extension[] = "KHR_lights_punctual";
-    struct umbs_scene_builder *builder = &scene->file.job->scene;
+    struct umbs_scene_builder *builder = &gltf->job->scene;
     const int64_t number = umbb_gltf_index(umbb_gltf_extension(node->json, extension), "light");
-    const json_t *list =
-        json_object_get(umbb_gltf_extension(scene->file.json, extension), "lights");
+    const json_t *list = json_object_get(umbb_gltf_extension(gltf->json, extension), "lights");
     const json_t *json = json_array_get(list, (size_t)number);
     struct umbs_light light = {0};
     if (number == UMBB_GLTF_NONE) {
@@ -257,12 +256,12 @@ static enum umb_status add_light(struct umbb_gltf_scene *scene, const struct nod
     }
     umbs_text_clean(light.name, sizeof light.name, node->name, strlen(node->name));
     if (number == UMBB_GLTF_BAD) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "the light of node '%s' is not a whole number from 0 to 2^40", light.name);
+        return UMBB_REFUSE(error, "the light of node '%s' is not a whole number from 0 to 2^40",
+                           light.name);
     }
     if (json == NULL) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "light %lld of node '%s' does not exist",
-                        (long long)number, light.name);
+        return UMBB_REFUSE(error, "light %lld of node '%s' does not exist", (long long)number,
+                           light.name);
     }
     if (!light_kind(json, &light)) {
         umbs_scene_warn(builder, "light '%s' is of a kind that casts no shadow", light.name);
@@ -279,61 +278,61 @@ static enum umb_status add_light(struct umbb_gltf_scene *scene, const struct nod
 
 /* Finds a node by its number. A second visit fails: nodes form trees, and a graph could be walked
  * for ever. */
-static enum umb_status visit(struct umbb_gltf_scene *scene, const json_t *number, struct node *node,
+static enum umb_status visit(struct umbb_gltf *gltf, const json_t *number, struct node *node,
                              struct umb_error *error)
 {
     const int64_t index = umbb_gltf_to_index(number);
-    UMB__TRY(umbb_gltf_item(&scene->file, "nodes", index, &node->json, error));
-    if (scene->nodes[index]++ > 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "nodes[%lld] has two parents or is recursive; nodes must form trees",
-                        (long long)index);
+    UMB__TRY(umbb_gltf_item(gltf, "nodes", index, &node->json, error));
+    if (gltf->nodes[index]++ > 0) {
+        return UMBB_REFUSE(error,
+                           "nodes[%lld] has two parents or is recursive; nodes must form trees",
+                           (long long)index);
     }
     (void)snprintf(node->own_name, sizeof node->own_name, "nodes[%lld]", (long long)index);
-    node->name = json_string_value(json_object_get(node->json, "name"));
+    node->name = umbb_gltf_text(node->json, "name");
     if (node->name == NULL || node->name[0] == '\0') {
         node->name = node->own_name;
     }
     return UMB_OK;
 }
 
-static enum umb_status walk_nodes(struct umbb_gltf_scene *scene, const json_t *numbers,
-                                  transform parent, unsigned depth, struct umb_error *error)
+static enum umb_status walk_nodes(struct umbb_gltf *gltf, const json_t *numbers, transform parent,
+                                  unsigned depth, struct umb_error *error)
 {
     if (depth > NODE_DEPTH_MAX) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "nodes nest deeper than %u", NODE_DEPTH_MAX);
+        return UMBB_REFUSE(error, "nodes nest deeper than %u", NODE_DEPTH_MAX);
     }
     for (size_t i = 0; i < json_array_size(numbers); i++) {
         struct node node;
         double local[3][4], world[3][4];
-        UMB__TRY(visit(scene, json_array_get(numbers, i), &node, error));
+        UMB__TRY(visit(gltf, json_array_get(numbers, i), &node, error));
         if (!local_transform(node.json, local) || !multiply(parent, (transform)local, world)) {
             return bad_transform(&node, error);
         }
-        UMB__TRY(add_instances(scene, &node, (transform)world, error));
-        UMB__TRY(add_light(scene, &node, (transform)world, error));
-        UMB__TRY(walk_nodes(scene, json_object_get(node.json, "children"), (transform)world,
+        UMB__TRY(add_instances(gltf, &node, (transform)world, error));
+        UMB__TRY(add_light(gltf, &node, (transform)world, error));
+        UMB__TRY(walk_nodes(gltf, json_object_get(node.json, "children"), (transform)world,
                             depth + 1, error));
     }
     return UMB_OK;
 }
 
-static void warn_about_losses(const struct umbb_gltf_scene *scene)
+static void warn_about_losses(const struct umbb_gltf *gltf)
 {
-    struct umbs_scene_builder *builder = &scene->file.job->scene;
-    const size_t animations = json_array_size(json_object_get(scene->file.json, "animations"));
-    if (scene->bare > 0) {
+    struct umbs_scene_builder *builder = &gltf->job->scene;
+    const size_t animations = json_array_size(json_object_get(gltf->json, "animations"));
+    if (gltf->bare > 0) {
         umbs_scene_warn(builder,
                         "%u meshes whose alpha is a texture have no coordinates in it and are "
                         "taken as opaque",
-                        scene->bare);
+                        gltf->bare);
     }
-    if (scene->skinned > 0) {
-        umbs_scene_warn(builder, "%u skinned meshes are taken in their rest pose", scene->skinned);
+    if (gltf->skinned > 0) {
+        umbs_scene_warn(builder, "%u skinned meshes are taken in their rest pose", gltf->skinned);
     }
-    if (scene->morphed > 0) {
+    if (gltf->morphed > 0) {
         umbs_scene_warn(builder, "%u meshes with morph targets are taken without them",
-                        scene->morphed);
+                        gltf->morphed);
     }
     if (animations > 0) {
         umbs_scene_warn(builder, "%zu animations are ignored: the scene is taken as static",
@@ -341,47 +340,34 @@ static void warn_about_losses(const struct umbb_gltf_scene *scene)
     }
 }
 
-static enum umb_status read_scene(struct umbb_gltf_scene *scene, struct umb_error *error)
+static enum umb_status read_scene(struct umbb_gltf *gltf, struct umb_error *error)
 {
     static const double identity[3][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}};
-    const json_t *json = scene->file.json, *root;
-    const struct umbs_scene_builder *builder = &scene->file.job->scene;
-    const size_t meshes = json_array_size(json_object_get(json, "meshes"));
-    const int64_t number = umbb_gltf_index(json, "scene");
-    scene->materials =
-        calloc(json_array_size(json_object_get(json, "materials")) + 1, sizeof *scene->materials);
-    scene->meshes = calloc(meshes + 1, sizeof *scene->meshes);
-    scene->nodes = calloc(json_array_size(json_object_get(json, "nodes")) + 1, 1);
-    if (scene->materials == NULL || scene->meshes == NULL || scene->nodes == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for nodes");
-    }
+    const struct umbs_scene_builder *builder = &gltf->job->scene;
+    const size_t meshes = json_array_size(json_object_get(gltf->json, "meshes"));
+    const int64_t number = umbb_gltf_index(gltf->json, "scene");
+    const json_t *root;
     if (meshes == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "no meshes, so no triangles");
+        return UMBB_REFUSE(error, "no meshes, so no triangles");
     }
-    UMB__TRY(umbb_gltf_item(&scene->file, "scenes", number != UMBB_GLTF_NONE ? number : 0, &root,
-                            error));
-    UMB__TRY(walk_nodes(scene, json_object_get(root, "nodes"), identity, 0, error));
-    warn_about_losses(scene);
+    UMB__TRY(umbb_gltf_item(gltf, "scenes", number != UMBB_GLTF_NONE ? number : 0, &root, error));
+    UMB__TRY(walk_nodes(gltf, json_object_get(root, "nodes"), identity, 0, error));
+    warn_about_losses(gltf);
     if (builder->world_triangles == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "no node shows a triangle (%zu meshes, %zu triangles, %u faces dropped)",
-                        meshes, builder->triangles.count, builder->dropped_faces);
+        return UMBB_REFUSE(error,
+                           "no node shows a triangle (%zu meshes, %zu triangles, %u faces dropped)",
+                           meshes, builder->triangles.count, builder->dropped_faces);
     }
     return UMB_OK;
 }
 
 enum umb_status umbb_gltf_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct umbb_gltf_scene scene = {.faces = {.scene = &job->scene}, .textures = {.job = job}};
-    enum umb_status status = umbb_gltf_open(&scene.file, job, error);
+    struct umbb_gltf gltf;
+    enum umb_status status = umbb_gltf_open(&gltf, job, error);
     if (status == UMB_OK) {
-        status = read_scene(&scene, error);
+        status = read_scene(&gltf, error);
     }
-    umbb_faces_finish(&scene.faces);
-    umbb_texture_table_finish(&scene.textures);
-    umbb_gltf_close(&scene.file);
-    free(scene.materials);
-    free(scene.meshes);
-    free(scene.nodes);
+    umbb_gltf_close(&gltf);
     return status;
 }

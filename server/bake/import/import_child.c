@@ -16,7 +16,6 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
-#include "bake/import/text_number.h"
 #include "bake/sandbox/sandbox.h"
 #include "base/try.h"
 #include "scene/scene_broker.h"
@@ -25,6 +24,7 @@
 #include "common/child_process.h"
 #include "common/clean_text.h"
 #include "tool/exit_code.h"
+#include "tool/options.h"
 
 #define EXIT_USAGE 2
 #define EXIT_READ  74
@@ -45,13 +45,7 @@ static void say(const char *name, const char *message)
 
 static int parse_argument(const char *text, uint64_t *value)
 {
-    struct umbb_cursor cursor = {text, text + strlen(text)};
-    int64_t number;
-    if (!umbb_take_integer(&cursor, &number) || cursor.at != cursor.end || number <= 0) {
-        return 0;
-    }
-    *value = (uint64_t)number;
-    return 1;
+    return umbu_read_count(&text, value) && *text == '\0' && *value > 0;
 }
 
 static enum umb_status write_output(void *user, const void *bytes, size_t count)
@@ -87,25 +81,24 @@ static enum umb_status read_scene(struct umbb_import *job, const char *name, uin
         {".stl", UMBS_FORMAT_STL, umbb_stl_read},
     };
     const char *extension = strrchr(name, '.');
-    if (umbb_starts_with(&job->file, UMBS_SCENE_FILE_MAGIC)) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "the file is a scene buffer of umbrage-bake import (UMBSCF1), not a scene; "
-                        "if it is your own, give it by --scene-buffer");
+    if (umbb_starts_with(umbb_text_of(&job->file), UMBS_SCENE_FILE_MAGIC)) {
+        return UMBB_REFUSE(
+            error, "the file is a scene buffer of umbrage-bake import (UMBSCF1), not a scene; "
+                   "if it is your own, give it by --scene-buffer");
     }
     for (size_t i = 0; extension != NULL && i < sizeof known / sizeof known[0]; i++) {
         if (strcasecmp(extension, known[i].extension) != 0) {
             continue;
         }
         if (job->file.size == 0) {
-            return umb_fail(error, UMB_E_BAD_SCENE, "the file is empty");
+            return UMBB_REFUSE(error, "the file is empty");
         }
         umbs_scene_builder_init(&job->scene, known[i].format, known[i].format != UMBS_FORMAT_GLTF,
                                 max_triangles);
         return known[i].read(job, error);
     }
-    return umb_fail(error, UMB_E_BAD_SCENE,
-                    "format '%.16s' is not supported (.gltf .glb .obj .ply .stl)",
-                    extension != NULL ? extension : "without extension");
+    return UMBB_REFUSE(error, "format '%.16s' is not supported (.gltf .glb .obj .ply .stl)",
+                       extension != NULL ? extension : "without extension");
 }
 
 static enum umb_status convert(struct umbb_import *job, const char *name, uint64_t max_triangles,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files of a scene (import_files.h). */
-#include "bake/import/import_files.h"
+/* Files of a scene (import_job.h). */
+#include "bake/import/import_job.h"
 
 #include <ctype.h>
 #include <errno.h>
@@ -46,14 +46,15 @@ enum umb_status umbb_file_map(int fd, uint64_t max_bytes, struct umbb_file *file
 }
 
 /* Copies a name and refuses forms that no name beneath a folder needs. */
-static enum umb_status clean_name(const char *name, size_t length, char out[NAME_BYTES],
+static enum umb_status clean_name(struct umbb_cursor name, char out[NAME_BYTES],
                                   struct umb_error *error)
 {
-    if (length == 0 || length >= NAME_BYTES || memchr(name, '\0', length) != NULL) {
+    const size_t length = umbb_length(name);
+    if (length == 0 || length >= NAME_BYTES || memchr(name.at, '\0', length) != NULL) {
         return umb_fail(error, UMB_E_PERMISSION, "a file name of %zu bytes is refused, limit %d",
                         length, NAME_BYTES - 1);
     }
-    memcpy(out, name, length);
+    memcpy(out, name.at, length);
     out[length] = '\0';
     for (char *at = out; *at != '\0'; at++) {
         if (*at == '\\') {
@@ -73,14 +74,13 @@ static enum umb_status clean_name(const char *name, size_t length, char out[NAME
     return UMB_OK;
 }
 
-enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char *name,
-                                    size_t length, uint64_t max_bytes, struct umbb_file *file,
-                                    struct umb_error *error)
+enum umb_status umbb_file_map_named(const struct umbb_import *job, struct umbb_cursor name,
+                                    struct umbb_file *file, struct umb_error *error)
 {
     char clean[NAME_BYTES];
     memset(file, 0, sizeof(*file));
-    UMB__TRY(clean_name(name, length, clean, error));
-    int fd = folder->open(folder->handle, clean);
+    UMB__TRY(clean_name(name, clean, error));
+    int fd = job->folder.open(job->folder.handle, clean);
     if (fd < 0 && (errno == EISDIR || errno == ENODEV)) {
         return umb_fail(error, UMB_E_NOT_FOUND, "file '%.100s' is not a regular file", clean);
     }
@@ -90,18 +90,18 @@ enum umb_status umbb_file_map_named(const struct umbb_folder *folder, const char
         return umb_fail_errno(error, leaves ? UMB_E_PERMISSION : UMB_E_NOT_FOUND, saved,
                               "file '%.100s'", clean);
     }
-    enum umb_status status = umbb_file_map(fd, max_bytes, file, error);
+    enum umb_status status = umbb_file_map(fd, job->max_input_bytes, file, error);
     (void)close(fd);
     return status;
 }
 
 /* Undoes percent-encoding into out[size]; returns the length, or 0 if nothing was encoded. */
-static size_t decode(const char *name, size_t length, char *out, size_t size)
+static size_t decode(struct umbb_cursor name, char *out, size_t size)
 {
     size_t used = 0;
     int changed = 0;
-    for (const char *at = name; at < name + length && used < size; at++) {
-        const int has_room = *at == '%' && name + length - at > 2;
+    for (const char *at = name.at; at < name.end && used < size; at++) {
+        const int has_room = *at == '%' && name.end - at > 2;
         const char digits[3] = {has_room ? at[1] : '\0', has_room ? at[2] : '\0', '\0'};
         const int is_code =
             isxdigit((unsigned char)digits[0]) && isxdigit((unsigned char)digits[1]);
@@ -112,23 +112,22 @@ static size_t decode(const char *name, size_t length, char *out, size_t size)
     return changed && used < size ? used : 0;
 }
 
-enum umb_status umbb_file_map_uri(const struct umbb_folder *folder, const char *uri, size_t length,
-                                  uint64_t max_bytes, struct umbb_file *file,
-                                  struct umb_error *error)
+enum umb_status umbb_file_map_uri(const struct umbb_import *job, struct umbb_cursor uri,
+                                  struct umbb_file *file, struct umb_error *error)
 {
     char decoded[NAME_BYTES];
-    enum umb_status status = umbb_file_map_named(folder, uri, length, max_bytes, file, error);
-    const size_t used = decode(uri, length, decoded, sizeof(decoded));
+    enum umb_status status = umbb_file_map_named(job, uri, file, error);
+    const size_t used = decode(uri, decoded, sizeof(decoded));
     if (status != UMB_OK && used > 0) {
-        status = umbb_file_map_named(folder, decoded, used, max_bytes, file, error);
+        const struct umbb_cursor name = {decoded, decoded + used};
+        status = umbb_file_map_named(job, name, file, error);
     }
     return status;
 }
 
-int umbb_starts_with(const struct umbb_file *file, const char *text)
+struct umbb_cursor umbb_text_of(const struct umbb_file *file)
 {
-    const size_t length = strlen(text);
-    return file->size >= length && memcmp(file->bytes, text, length) == 0;
+    return (struct umbb_cursor){file->bytes, file->bytes + file->size};
 }
 
 int umbb_is_text(const struct umbb_file *file)

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; all other statements are skipped.
+ * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; and of its material libraries (MTL) the
+ * statements that affect shadows: d, Tr, map_d. All other statements are skipped.
  *
  * The reader makes one pass over the mapped text. A vertex of the scene is a pair (v, vt), numbered
  * at its first use. The pairs of one v form a chain, so only seams of the texture split a vertex.
@@ -9,20 +10,28 @@
  *
  * An unreadable `v` line still adds a vertex, which is not finite; without it the numbers of all
  * later vertices would shift. A face may only refer to statements before it.
- * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995.
+ *
+ * d (or 1 - Tr if there is no d) below 1 makes a material BLEND with that alpha. map_d makes it
+ * MASK at 0.5, by the alpha of its PNG or else by its grey. Of map_d's options -clamp is supported;
+ * a map that is moved, scaled or perturbed (-o, -s, -t, -mm, -imfchan) is left out with a warning.
+ * Source: Alias/Wavefront, "Object Files (.obj)", Advanced Visualizer appendix B1, 1995; "MTL
+ * material format", 1995.
  */
+#define _GNU_SOURCE /* tdestroy */
 #include <math.h>
+#include <search.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bake/import/face_builder.h"
-#include "bake/import/import_job.h"
-#include "bake/import/mtl_reader.h"
+#include "bake/import/texture_table.h"
 #include "base/try.h"
+#include "common/clean_text.h"
 
 #define LINE_BYTES_MAX (4U << 20) /* a face of 65536 corners of three numbers fits */
-#define LIBRARIES_MAX  64U        /* limit of mtllib names; each may be as large as the scene */
-#define CHAIN_MAX      64         /* limit of steps along a chain, against quadratic time */
+#define MATERIALS_MAX  65536U
+#define LIBRARIES_MAX  64U /* limit of mtllib names; each may be as large as the scene */
+#define CHAIN_MAX      64  /* limit of steps along a chain, against quadratic time */
 #define NONE           UMBS_NO_INDEX
 
 /* Position of a v line, and the first scene vertex made of it. */
@@ -50,47 +59,210 @@ struct obj {
     struct umbs_array made;   /* struct made_of, one a scene vertex */
     struct umbs_array runs;   /* struct run */
     struct umbb_faces faces;
-    struct umbb_material_table materials;
+    void *names; /* tree of the materials' full names */
     struct umbb_texture_table textures;
     uint32_t library_count;
     uint64_t line_number;
 };
 
-static enum umb_status no_memory(struct umb_error *error)
+/* A material's name, in a tree of <search.h>. */
+struct name {
+    struct umbb_cursor text; /* behind the struct, in the tree */
+    uint32_t index;
+};
+
+static int compare_names(const void *a, const void *b)
 {
-    return umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
+    const struct umbb_cursor x = ((const struct name *)a)->text, y = ((const struct name *)b)->text;
+    const size_t one = umbb_length(x), two = umbb_length(y);
+    return one != two ? (one > two) - (one < two) : memcmp(x.at, y.at, one);
+}
+
+/* Finds the material called `name`, or adds an opaque one. Out: index: in scene->materials. */
+static enum umb_status get_material(struct obj *obj, struct umbb_cursor name, uint32_t *index,
+                                    struct umb_error *error)
+{
+    struct umbs_scene_builder *scene = &obj->job->scene;
+    const struct name wanted = {.text = name};
+    const size_t length = umbb_length(name);
+    struct name *const *found = tfind(&wanted, &obj->names, compare_names);
+    if (found != NULL) {
+        *index = (*found)->index;
+        return UMB_OK;
+    }
+    if (scene->materials.count >= MATERIALS_MAX) {
+        return umb_fail(error, UMB_E_LIMIT, "more than %u materials", MATERIALS_MAX);
+    }
+    struct umbs_material material = umbs_material_opaque();
+    umbs_text_clean(material.name, sizeof(material.name), name.at, length);
+    *index = (uint32_t)scene->materials.count;
+    UMB__TRY(umbs_scene_add_material(scene, &material, error));
+    struct name *fresh = malloc(sizeof *fresh + length);
+    if (fresh != NULL) {
+        char *const text = memcpy(fresh + 1, name.at, length);
+        *fresh = (struct name){{text, text + length}, *index};
+    }
+    if (fresh == NULL || tsearch(fresh, &obj->names, compare_names) == NULL) {
+        free(fresh);
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a material");
+    }
+    return UMB_OK;
+}
+
+/* Properties of one material from its lines so far. */
+struct current {
+    uint32_t index;
+    double dissolve; /* from d or Tr, 0..1 */
+    int has_d;       /* 1: d was given; it overrides Tr, on whose meaning exporters disagree */
+    int has_map;
+    struct umbb_cursor map; /* rest of the line of map_d */
+};
+
+/* Options of a map. An option of several words takes fewer where the next word is no number. */
+static const struct {
+    const char *name;
+    int words;   /* largest number of words after the name */
+    int changes; /* 1: the option moves, scales or replaces the image, which is not supported */
+} map_options[] = {
+    {"-blendu", 1, 0}, {"-blendv", 1, 0}, {"-boost", 1, 0}, {"-cc", 1, 0}, {"-texres", 1, 0},
+    {"-type", 1, 0},   {"-clamp", 1, 0},  {"-bm", 1, 0},    {"-mm", 2, 1}, {"-imfchan", 1, 1},
+    {"-o", 3, 1},      {"-s", 3, 1},      {"-t", 3, 1},
+};
+
+/* Sets a material's alpha. A line without a number is ignored; a number outside of 0 to 1 is
+ * ignored with a warning. */
+static void set_alpha(struct obj *obj, struct current *current, struct umbb_cursor *line, int is_d)
+{
+    struct umbs_scene_builder *scene = &obj->job->scene;
+    double value;
+    struct umbb_cursor first = *line, option;
+    if (umbb_take_token(&first, &option) && umbb_is_word(option, "-halo")) {
+        *line = first;
+    }
+    if (current->index == UMBS_NO_INDEX || (!is_d && current->has_d) ||
+        !umbb_take_double(line, &value)) {
+        return;
+    }
+    if (!(value >= 0.0) || !(value <= 1.0)) {
+        const struct umbs_material *materials = scene->materials.data;
+        umbs_scene_warn(scene, "material '%s': %s of %g is not in 0 to 1 and is left out",
+                        materials[current->index].name, is_d ? "d" : "Tr", value);
+        return;
+    }
+    current->dissolve = is_d ? value : 1.0 - value;
+    current->has_d = is_d;
+}
+
+/* Takes one option of a map off the cursor; returns 0 if there is none. */
+static int take_option(struct umbb_cursor *line, uint32_t *wrap, int *changes)
+{
+    struct umbb_cursor at = *line, word;
+    (void)umbb_take_token(&at, &word);
+    for (size_t i = 0; i < sizeof map_options / sizeof map_options[0]; i++) {
+        if (!umbb_is_word(word, map_options[i].name)) {
+            continue;
+        }
+        *changes |= map_options[i].changes;
+        for (int k = 0; k < map_options[i].words; k++) {
+            struct umbb_cursor next = at, value;
+            double number;
+            if (k > 0 && !umbb_take_double(&next, &number)) {
+                break;
+            }
+            (void)umbb_take_token(&at, &value);
+            if (strcmp(map_options[i].name, "-clamp") == 0 && umbb_is_word(value, "on")) {
+                *wrap = UMBS_WRAP_CLAMP;
+            }
+        }
+        *line = at;
+        return 1;
+    }
+    return 0;
+}
+
+/* Gives a material the texture of its map_d. */
+static enum umb_status read_map(struct obj *obj, struct umbb_cursor line,
+                                struct umbs_material *material, struct umb_error *error)
+{
+    uint32_t wrap = UMBS_WRAP_REPEAT;
+    int changes = 0;
+    while (umbb_skip_blanks(&line) && take_option(&line, &wrap, &changes)) {
+    }
+    const struct umbb_cursor name = umbb_trim(line);
+    if (changes || name.at == name.end) {
+        umbs_scene_warn(&obj->job->scene,
+                        "material '%s': map_d with options that are not read is left out",
+                        material->name);
+        return UMB_OK;
+    }
+    const struct umbb_image image = {.name = name.at,
+                                     .name_length = umbb_length(name),
+                                     .luminance = 1,
+                                     .wrap_s = wrap,
+                                     .wrap_t = wrap};
+    return umbb_texture_get(&obj->textures, &image, &material->texture, error);
+}
+
+static enum umb_status store(struct obj *obj, const struct current *current,
+                             struct umb_error *error)
+{
+    if (current->index == UMBS_NO_INDEX) {
+        return UMB_OK;
+    }
+    struct umbs_material *materials = obj->job->scene.materials.data;
+    struct umbs_material *material = &materials[current->index];
+    material->base_alpha = (float)current->dissolve;
+    material->alpha_mode = current->dissolve < 1.0 ? UMBS_ALPHA_BLEND
+                           : current->has_map      ? UMBS_ALPHA_MASK
+                                                   : UMBS_ALPHA_OPAQUE;
+    return current->has_map ? read_map(obj, current->map, material, error) : UMB_OK;
+}
+
+/* Reads a material library. */
+static enum umb_status read_materials(struct obj *obj, const struct umbb_file *file,
+                                      struct umb_error *error)
+{
+    struct umbb_cursor text = umbb_text_of(file), line, word;
+    struct current current = {.index = UMBS_NO_INDEX, .dissolve = 1.0};
+    while (umbb_take_line(&text, &line)) {
+        (void)umbb_take_token(&line, &word);
+        if (umbb_is_word(word, "newmtl")) {
+            UMB__TRY(store(obj, &current, error));
+            current = (struct current){.dissolve = 1.0};
+            UMB__TRY(get_material(obj, umbb_trim(line), &current.index, error));
+        } else if (umbb_is_word(word, "d")) {
+            set_alpha(obj, &current, &line, 1);
+        } else if (umbb_is_word(word, "Tr")) {
+            set_alpha(obj, &current, &line, 0);
+        } else if (umbb_is_word(word, "map_d")) {
+            current.has_map = 1;
+            current.map = line;
+        }
+    }
+    return store(obj, &current, error);
 }
 
 static enum umb_status read_vertex(struct obj *obj, struct umbb_cursor line,
                                    struct umb_error *error)
 {
-    struct corner_point *point = umbs_array_reserve(&obj->points, 1, sizeof(*point));
-    if (point == NULL) {
-        return no_memory(error);
-    }
-    point->first = NONE;
+    struct corner_point point = {.first = NONE};
     for (int k = 0; k < 3; k++) {
-        if (!umbb_take_double(&line, &point->position[k])) {
-            point->position[k] = (double)NAN;
+        if (!umbb_take_double(&line, &point.position[k])) {
+            point.position[k] = (double)NAN;
         }
     }
-    obj->points.count++;
-    return UMB_OK;
+    return umbs_array_add(&obj->points, &point, sizeof point, error);
 }
 
 static enum umb_status read_uv(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
 {
-    float *uv = umbs_array_reserve(&obj->uvs, 1, 2 * sizeof(*uv));
-    if (uv == NULL) {
-        return no_memory(error);
-    }
+    float uv[2];
     for (int k = 0; k < 2; k++) {
         double value;
         int good = umbb_take_double(&line, &value) && fabs(value) <= 1e30;
         uv[k] = good ? (float)value : 0.0F;
     }
-    obj->uvs.count++;
-    return UMB_OK;
+    return umbs_array_add(&obj->uvs, uv, sizeof uv, error);
 }
 
 /* The scene vertex of a pair; a new pair gets a new vertex. */
@@ -105,19 +277,13 @@ static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, 
             return UMB_OK;
         }
     }
-    struct umbs_scene_builder *scene = &obj->job->scene;
-    struct made_of *fresh = umbs_array_reserve(&obj->made, 1, sizeof(*fresh));
-    if (fresh == NULL) {
-        return no_memory(error);
-    }
+    const struct made_of fresh = {uv, point->first};
     const float *uvs = obj->uvs.data;
-    UMB__TRY(umbs_scene_add_vertex(scene, point->position, uv != NONE ? uvs + 2 * (size_t)uv : NULL,
-                                   error));
-    fresh->uv = uv;
-    fresh->next = point->first;
+    UMB__TRY(umbs_scene_add_vertex(&obj->job->scene, point->position,
+                                   uv != NONE ? uvs + 2 * (size_t)uv : NULL, error));
+    *vertex = obj->made.count;
     point->first = (uint32_t)obj->made.count;
-    *vertex = obj->made.count++;
-    return UMB_OK;
+    return umbs_array_add(&obj->made, &fresh, sizeof fresh, error);
 }
 
 /* Resolves a one-based or negative reference into `count` items; NONE if it is out of range. */
@@ -174,22 +340,15 @@ static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struc
 /* Starts a run at the next triangle. */
 static enum umb_status add_run(struct obj *obj, uint32_t material, struct umb_error *error)
 {
-    struct run *run = umbs_array_reserve(&obj->runs, 1, sizeof(*run));
-    if (run == NULL) {
-        return no_memory(error);
-    }
-    *run = (struct run){(uint32_t)obj->job->scene.triangles.count, material};
-    obj->runs.count++;
-    return UMB_OK;
+    const struct run run = {(uint32_t)obj->job->scene.triangles.count, material};
+    return umbs_array_add(&obj->runs, &run, sizeof run, error);
 }
 
 static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
                                     struct umb_error *error)
 {
-    struct umbb_cursor name = umbb_trim(line);
     uint32_t material;
-    UMB__TRY(umbb_material_get(&obj->materials, name.at, (size_t)(name.end - name.at), &material,
-                               error));
+    UMB__TRY(get_material(obj, umbb_trim(line), &material, error));
     struct run *last = (struct run *)obj->runs.data + obj->runs.count - 1;
     if (last->material == material || last->first == obj->job->scene.triangles.count) {
         last->material = material;
@@ -199,7 +358,7 @@ static enum umb_status use_material(struct obj *obj, struct umbb_cursor line,
 }
 
 /* Reads one library, or warns: a scene without its materials still casts shadows. */
-static enum umb_status read_library(struct obj *obj, const char *name, size_t length, int *found,
+static enum umb_status read_library(struct obj *obj, struct umbb_cursor name, int *found,
                                     struct umb_error *error)
 {
     struct umbb_file file;
@@ -213,16 +372,15 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
                         LIBRARIES_MAX);
         return UMB_OK;
     }
-    enum umb_status status = umbb_file_map_named(&obj->job->folder, name, length,
-                                                 obj->job->max_input_bytes, &file, &why);
+    enum umb_status status = umbb_file_map_named(obj->job, name, &file, &why);
     *found = status == UMB_OK;
     if (status != UMB_OK) {
-        if (length <= 100) {
+        if (umbb_length(name) <= 100) {
             umbs_scene_warn(&obj->job->scene, "mtllib: %s", why.message);
         }
-        return status == UMB_E_NO_MEMORY ? no_memory(error) : UMB_OK;
+        return status == UMB_E_NO_MEMORY ? umb_fail(error, status, "%s", why.message) : UMB_OK;
     }
-    status = umbb_mtl_read(&file, &obj->materials, &obj->textures, error);
+    status = read_materials(obj, &file, error);
     umbb_file_unmap(&file);
     return status;
 }
@@ -231,21 +389,16 @@ static enum umb_status read_library(struct obj *obj, const char *name, size_t le
 static enum umb_status read_libraries(struct obj *obj, struct umbb_cursor line,
                                       struct umb_error *error)
 {
-    struct umbb_cursor names = umbb_trim(line);
-    int found = 0;
-    size_t length = (size_t)(names.end - names.at);
-    int several = length > 0 && memchr(names.at, ' ', length) != NULL;
-    enum umb_status status = UMB_OK;
-    if (length > 0) {
-        status = read_library(obj, names.at, length, &found, error);
+    struct umbb_cursor names = umbb_trim(line), name;
+    const int several = memchr(names.at, ' ', umbb_length(names)) != NULL;
+    int found = umbb_length(names) == 0, ignored;
+    if (!found) {
+        UMB__TRY(read_library(obj, names, &found, error));
     }
-    while (status == UMB_OK && several && !found && umbb_skip_blanks(&names)) {
-        const char *name;
-        int ignored;
-        length = umbb_take_token(&names, &name);
-        status = read_library(obj, name, length, &ignored, error);
+    while (several && !found && umbb_take_token(&names, &name)) {
+        UMB__TRY(read_library(obj, name, &ignored, error));
     }
-    return status;
+    return UMB_OK;
 }
 
 static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
@@ -257,10 +410,10 @@ static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struc
         {"v", read_vertex},         {"vt", read_uv}, {"f", read_face}, {"usemtl", use_material},
         {"mtllib", read_libraries},
     };
-    const char *word;
-    const size_t length = umbb_take_token(&line, &word);
+    struct umbb_cursor word;
+    (void)umbb_take_token(&line, &word);
     for (size_t i = 0; line.at < line.end && i < sizeof statements / sizeof statements[0]; i++) {
-        if (umbb_is_word(word, length, statements[i].word)) {
+        if (umbb_is_word(word, statements[i].word)) {
             return statements[i].read(obj, line, error);
         }
     }
@@ -283,19 +436,17 @@ static void join_lines(struct umbb_cursor *text, struct umbb_cursor *line)
 
 static enum umb_status read_text(struct obj *obj, struct umb_error *error)
 {
-    const struct umbb_file *file = &obj->job->file;
-    struct umbb_cursor text = {file->bytes, file->bytes + file->size};
-    struct umbb_cursor line;
-    text.at += umbb_starts_with(file, "\xef\xbb\xbf") ? 3 : 0;
+    struct umbb_cursor text = umbb_text_of(&obj->job->file), line;
+    text.at += umbb_starts_with(text, "\xef\xbb\xbf") ? 3 : 0;
     UMB__TRY(add_run(obj, NONE, error));
     while (umbb_take_line(&text, &line)) {
         obj->line_number++;
         if (line.end > line.at && (line.end[-1] == '\\' || line.end[-1] == '\r')) {
             join_lines(&text, &line);
         }
-        if ((size_t)(line.end - line.at) > LINE_BYTES_MAX) {
+        if (umbb_length(line) > LINE_BYTES_MAX) {
             return umb_fail(error, UMB_E_LIMIT, "statement %llu has %zu bytes, limit %u",
-                            (unsigned long long)obj->line_number, (size_t)(line.end - line.at),
+                            (unsigned long long)obj->line_number, umbb_length(line),
                             LINE_BYTES_MAX);
         }
         UMB__TRY(read_line(obj, line, error));
@@ -356,7 +507,7 @@ static enum umb_status end_meshes(struct obj *obj, struct umb_error *error)
     uint32_t(*sorted)[3] = malloc(scene->triangles.count * sizeof(*sorted));
     enum umb_status status = UMB_OK;
     if (starts == NULL || sorted == NULL) {
-        status = no_memory(error);
+        status = umb_fail(error, UMB_E_NO_MEMORY, "out of memory");
         goto done;
     }
     group(obj, starts, sorted);
@@ -385,9 +536,9 @@ done:
 static enum umb_status finish_scene(struct obj *obj, struct umb_error *error)
 {
     if (obj->faces.count == 0) {
-        return obj->points.count == 0 ? umb_fail(error, UMB_E_BAD_SCENE, "no faces")
-                                      : umb_fail(error, UMB_E_BAD_SCENE,
-                                                 "%zu vertices and no faces", obj->points.count);
+        return obj->points.count == 0
+                   ? UMBB_REFUSE(error, "no faces")
+                   : UMBB_REFUSE(error, "%zu vertices and no faces", obj->points.count);
     }
     UMB__TRY(umbb_faces_check(&obj->faces, error));
     UMB__TRY(add_run(obj, NONE, error));
@@ -399,15 +550,12 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     static const char *const others[] = {"glTF", "ply\n", "ply\r", "{", "<"};
     int is_obj = umbb_is_text(&job->file);
     for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
-        is_obj &= !umbb_starts_with(&job->file, others[i]);
+        is_obj &= !umbb_starts_with(umbb_text_of(&job->file), others[i]);
     }
     if (!is_obj) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "the file is not OBJ text");
+        return UMBB_REFUSE(error, "the file is not OBJ text");
     }
-    struct obj obj = {.job = job,
-                      .faces = {.scene = &job->scene},
-                      .materials = {.scene = &job->scene},
-                      .textures = {.job = job}};
+    struct obj obj = {.job = job, .faces = {.scene = &job->scene}, .textures = {.job = job}};
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
         /* Without textures the pairs are not needed; freeing them makes room for the sort. */
@@ -422,7 +570,7 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     free(obj.made.data);
     free(obj.runs.data);
     umbb_faces_finish(&obj.faces);
-    umbb_material_table_finish(&obj.materials);
+    tdestroy(obj.names, free);
     umbb_texture_table_finish(&obj.textures);
     return status;
 }

@@ -14,7 +14,6 @@
 
 #include "bake/import/face_builder.h"
 #include "bake/import/import_job.h"
-#include "bake/import/text_number.h"
 #include "base/try.h"
 
 #define ELEMENTS_MAX   16
@@ -28,17 +27,16 @@ enum encoding {
     BIG_ENDIAN_BINARY,
 };
 
-/* Scalar type of a property. */
+/* Type of a property. */
 struct type {
     const char *old_name, *name;
-    char kind;      /* i: signed integer, u: unsigned integer, f: floating point */
-    uint32_t bytes; /* size of a value in the binary encodings */
+    struct umbb_scalar scalar;
 };
 
 static const struct type types[] = {
-    {"char", "int8", 'i', 1},     {"uchar", "uint8", 'u', 1},    {"short", "int16", 'i', 2},
-    {"ushort", "uint16", 'u', 2}, {"int", "int32", 'i', 4},      {"uint", "uint32", 'u', 4},
-    {"float", "float32", 'f', 4}, {"double", "float64", 'f', 8},
+    {"char", "int8", {'i', 1}},     {"uchar", "uint8", {'u', 1}},    {"short", "int16", {'i', 2}},
+    {"ushort", "uint16", {'u', 2}}, {"int", "int32", {'i', 4}},      {"uint", "uint32", {'u', 4}},
+    {"float", "float32", {'f', 4}}, {"double", "float64", {'f', 8}},
 };
 
 /* Meaning of a property. */
@@ -86,7 +84,8 @@ struct ply {
     enum encoding encoding;
     uint32_t element_count;
     struct element elements[ELEMENTS_MAX];
-    struct umbb_cursor data; /* rest of the file behind the header */
+    const struct element *vertex, *face; /* the first element of that name */
+    struct umbb_cursor data;             /* rest of the file behind the header */
     struct umbb_faces faces;
     int has_uvs;
 };
@@ -94,22 +93,20 @@ struct ply {
 /* Words of a line of the header. */
 struct words {
     uint32_t count;
-    const char *text[WORDS_MAX];
-    size_t length[WORDS_MAX];
+    struct umbb_cursor text[WORDS_MAX];
 };
 
 static void split(struct umbb_cursor line, struct words *words)
 {
-    words->count = 0;
-    while (words->count < WORDS_MAX && umbb_skip_blanks(&line)) {
-        words->length[words->count] = umbb_take_token(&line, &words->text[words->count]);
+    *words = (struct words){0};
+    while (words->count < WORDS_MAX && umbb_take_token(&line, &words->text[words->count])) {
         words->count++;
     }
 }
 
 static int is_word(const struct words *words, uint32_t index, const char *word)
 {
-    return index < words->count && umbb_is_word(words->text[index], words->length[index], word);
+    return index < words->count && umbb_is_word(words->text[index], word);
 }
 
 /* The type that a word names, or NULL. */
@@ -133,7 +130,8 @@ static int has_role(const struct element *element, enum role role)
     return 0;
 }
 
-/* The meaning of a property; of several with one meaning only the first has it. */
+/* Returns the role of a property. If an element has several properties with one role, the first
+ * gets it and the others are OTHER. */
 static enum role find_role(const struct element *element, const struct words *words, uint32_t index,
                            int is_list)
 {
@@ -166,7 +164,7 @@ static const char *add_property(struct ply *ply, const struct words *words)
     if (property.type == NULL || (is_list && property.count_type == NULL)) {
         return "property of an unknown type";
     }
-    if (is_list && property.count_type->kind == 'f') {
+    if (is_list && property.count_type->scalar.kind == 'f') {
         return "list whose count is no integer";
     }
     element->properties[element->property_count++] = property;
@@ -179,19 +177,15 @@ static const char *add_element(struct ply *ply, const struct words *words)
         return "more than 16 elements";
     }
     struct element *element = &ply->elements[ply->element_count];
-    int64_t count = -1;
-    if (words->count >= 3) {
-        struct umbb_cursor number = {words->text[2], words->text[2] + words->length[2]};
-        if (!umbb_take_integer(&number, &count) || number.at != number.end) {
-            count = -1;
-        }
-    }
-    if (count < 0) {
+    struct umbb_cursor number = words->text[2];
+    int64_t count;
+    if (words->count < 3 || !umbb_take_integer(&number, &count) || number.at != number.end ||
+        count < 0) {
         return "element without a name and a count";
     }
-    size_t length =
-        words->length[1] < sizeof(element->name) ? words->length[1] : sizeof(element->name) - 1;
-    memcpy(element->name, words->text[1], length);
+    size_t length = umbb_length(words->text[1]);
+    length = length < sizeof(element->name) ? length : sizeof(element->name) - 1;
+    memcpy(element->name, words->text[1].at, length);
     element->count = (uint64_t)count;
     ply->element_count++;
     return NULL;
@@ -221,8 +215,7 @@ static enum umb_status read_header(struct ply *ply, struct umb_error *error)
         if (number == 1) {
             fault = is_word(&words, 0, "ply") ? NULL : "'ply' is missing";
         } else if (is_word(&words, 0, "end_header")) {
-            return has_format ? UMB_OK
-                              : umb_fail(error, UMB_E_BAD_SCENE, "header has no format line");
+            return has_format ? UMB_OK : UMBB_REFUSE(error, "header has no format line");
         } else if (is_word(&words, 0, "format")) {
             fault = read_format(ply, &words);
             has_format = 1;
@@ -235,10 +228,10 @@ static enum umb_status read_header(struct ply *ply, struct umb_error *error)
             fault = "unknown keyword";
         }
         if (fault != NULL) {
-            return umb_fail(error, UMB_E_BAD_SCENE, "header line %u: %s", number, fault);
+            return UMBB_REFUSE(error, "header line %u: %s", number, fault);
         }
     }
-    return umb_fail(error, UMB_E_BAD_SCENE, "header has no end_header");
+    return UMBB_REFUSE(error, "header has no end_header");
 }
 
 /* The first element called name, or NULL. */
@@ -252,44 +245,17 @@ static const struct element *find_element(const struct ply *ply, const char *nam
     return NULL;
 }
 
-/* Loads a binary value of `bytes` bytes as an integer. */
-static uint64_t load_bits(const char *at, size_t bytes, int big)
-{
-    uint64_t bits = 0;
-    for (size_t i = 0; i < bytes; i++) {
-        uint64_t byte = (unsigned char)at[i];
-        size_t place = big ? bytes - 1 - i : i;
-        bits |= byte << (8 * place);
-    }
-    return bits;
-}
-
-static double bits_to_value(uint64_t bits, const struct type *type)
-{
-    const uint64_t sign = UINT64_C(1) << (8 * type->bytes - 1);
-    const uint32_t low = (uint32_t)bits;
-    float single;
-    double value;
-    memcpy(&single, &low, sizeof(single));
-    memcpy(&value, &bits, sizeof(value));
-    return type->kind == 'f'   ? (type->bytes == 4 ? (double)single : value)
-           : type->kind == 'i' ? (double)(int64_t)((bits ^ sign) - sign)
-                               : (double)bits;
-}
-
 /* Takes one value; integers of 32 bits are exact in a double. Returns 0 at the end of the data. */
 static int take_value(struct ply *ply, const struct type *type, double *value)
 {
     if (ply->encoding == ASCII) {
         return umbb_take_double(&ply->data, value);
     }
-    size_t bytes = type->bytes;
-    if ((size_t)(ply->data.end - ply->data.at) < bytes) {
+    if (umbb_length(ply->data) < type->scalar.bytes) {
         return 0;
     }
-    uint64_t bits = load_bits(ply->data.at, bytes, ply->encoding == BIG_ENDIAN_BINARY);
-    ply->data.at += bytes;
-    *value = bits_to_value(bits, type);
+    *value = umbb_load_number(ply->data.at, type->scalar, ply->encoding == BIG_ENDIAN_BINARY);
+    ply->data.at += type->scalar.bytes;
     return 1;
 }
 
@@ -314,8 +280,8 @@ static int skip_list(struct ply *ply, const struct property *property)
         return 0;
     }
     if (ply->encoding != ASCII) {
-        uint64_t bytes = count * property->type->bytes; /* below 2^35 */
-        if (bytes > (uint64_t)(ply->data.end - ply->data.at)) {
+        uint64_t bytes = count * property->type->scalar.bytes; /* below 2^35 */
+        if (bytes > umbb_length(ply->data)) {
             return 0;
         }
         ply->data.at += bytes;
@@ -359,7 +325,7 @@ static enum umb_status add_face(struct ply *ply, const struct property *property
 static enum umb_status read_element(struct ply *ply, const struct element *element, int is_used,
                                     struct umb_error *error)
 {
-    const int is_vertex = is_used && strcmp(element->name, "vertex") == 0;
+    const int is_vertex = is_used && element == ply->vertex;
     for (uint64_t i = 0; element->property_count > 0 && i < element->count; i++) {
         double values[CORNERS + 1] = {0};
         for (uint32_t k = 0; k < element->property_count; k++) {
@@ -373,10 +339,10 @@ static enum umb_status read_element(struct ply *ply, const struct element *eleme
                            : take_value(ply, property->type, &values[property->role]);
             }
             if (!good) {
-                return umb_fail(error, UMB_E_BAD_SCENE,
-                                "element '%s', item %" PRIu64 " of %" PRIu64
-                                ": the file ends, or this is not a number",
-                                element->name, i + 1, element->count);
+                return UMBB_REFUSE(error,
+                                   "element '%s', item %" PRIu64 " of %" PRIu64
+                                   ": the file ends, or this is not a number",
+                                   element->name, i + 1, element->count);
             }
         }
         UMB__TRY(is_vertex ? add_vertex(ply, values, error) : UMB_OK);
@@ -388,21 +354,20 @@ static enum umb_status read_element(struct ply *ply, const struct element *eleme
  * binary. */
 static enum umb_status check_counts(const struct ply *ply, struct umb_error *error)
 {
-    uint64_t left = (uint64_t)(ply->data.end - ply->data.at);
+    uint64_t left = umbb_length(ply->data);
     for (uint32_t i = 0; i < ply->element_count; i++) {
         const struct element *element = &ply->elements[i];
         uint64_t least = 0;
         for (uint32_t k = 0; k < element->property_count; k++) {
             const struct property *property = &element->properties[k];
             least += ply->encoding == ASCII         ? 1
-                     : property->count_type != NULL ? property->count_type->bytes
-                                                    : property->type->bytes;
+                     : property->count_type != NULL ? property->count_type->scalar.bytes
+                                                    : property->type->scalar.bytes;
         }
         if (least > 0 && element->count > left / least) {
-            return umb_fail(error, UMB_E_BAD_SCENE,
-                            "element '%s' has count %" PRIu64 ", but only %" PRIu64
-                            " bytes are left",
-                            element->name, element->count, left);
+            return UMBB_REFUSE(
+                error, "element '%s' has count %" PRIu64 ", but only %" PRIu64 " bytes are left",
+                element->name, element->count, left);
         }
         left -= least * element->count;
     }
@@ -411,19 +376,19 @@ static enum umb_status check_counts(const struct ply *ply, struct umb_error *err
 
 static enum umb_status check_header(struct ply *ply, struct umb_error *error)
 {
-    const struct element *vertex = find_element(ply, "vertex");
-    const struct element *face = find_element(ply, "face");
+    const struct element *vertex = ply->vertex = find_element(ply, "vertex");
+    const struct element *face = ply->face = find_element(ply, "face");
     if (vertex == NULL || vertex->count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "no vertices and no faces");
+        return UMBB_REFUSE(error, "no vertices and no faces");
     }
     if (face == NULL || face->count == 0) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "%" PRIu64 " vertices and no faces", vertex->count);
+        return UMBB_REFUSE(error, "%" PRIu64 " vertices and no faces", vertex->count);
     }
     if (!has_role(vertex, X) || !has_role(vertex, Y) || !has_role(vertex, Z)) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "element 'vertex' has no x, y and z");
+        return UMBB_REFUSE(error, "element 'vertex' has no x, y and z");
     }
     if (!has_role(face, CORNERS)) {
-        return umb_fail(error, UMB_E_BAD_SCENE, "element 'face' has no list vertex_indices");
+        return UMBB_REFUSE(error, "element 'face' has no list vertex_indices");
     }
     ply->has_uvs = has_role(vertex, U) && has_role(vertex, V);
     return check_counts(ply, error);
@@ -432,8 +397,7 @@ static enum umb_status check_header(struct ply *ply, struct umb_error *error)
 /* Reads the elements in order; faces that come first are skipped until the vertices are known. */
 static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 {
-    const struct element *vertex = find_element(ply, "vertex");
-    const struct element *face = find_element(ply, "face");
+    const struct element *vertex = ply->vertex, *face = ply->face;
     struct umbb_cursor faces = {NULL, NULL};
     for (const struct element *at = ply->elements; at != vertex; at++) {
         faces = at == face ? ply->data : faces;
@@ -451,9 +415,8 @@ static enum umb_status read_elements(struct ply *ply, struct umb_error *error)
 
 enum umb_status umbb_ply_read(struct umbb_import *job, struct umb_error *error)
 {
-    struct ply ply = {.job = job,
-                      .faces = {.scene = &job->scene},
-                      .data = {job->file.bytes, job->file.bytes + job->file.size}};
+    struct ply ply = {
+        .job = job, .faces = {.scene = &job->scene}, .data = umbb_text_of(&job->file)};
     UMB__TRY(read_header(&ply, error));
     enum umb_status status = check_header(&ply, error);
     if (status == UMB_OK) {

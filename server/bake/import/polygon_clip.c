@@ -372,7 +372,8 @@ static void clip_ears(struct umbb_polygon *polygon, uint32_t count)
     fan_ring(polygon, made, polygon->previous[start], left);
 }
 
-/* Gives a polygon its allowance and the rest of the pool, and subtracts what it used. */
+/* Clips within a budget: the polygon's own allowance, and the rest of the pool that all polygons
+ * share. Steps beyond the allowance are subtracted from the pool. */
 static void clip_within_budget(struct umbb_polygon *polygon, uint32_t count)
 {
     uint64_t allowance = (uint64_t)ALLOWANCE * count;

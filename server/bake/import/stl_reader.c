@@ -10,7 +10,6 @@
 
 #include "bake/import/face_builder.h"
 #include "bake/import/import_job.h"
-#include "bake/import/text_number.h"
 #include "base/try.h"
 
 #define HEADER_BYTES 84 /* text, then the count of facets */
@@ -40,10 +39,8 @@ static enum umb_status read_binary(struct umbb_faces *faces, const struct umbb_f
         for (size_t corner = 1; corner <= 3; corner++) {
             double position[3];
             for (size_t k = 0; k < 3; k++) {
-                const uint32_t bits = umbb_load_u32(facet + 12 * corner + 4 * k);
-                float value;
-                memcpy(&value, &bits, sizeof value);
-                position[k] = (double)value;
+                const struct umbb_scalar number = {'f', 4};
+                position[k] = umbb_load_number(facet + 12 * corner + 4 * k, number, 0);
             }
             UMB__TRY(add_corner(faces, position, error));
         }
@@ -57,11 +54,9 @@ static enum umb_status read_binary(struct umbb_faces *faces, const struct umbb_f
 static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_file *file,
                                  struct umb_error *error)
 {
-    struct umbb_cursor text = {file->bytes, file->bytes + file->size};
-    const char *word;
-    size_t length;
-    while ((length = umbb_take_token(&text, &word)) > 0) {
-        if (umbb_is_word(word, length, "vertex")) {
+    struct umbb_cursor text = umbb_text_of(file), word;
+    while (umbb_take_token(&text, &word)) {
+        if (umbb_is_word(word, "vertex")) {
             double position[3];
             for (int k = 0; k < 3; k++) {
                 struct umbb_cursor next = text;
@@ -72,9 +67,9 @@ static enum umb_status read_text(struct umbb_faces *faces, const struct umbb_fil
                 }
             }
             UMB__TRY(add_corner(faces, position, error));
-        } else if (umbb_is_word(word, length, "endfacet")) {
+        } else if (umbb_is_word(word, "endfacet")) {
             UMB__TRY(umbb_face_end(faces, error));
-        } else if (umbb_is_word(word, length, "solid") || umbb_is_word(word, length, "endsolid")) {
+        } else if (umbb_is_word(word, "solid") || umbb_is_word(word, "endsolid")) {
             const char *end = memchr(text.at, '\n', (size_t)(text.end - text.at));
             text.at = end != NULL ? end : text.end; /* the rest of the line is a name */
         }
@@ -86,11 +81,13 @@ enum umb_status umbb_stl_read(struct umbb_import *job, struct umb_error *error)
 {
     const int binary = is_binary(&job->file);
     struct umbb_faces faces = {.scene = &job->scene};
-    if (!binary && !(umbb_starts_with(&job->file, "solid") && umbb_is_text(&job->file))) {
-        return umb_fail(error, UMB_E_BAD_SCENE,
-                        "the file is neither text STL nor binary STL whose size fits its count of "
-                        "facets (84 bytes and 50 for each facet; it has %zu)",
-                        job->file.size);
+    if (!binary &&
+        !(umbb_starts_with(umbb_text_of(&job->file), "solid") && umbb_is_text(&job->file))) {
+        return UMBB_REFUSE(
+            error,
+            "the file is neither text STL nor binary STL whose size fits its count of "
+            "facets (84 bytes and 50 for each facet; it has %zu)",
+            job->file.size);
     }
     enum umb_status status =
         binary ? read_binary(&faces, &job->file, error) : read_text(&faces, &job->file, error);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Numbers in text (text_number.h).
+ * Words and numbers (text_number.h).
  *
  * A decimal with a mantissa below 2^53 and a power of ten up to 22 is one exact product or quotient
  * of two doubles, so it is rounded once and correctly: W. D. Clinger, How to Read Floating Point
@@ -44,14 +44,15 @@ int umbb_at_blank(const struct umbb_cursor *cursor)
     return cursor->at >= cursor->end || is_blank(*cursor->at);
 }
 
-size_t umbb_take_token(struct umbb_cursor *cursor, const char **token)
+int umbb_take_token(struct umbb_cursor *cursor, struct umbb_cursor *token)
 {
     (void)umbb_skip_blanks(cursor);
-    *token = cursor->at;
+    token->at = cursor->at;
     while (cursor->at < cursor->end && !is_blank(*cursor->at)) {
         cursor->at++;
     }
-    return (size_t)(cursor->at - *token);
+    token->end = cursor->at;
+    return token->at < token->end;
 }
 
 int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line)
@@ -78,19 +79,27 @@ struct umbb_cursor umbb_trim(struct umbb_cursor line)
     return line;
 }
 
-int umbb_is_word(const char *token, size_t length, const char *word)
+int umbb_starts_with(struct umbb_cursor text, const char *start)
 {
-    return length == strlen(word) && memcmp(token, word, length) == 0;
+    const size_t length = strlen(start);
+    return umbb_length(text) >= length && memcmp(text.at, start, length) == 0;
+}
+
+int umbb_is_word(struct umbb_cursor token, const char *word)
+{
+    const size_t length = umbb_length(token);
+    return length == strlen(word) && memcmp(token.at, word, length) == 0;
 }
 
 /* Reads a token that the exact product does not cover. */
-static int slow_double(const char *token, size_t length, double *value)
+static int slow_double(struct umbb_cursor token, double *value)
 {
     char text[NUMBER_BYTES];
+    const size_t length = umbb_length(token);
     if (length == 0 || length >= sizeof(text)) {
         return 0;
     }
-    memcpy(text, token, length);
+    memcpy(text, token.at, length);
     text[length] = '\0';
     char *end;
     *value = strtod(text, &end);
@@ -119,8 +128,7 @@ int umbb_take_double(struct umbb_cursor *cursor, double *value)
     if (!umbb_skip_blanks(cursor)) {
         return 0;
     }
-    const char *token = cursor->at;
-    const char *at = token;
+    const char *at = cursor->at;
     const char *end = cursor->end;
     int negative = *at == '-';
     at += *at == '-' || *at == '+';
@@ -140,8 +148,9 @@ int umbb_take_double(struct umbb_cursor *cursor, double *value)
     power -= fraction;
     if (overflow || digits + fraction == 0 || (at < end && !is_blank(*at)) ||
         power < -POWER_EXACT || power > POWER_EXACT) {
-        size_t length = umbb_take_token(cursor, &token);
-        return slow_double(token, length, value);
+        struct umbb_cursor token;
+        (void)umbb_take_token(cursor, &token);
+        return slow_double(token, value);
     }
     double number = (double)mantissa;
     number = power < 0 ? number / powers_of_ten[-power] : number * powers_of_ten[power];
@@ -168,11 +177,4 @@ int umbb_take_integer(struct umbb_cursor *cursor, int64_t *value)
     *value = negative ? -number : number;
     cursor->at = at;
     return 1;
-}
-
-uint32_t umbb_load_u32(const char *bytes)
-{
-    const unsigned char *byte = (const unsigned char *)bytes;
-    return (uint32_t)byte[0] | (uint32_t)byte[1] << 8 | (uint32_t)byte[2] << 16 |
-           (uint32_t)byte[3] << 24;
 }

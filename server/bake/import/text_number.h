@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_IMPORT_TEXT_NUMBER_H
 #define UMBRAGE_SERVER_BAKE_IMPORT_TEXT_NUMBER_H
 /*
- * Numbers in the text of scene files: exact, fast, independent of the locale.
+ * Words and numbers of scene files: exact, fast, independent of the locale.
  *
  * A cursor is a range of bytes that need not end in a NUL. Blanks are space, tab, CR, LF, and '\'
  * (which only joins lines in the formats read here).
@@ -10,11 +10,17 @@
  */
 #include <stddef.h>
 #include <stdint.h>
+#include "base/bytes.h"
 
 struct umbb_cursor {
     const char *at;
     const char *end;
 };
+
+static inline size_t umbb_length(struct umbb_cursor cursor)
+{
+    return (size_t)(cursor.end - cursor.at);
+}
 
 /* Moves to the next byte that is not a blank; returns 0 at the end. */
 int umbb_skip_blanks(struct umbb_cursor *cursor);
@@ -22,11 +28,14 @@ int umbb_skip_blanks(struct umbb_cursor *cursor);
 /* Tells whether the cursor is at a blank or at the end. */
 int umbb_at_blank(const struct umbb_cursor *cursor);
 
-/* Takes the next run of bytes without blanks; length 0 at the end. */
-size_t umbb_take_token(struct umbb_cursor *cursor, const char **token);
+/* Takes the next run of bytes without blanks; returns 0, and an empty token, at the end. */
+int umbb_take_token(struct umbb_cursor *cursor, struct umbb_cursor *token);
 
 /* 1 if the token is this word. */
-int umbb_is_word(const char *token, size_t length, const char *word);
+int umbb_is_word(struct umbb_cursor token, const char *word);
+
+/* 1 if the text begins with `start`. */
+int umbb_starts_with(struct umbb_cursor text, const char *start);
 
 /* Takes one line off the cursor, without its end; returns 0 at the end of the text. */
 int umbb_take_line(struct umbb_cursor *text, struct umbb_cursor *line);
@@ -50,7 +59,37 @@ int umbb_take_double(struct umbb_cursor *cursor, double *value);
  */
 int umbb_take_integer(struct umbb_cursor *cursor, int64_t *value);
 
-/* Little-endian unsigned 32 bits, unaligned. */
-uint32_t umbb_load_u32(const char *bytes);
+/* Loads a little-endian unsigned number of 32 bits, unaligned. */
+static inline uint32_t umbb_load_u32(const char *bytes)
+{
+    return umb__load32((const uint8_t *)bytes);
+}
+
+/* Number in binary data. */
+struct umbb_scalar {
+    char kind;      /* i: signed integer, u: unsigned integer, f: floating point */
+    uint32_t bytes; /* size: 1, 2, 4; also 8 for floating point */
+};
+
+/* Loads a number, unaligned. is_big: 1: its first byte is the most significant one. */
+static inline double umbb_load_number(const char *bytes, struct umbb_scalar scalar, int is_big)
+{
+    const uint8_t *at = (const uint8_t *)bytes;
+    const uint32_t width = 8 * scalar.bytes;
+    uint64_t bits = width == 8    ? at[0]
+                    : width == 16 ? umb__load16(at)
+                    : width == 32 ? umb__load32(at)
+                                  : umb__load64(at);
+    bits = is_big ? __builtin_bswap64(bits) >> (64 - width) : bits;
+    const uint64_t sign = UINT64_C(1) << (width - 1);
+    const uint32_t low = (uint32_t)bits;
+    float single;
+    double value;
+    memcpy(&single, &low, sizeof single);
+    memcpy(&value, &bits, sizeof value);
+    return scalar.kind == 'f'   ? (width == 32 ? (double)single : value)
+           : scalar.kind == 'i' ? (double)(int64_t)((bits ^ sign) - sign)
+                                : (double)bits;
+}
 
 #endif

@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "common/clean_text.h"
 #include "scene/scene_buffer.h"
 
@@ -28,11 +29,6 @@ struct decoder {
     char why[96];
     int no_memory;
 };
-
-int umbb_is_png(const void *bytes, size_t size)
-{
-    return size >= 8 && png_sig_cmp(bytes, 0, 8) == 0;
-}
 
 static void take_bytes(png_structp png, png_bytep to, size_t count)
 {
@@ -120,7 +116,7 @@ static void read_rows(struct decoder *d, struct umbb_alpha_image *image)
 static enum umb_status refuse(const struct decoder *d, struct umb_error *error)
 {
     return d->no_memory ? umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an image")
-                        : umb_fail(error, UMB_E_BAD_SCENE, "PNG: %s", d->why);
+                        : UMBB_REFUSE(error, "PNG: %s", d->why);
 }
 
 /* The part of decoding that may end in a longjmp. */
@@ -205,6 +201,11 @@ static int is_jpeg(const unsigned char *bytes, size_t size)
     return size >= 3 && bytes[0] == 0xff && bytes[1] == 0xd8 && bytes[2] == 0xff;
 }
 
+static int is_png(const unsigned char *bytes, size_t size)
+{
+    return size >= 8 && png_sig_cmp(bytes, 0, 8) == 0;
+}
+
 static int is_opaque(const struct umbb_alpha_image *image)
 {
     const size_t count = (size_t)image->width * image->height;
@@ -216,93 +217,70 @@ static int is_opaque(const struct umbb_alpha_image *image)
     return 1;
 }
 
-/* Warns that an image cannot be used. */
-static void warn(struct umbb_texture_table *table, const struct umbb_image *image, const char *why)
-{
-    char name[100];
-    umbs_text_clean(name, sizeof name, image->name, image->name_length);
-    umbs_scene_warn(&table->job->scene, "image '%s': %s; what shows it is taken as opaque", name,
-                    why);
-}
-
-/* Adds a decoded image to the scene, unless it is opaque all over. */
-static enum umb_status add_texture(struct umbb_texture_table *table, const struct umbb_image *image,
-                                   const struct umbb_alpha_image *alpha, uint32_t *index,
-                                   struct umb_error *error)
-{
-    struct umbs_scene_builder *scene = &table->job->scene;
-    struct umbs_texture texture = {
-        .width = alpha->width,
-        .height = alpha->height,
-        .wrap_s = image->wrap_s,
-        .wrap_t = image->wrap_t,
-        .nearest = image->nearest,
-    };
-    if (alpha->texels == NULL || is_opaque(alpha)) {
-        return UMB_OK;
-    }
-    umbs_text_clean(texture.name, sizeof texture.name, image->name, image->name_length);
-    const enum umb_status status = umbs_scene_add_texture(scene, &texture, alpha->texels, error);
-    *index = status == UMB_OK ? (uint32_t)scene->textures.count - 1 : UMBS_NO_INDEX;
-    return status;
-}
-
-/* Decodes an image in memory. */
+/* Reads the alpha of an image in memory. Fails: the errors of umbb_png_alpha. */
 static enum umb_status decode_image(struct umbb_texture_table *table,
                                     const struct umbb_image *image, const void *bytes, size_t size,
-                                    uint32_t *index, struct umb_error *error)
+                                    struct umbb_alpha_image *alpha, struct umb_error *error)
 {
-    struct umbb_alpha_image alpha;
-    struct umb_error why = {0};
     const uint64_t left = UMBB_IMAGES_TEXELS_MAX - table->texels;
     if (is_jpeg(bytes, size)) { /* has no alpha */
-        if (image->luminance) {
-            warn(table, image, "a JPEG as map_d is not read");
-        }
-        return UMB_OK;
+        return image->luminance ? UMBB_REFUSE(error, "a JPEG as map_d is not read") : UMB_OK;
     }
-    if (!umbb_is_png(bytes, size)) {
-        warn(table, image, "is neither PNG nor JPEG");
-        return UMB_OK;
+    if (!is_png(bytes, size)) {
+        return UMBB_REFUSE(error, "is neither PNG nor JPEG");
     }
-    enum umb_status status =
+    const enum umb_status status =
         umbb_png_alpha(bytes, size, left < UMBB_IMAGE_TEXELS_MAX ? left : UMBB_IMAGE_TEXELS_MAX,
-                       image->luminance, &alpha, &why);
+                       image->luminance, alpha, error);
     /* A damaged image counts too: it may take as long as a good one. */
-    table->texels += (uint64_t)alpha.width * alpha.height;
-    if (status == UMB_E_BAD_SCENE) {
-        warn(table, image, why.message);
-        return UMB_OK;
-    }
-    if (status != UMB_OK) {
-        return umb_fail(error, status, "%s", why.message);
-    }
-    status = add_texture(table, image, &alpha, index, error);
-    free(alpha.texels);
+    table->texels += (uint64_t)alpha->width * alpha->height;
     return status;
 }
 
-/* Reads an image from memory or its file. */
+/* Reads the alpha of an image from memory or its file. */
 static enum umb_status read_image(struct umbb_texture_table *table, const struct umbb_image *image,
-                                  uint32_t *index, struct umb_error *error)
+                                  struct umbb_alpha_image *alpha, struct umb_error *error)
 {
-    const struct umbb_import *job = table->job;
     struct umbb_file file;
-    struct umb_error why = {0};
+    const struct umbb_cursor uri = {image->name, image->name + image->name_length};
     if (image->bytes != NULL) {
-        return decode_image(table, image, image->bytes, image->size, index, error);
+        return decode_image(table, image, image->bytes, image->size, alpha, error);
     }
-    enum umb_status status = umbb_file_map_uri(&job->folder, image->name, image->name_length,
-                                               job->max_input_bytes, &file, &why);
+    UMB__TRY(umbb_file_map_uri(table->job, uri, &file, error));
+    const enum umb_status status = decode_image(table, image, file.bytes, file.size, alpha, error);
+    umbb_file_unmap(&file);
+    return status;
+}
+
+/* Adds an image to the scene, unless it is opaque all over. An image that cannot be used becomes a
+ * warning; one over a limit is an error. */
+static enum umb_status add_image(struct umbb_texture_table *table, const struct umbb_image *image,
+                                 uint32_t *index, struct umb_error *error)
+{
+    struct umbs_scene_builder *scene = &table->job->scene;
+    struct umbb_alpha_image alpha = {0};
+    struct umb_error why = {0};
+    struct umbs_texture texture = {
+        .wrap_s = image->wrap_s, .wrap_t = image->wrap_t, .nearest = image->nearest};
+    enum umb_status status = read_image(table, image, &alpha, &why);
     if (status == UMB_E_NO_MEMORY || status == UMB_E_LIMIT) {
         return umb_fail(error, status, "%s", why.message);
     }
     if (status != UMB_OK) {
-        warn(table, image, why.message);
+        char name[100];
+        umbs_text_clean(name, sizeof name, image->name, image->name_length);
+        umbs_scene_warn(scene, "image '%s': %s; what shows it is taken as opaque", name,
+                        why.message);
         return UMB_OK;
     }
-    status = decode_image(table, image, file.bytes, file.size, index, error);
-    umbb_file_unmap(&file);
+    if (alpha.texels != NULL && !is_opaque(&alpha)) {
+        umbs_text_clean(texture.name, sizeof texture.name, image->name, image->name_length);
+        texture.width = alpha.width;
+        texture.height = alpha.height;
+        status = umbs_scene_add_texture(scene, &texture, alpha.texels, error);
+        *index = status == UMB_OK ? (uint32_t)scene->textures.count - 1 : UMBS_NO_INDEX;
+    }
+    free(alpha.texels);
     return status;
 }
 
@@ -329,21 +307,20 @@ enum umb_status umbb_texture_get(struct umbb_texture_table *table, const struct 
     if (table->known.count >= UMBB_IMAGES_MAX) {
         return umb_fail(error, UMB_E_LIMIT, "more than %u images with alpha", UMBB_IMAGES_MAX);
     }
-    struct known *room = umbs_array_reserve(&table->known, 1, sizeof *room);
+    struct known known = {.image = *image};
     char *name = malloc(image->name_length + 1);
-    if (room == NULL || name == NULL) {
-        free(name);
+    if (name == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a texture");
     }
-    enum umb_status status = read_image(table, image, index, error);
+    known.image.name = memcpy(name, image->name, image->name_length);
+    known.image.bytes = NULL;
+    enum umb_status status = add_image(table, image, index, error);
+    if (status == UMB_OK) {
+        known.index = *index;
+        status = umbs_array_add(&table->known, &known, sizeof known, error);
+    }
     if (status != UMB_OK) {
         free(name);
-        return status;
     }
-    memcpy(name, image->name, image->name_length);
-    *room = (struct known){*image, *index};
-    room->image.name = name;
-    room->image.bytes = NULL;
-    table->known.count++;
-    return UMB_OK;
+    return status;
 }

@@ -57,9 +57,6 @@ struct umbb_alpha_image {
     uint32_t width, height;
 };
 
-/* 1 if the bytes begin as a PNG does. */
-int umbb_is_png(const void *bytes, size_t size);
-
 /*
  * Decodes the alpha channel of a PNG by libpng: 8 bits a texel for every kind of file (palettes,
  * colour keys and 16 bits included). Colours, profiles and text are ignored.

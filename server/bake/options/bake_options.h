@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "bake/options/light_options.h"
-#include "bake/sandbox/bake_sandbox.h"
+#include "bake/sandbox/sandbox.h"
 #include "tool/options.h"
 #include "tool/threads.h"
 

@@ -50,17 +50,10 @@ struct umbb_light_requests {
 };
 
 /* Readers of the options, into a struct umbb_light_requests. */
-enum umb_status umbb_light_option_sun(const struct umbu_option *option, const char *value,
-                                      void *lights, struct umb_error *error);
-enum umb_status umbb_light_option_path(const struct umbu_option *option, const char *value,
-                                       void *lights, struct umb_error *error);
-enum umb_status umbb_light_option_name(const struct umbu_option *option, const char *value,
-                                       void *lights, struct umb_error *error);
-enum umb_status umbb_light_option_spot(const struct umbu_option *option, const char *value,
-                                       void *lights, struct umb_error *error);
-enum umb_status umbb_light_option_point(const struct umbu_option *option, const char *value,
-                                        void *lights, struct umb_error *error);
-enum umb_status umbb_light_option_size(const struct umbu_option *option, const char *value,
-                                       void *lights, struct umb_error *error);
+typedef enum umb_status umbb_light_option_fn(const struct umbu_option *option, const char *value,
+                                             void *lights, struct umb_error *error);
+
+umbb_light_option_fn umbb_light_option_sun, umbb_light_option_path, umbb_light_option_name,
+    umbb_light_option_spot, umbb_light_option_point, umbb_light_option_size;
 
 #endif

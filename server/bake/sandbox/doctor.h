@@ -1,10 +1,65 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
 #define UMBRAGE_SERVER_BAKE_SANDBOX_DOCTOR_H
-/* `umbrage-bake doctor`: layers that this machine has, and tests of the sandboxes. */
-#include "bake/sandbox/bake_sandbox.h"
-#include "bake/sandbox/doctor_acts.h"
+/* `umbrage-bake doctor`: layers that this machine has, and tests of the sandboxes by actions of an
+ * importer or a bake that a scene controls, each as one call to the kernel. */
+#include <stddef.h>
+#include <sys/types.h>
 #include "bake/sandbox/sandbox.h"
+
+/*
+ * Temporary folder for the doctor, arranged as a job service arranges it: a scene, a work folder,
+ * and beside them files that no bake may touch.
+ *
+ *     scene/scene.ply    may be read
+ *     work/mine.umb      may be written; work/link leads to other/tokens
+ *     other/tokens, other/jobs.db, other/tile.umbt
+ */
+#define UMBB_GROUND_PATH 4096
+
+struct umbb_ground {
+    char folder[64];
+    char scene[UMBB_GROUND_PATH], work[UMBB_GROUND_PATH]; /* paths of these folders */
+};
+
+/* Makes the folder below TMPDIR, /tmp or /var/tmp. Fails: E_CANNOT_CREATE. */
+UMB_CHECKED enum umb_status umbb_ground_make(struct umbb_ground *ground, struct umb_error *error);
+
+void umbb_ground_remove(struct umbb_ground *ground);
+
+/* Cages in which an act must be denied; bits. */
+enum umbb_act_place {
+    UMBB_IN_IMPORTER = 1,
+    UMBB_IN_LANDLOCK = 2, /* by the importer's Landlock alone, without its filter */
+    UMBB_IN_BAKE = 4,
+    UMBB_IN_BAKE_PATHS = 8, /* by the bake's Landlock alone, without its filter */
+};
+
+/* An action to try: a system call, one of the functions below, or the opening of a path. The result
+ * is at least 0 if the action was allowed; else -1 and errno. */
+struct umbb_act {
+    const char *name;   /* "connect to the network" */
+    unsigned places;    /* enum umbb_act_place */
+    const char *path;   /* absolute, or below the ground */
+    unsigned flags;     /* flags of open, or the mode for on_mode */
+    const char *target; /* second path of on_two */
+    long call[7];       /* number of the system call, and its arguments; 0: none */
+    long (*attempt)(void);
+    int (*on_one)(const char *path);
+    int (*on_two)(const char *path, const char *target);
+    int (*on_mode)(const char *path, mode_t mode);
+};
+
+extern const struct umbb_act umbb_acts[];
+extern const size_t umbb_act_count;
+
+/* Acts of the bake, on files of the ground. */
+extern const struct umbb_act umbb_bake_acts[];
+extern const size_t umbb_bake_act_count;
+
+/* Actions that a bake needs. They must be allowed, or the tests prove nothing. */
+extern const struct umbb_act umbb_bake_needs[];
+extern const size_t umbb_bake_need_count;
 
 enum umbb_verdict {
     UMBB_ACT_ALLOWED = 0,

@@ -1,19 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The forbidden acts (doctor_acts.h). Each runs in a separate process that ends afterwards, so
- * nothing needs undoing. An act that could do harm if it were allowed (a signal, a changed mount)
- * has harmless arguments. A bad argument is enough where the kernel checks the right first: any
- * error but a refusal counts as allowed (doctor_try.c).
+ * The forbidden acts, those that a scene in control of a bake would try on the files of a job
+ * service, and acts that a bake needs (doctor.h).
+ *
+ * Each runs in a separate process that ends afterwards, so nothing needs undoing but the doctor's
+ * temporary folder. An act that could do harm if it were allowed (a signal, a changed mount) has
+ * harmless arguments. A bad argument is enough where the kernel checks the right first: any error
+ * but a refusal counts as allowed (doctor_try.c).
  */
-#define _GNU_SOURCE /* clone flags, pipe2, syscall */
-#include "bake/sandbox/doctor_acts.h"
+#define _GNU_SOURCE /* clone flags, O_DIRECTORY, syscall */
+#include "bake/sandbox/doctor.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <netinet/in.h>
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <sys/ptrace.h>
 #include <sys/socket.h>
@@ -21,25 +28,8 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#define ABSENT "/proc/umbrage-doctor" /* no file has that name */
-
-long umbb_act_attempt(const struct umbb_act *act, const struct umbb_ground *ground)
-{
-    char path[UMBB_GROUND_PATH], target[UMBB_GROUND_PATH];
-    if (act->attempt != NULL) {
-        return act->attempt();
-    }
-    umbb_ground_path(ground, act->path, path);
-    if (act->on_one != NULL) {
-        return act->on_one(path);
-    }
-    if (act->on_two != NULL) {
-        umbb_ground_path(ground, act->target, target);
-        return act->on_two(path, target);
-    }
-    return act->on_mode != NULL ? act->on_mode(path, act->flags)
-                                : open(path, (int)act->flags, 0600);
-}
+#define ABSENT       "/proc/umbrage-doctor" /* no file has that name */
+#define THREAD_BYTES ((size_t)8 << 20)
 
 static int look_at_path(const char *path)
 {
@@ -47,30 +37,10 @@ static int look_at_path(const char *path)
     return stat(path, &facts);
 }
 
-static long internet_socket(void)
-{
-    return socket(AF_INET, SOCK_STREAM, 0);
-}
-
-static long unix_socket(void)
-{
-    return socket(AF_UNIX, SOCK_DGRAM, 0);
-}
-
-static long netlink_socket(void)
-{
-    return socket(AF_NETLINK, SOCK_RAW, 0);
-}
-
 static long connect_out(void)
 {
     struct sockaddr_in address = {.sin_family = AF_INET};
     return connect(STDIN_FILENO, (struct sockaddr *)&address, sizeof(address));
-}
-
-static long write_elsewhere(void)
-{
-    return write(STDOUT_FILENO, "", 0);
 }
 
 static long start_program(void)
@@ -93,21 +63,9 @@ static long signal_parent(void)
     return kill(getppid(), 0);
 }
 
-static long trace_parent(void)
-{
-    return ptrace(PTRACE_TRACEME, 0, NULL, NULL);
-}
-
 static long read_other_memory(void)
 {
     return syscall(SYS_process_vm_readv, getppid(), NULL, 0UL, NULL, 0UL, 0UL);
-}
-
-static long executable_memory(void)
-{
-    void *page =
-        mmap(NULL, 4096, PROT_READ | PROT_WRITE | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    return page == MAP_FAILED ? -1 : 0;
 }
 
 static long make_executable(void)
@@ -121,44 +79,70 @@ static long mount_something(void)
     return syscall(SYS_mount, "none", "/proc", "tmpfs", -1L, NULL);
 }
 
-static long new_namespace(void)
+static char name_of_true[] = "/bin/true";
+
+static long run_program(void)
 {
-    return unshare(CLONE_NEWUSER);
+    char *const words[] = {name_of_true, NULL};
+    return execve(name_of_true, words, words + 1);
 }
 
-static long change_root(void)
+static int cut_file(const char *path)
 {
-    return chroot("/proc");
+    return truncate(path, 0);
 }
 
-static long become_root(void)
+static int change_owner(const char *path)
 {
-    return setuid(0);
+    return chown(path, getuid(), getgid());
 }
 
-static long load_bpf(void)
+static int change_times(const char *path)
 {
-    return syscall(SYS_bpf, -1, NULL, 0);
+    return utimensat(AT_FDCWD, path, NULL, 0);
 }
 
-static long use_io_uring(void)
+static int need_scene(const char *path)
 {
-    return syscall(SYS_io_uring_setup, 0, NULL);
+    char byte;
+    const int fd = open(path, O_RDONLY);
+    return fd >= 0 && read(fd, &byte, 1) == 1 ? 0 : -1;
 }
 
-static long use_userfaultfd(void)
+/* Creates an asset as usual: writes, syncs and renames a temporary, then syncs the folder. */
+static int need_output(const char *temporary, const char *target)
 {
-    return syscall(SYS_userfaultfd, -1);
+    char parent[UMBB_GROUND_PATH];
+    (void)snprintf(parent, sizeof parent, "%s", target);
+    *strrchr(parent, '/') = '\0';
+    const int fd = open(temporary, O_WRONLY | O_CREAT | O_EXCL, 0600);
+    const int folder = open(parent, O_RDONLY | O_DIRECTORY);
+    return fd >= 0 && folder >= 0 && write(fd, "a", 1) == 1 && fsync(fd) == 0 &&
+                   rename(temporary, target) == 0 && fsync(folder) == 0
+               ? 0
+               : -1;
 }
 
-static long use_keyring(void)
+static void *work(void *user)
 {
-    return syscall(SYS_keyctl, 0, -3L, 0L, 0L, 0L);
+    char *memory = malloc(THREAD_BYTES);
+    if (memory != NULL) {
+        memset(memory, 1, THREAD_BYTES);
+    }
+    *(int *)user = memory != NULL;
+    free(memory);
+    return NULL;
 }
 
-static long watch_events(void)
+static long need_thread(void)
 {
-    return syscall(SYS_perf_event_open, NULL, 0, -1, -1, 0UL);
+    pthread_t thread;
+    int done = 0;
+    errno = pthread_create(&thread, NULL, work, &done);
+    if (errno != 0) {
+        return -1;
+    }
+    return pthread_join(thread, NULL) == 0 && done ? 0 : -1;
 }
 
 #define BOTH  (UMBB_IN_IMPORTER | UMBB_IN_BAKE)
@@ -174,26 +158,67 @@ const struct umbb_act umbb_acts[] = {
     {"rename a file", UMBB_IN_IMPORTER, ABSENT, .target = ABSENT "2", .on_two = rename},
     {"make a link", UMBB_IN_IMPORTER, "/etc/passwd", .target = ABSENT, .on_two = symlink},
     {"change a file's mode", UMBB_IN_IMPORTER, ABSENT, .flags = 0777, .on_mode = chmod},
-    {"make an internet socket", BOTH, .attempt = internet_socket},
-    {"make a unix socket", BOTH, .attempt = unix_socket},
-    {"make a netlink socket", BOTH, .attempt = netlink_socket},
+    {"make an internet socket", BOTH, .call = {SYS_socket, AF_INET, SOCK_STREAM}},
+    {"make a unix socket", BOTH, .call = {SYS_socket, AF_UNIX, SOCK_DGRAM}},
+    {"make a netlink socket", BOTH, .call = {SYS_socket, AF_NETLINK, SOCK_RAW}},
     {"connect", BOTH, .attempt = connect_out},
-    {"write to another descriptor", UMBB_IN_IMPORTER, .attempt = write_elsewhere},
+    {"write to another descriptor", UMBB_IN_IMPORTER, .call = {SYS_write, STDOUT_FILENO}},
     {"start a program", BOTH, .attempt = start_program},
     {"fork", BOTH, .attempt = fork_process},
     {"signal the parent", BOTH, .attempt = signal_parent},
-    {"ptrace", BOTH, .attempt = trace_parent},
+    {"ptrace", BOTH, .call = {SYS_ptrace, PTRACE_TRACEME}},
     {"read another process's memory", BOTH, .attempt = read_other_memory},
-    {"map executable memory", BOTH, .attempt = executable_memory},
+    {"map executable memory", BOTH,
+     .call = {SYS_mmap, 0, 4096, PROT_READ | PROT_WRITE | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS,
+              -1}},
     {"make memory executable", BOTH, .attempt = make_executable},
     {"mount", BOTH, .attempt = mount_something},
-    {"enter a new namespace", BOTH, .attempt = new_namespace},
-    {"change the root", BOTH, .attempt = change_root},
-    {"change the user", BOTH, .attempt = become_root},
-    {"load a BPF program", BOTH, .attempt = load_bpf},
-    {"use io_uring", BOTH, .attempt = use_io_uring},
-    {"use userfaultfd", BOTH, .attempt = use_userfaultfd},
-    {"use the keyring", BOTH, .attempt = use_keyring},
-    {"watch performance events", BOTH, .attempt = watch_events},
+    {"enter a new namespace", BOTH, .call = {SYS_unshare, CLONE_NEWUSER}},
+    {"change the root", BOTH, "/proc", .on_one = chroot},
+    {"change the user", BOTH, .call = {SYS_setuid, 0}},
+    {"load a BPF program", BOTH, .call = {SYS_bpf, -1}},
+    {"use io_uring", BOTH, .call = {SYS_io_uring_setup}},
+    {"use userfaultfd", BOTH, .call = {SYS_userfaultfd, -1}},
+    {"use the keyring", BOTH, .call = {SYS_keyctl, 0, -3}},
+    {"watch performance events", BOTH, .call = {SYS_perf_event_open, 0, 0, -1, -1}},
 };
 const size_t umbb_act_count = sizeof(umbb_acts) / sizeof(umbb_acts[0]);
+
+#define BAKE_PATHS (UMBB_IN_BAKE | UMBB_IN_BAKE_PATHS)
+
+const struct umbb_act umbb_bake_acts[] = {
+    {"read a token file", BAKE_PATHS, "other/tokens", .flags = O_RDONLY},
+    {"read the job table", BAKE_PATHS, "other/jobs.db", .flags = O_RDONLY},
+    {"write the job table", BAKE_PATHS, "other/jobs.db", .flags = O_RDWR},
+    {"list another owner's folder", BAKE_PATHS, "other", .flags = O_RDONLY | O_DIRECTORY},
+    {"list the folder above", BAKE_PATHS, ".", .flags = O_RDONLY | O_DIRECTORY},
+    {"read through a link", BAKE_PATHS, "work/link", .flags = O_RDONLY},
+    {"read /etc/passwd", BAKE_PATHS, "/etc/passwd", .flags = O_RDONLY},
+    {"read another process's files", UMBB_IN_BAKE, "/proc/1/maps", .flags = O_RDONLY},
+    {"write the scene", BAKE_PATHS, "scene/scene.ply", .flags = O_WRONLY},
+    {"create a file beside the scene", BAKE_PATHS, "scene/new", .flags = O_WRONLY | O_CREAT},
+    {"create a file elsewhere", BAKE_PATHS, "other/new", .flags = O_WRONLY | O_CREAT},
+    {"remove another owner's tile", BAKE_PATHS, "other/tile.umbt", .on_one = unlink},
+    {"rename a file out", BAKE_PATHS, "work/mine.umb", .target = "other/mine", .on_two = rename},
+    {"rename a file in", BAKE_PATHS, "other/tokens", .target = "work/stolen", .on_two = rename},
+    {"link a file in", BAKE_PATHS, "other/tokens", .target = "work/stolen", .on_two = link},
+    {"make a folder", BAKE_PATHS, "work/new", .flags = 0700, .on_mode = mkdir},
+    {"make a link", BAKE_PATHS, "/etc/passwd", .target = "work/new", .on_two = symlink},
+    {"make a pipe", BAKE_PATHS, "work/new", .flags = 0600, .on_mode = mkfifo},
+    {"run another program", BAKE_PATHS, .attempt = run_program},
+    {"cut another's file", UMBB_IN_BAKE, "other/jobs.db", .on_one = cut_file},
+    {"change a file's mode", UMBB_IN_BAKE, "other/tokens", .flags = 0777, .on_mode = chmod},
+    {"change a file's owner", UMBB_IN_BAKE, "other/tokens", .on_one = change_owner},
+    {"change a file's times", UMBB_IN_BAKE, "other/tokens", .on_one = change_times},
+};
+const size_t umbb_bake_act_count = sizeof(umbb_bake_acts) / sizeof(umbb_bake_acts[0]);
+
+const struct umbb_act umbb_bake_needs[] = {
+    {"read the scene", BAKE_PATHS, "scene/scene.ply", .on_one = need_scene},
+    {"write and replace the asset", BAKE_PATHS, "work/new", .target = "work/mine.umb",
+     .on_two = need_output},
+    {"work in a thread", BAKE_PATHS, .attempt = need_thread},
+    {"read its own program", BAKE_PATHS, "/proc/self/exe",
+     .flags = O_RDONLY}, /* the importer is this program */
+};
+const size_t umbb_bake_need_count = sizeof(umbb_bake_needs) / sizeof(umbb_bake_needs[0]);

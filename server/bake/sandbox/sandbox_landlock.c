@@ -15,7 +15,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "bake/sandbox/sandbox_parts.h"
+#include "bake/sandbox/sandbox.h"
 
 /* Rights over paths, by the Landlock ABI that introduced them. */
 #define RIGHTS_ABI1    ((1ULL << 13) - 1)
@@ -43,28 +43,24 @@ static const uint64_t rights_of[] = {
                         LANDLOCK_ACCESS_FS_REMOVE_FILE | RIGHT_TRUNCATE,
 };
 
+/* Rights that the kernel's ABI knows, introduced by ABI `first`. */
+static uint64_t known(long abi, long first, uint64_t rights)
+{
+    return abi >= first ? rights : 0;
+}
+
 /* Makes an empty ruleset that denies all that the kernel's ABI can. Returns a descriptor or -1. */
 static int make_ruleset(long abi, struct ruleset *rules)
 {
-    size_t size = sizeof(rules->paths);
-    *rules = (struct ruleset){.paths = RIGHTS_ABI1};
-    if (abi >= 2) {
-        rules->paths |= RIGHT_REFER;
-    }
-    if (abi >= 3) {
-        rules->paths |= RIGHT_TRUNCATE;
-    }
-    if (abi >= 5) {
-        rules->paths |= RIGHT_IOCTL;
-    }
-    if (abi >= 4) {
-        rules->net = NET_RIGHTS;
-        size += sizeof(rules->net);
-    }
-    if (abi >= 6) {
-        rules->scopes = SCOPES;
-        size += sizeof(rules->scopes);
-    }
+    const size_t size = abi >= 6   ? sizeof(*rules)
+                        : abi >= 4 ? offsetof(struct ruleset, scopes)
+                                   : offsetof(struct ruleset, net);
+    *rules = (struct ruleset){
+        .paths = RIGHTS_ABI1 | known(abi, 2, RIGHT_REFER) | known(abi, 3, RIGHT_TRUNCATE) |
+                 known(abi, 5, RIGHT_IOCTL),
+        .net = known(abi, 4, NET_RIGHTS),
+        .scopes = known(abi, 6, SCOPES),
+    };
     return (int)syscall(SYS_landlock_create_ruleset, rules, size, 0U);
 }
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The folder as a whole, whose size one pass limits; then single results. */
+/* See tile_cache.h. First the functions for the whole folder and its size, then those for a single
+ * result. */
 #define XXH_INLINE_ALL
 #include "bake/tiles/tile_cache.h"
 
@@ -16,6 +17,7 @@
 #include <zstd.h>
 
 #include "base/bytes.h"
+#include "common/file_system.h"
 #include "tool/output.h"
 
 #define MAGIC      "UMBTIL1\n"
@@ -196,21 +198,6 @@ struct content {
     size_t size;
 };
 
-/* Reads an open file to its end. In: content: data has room for `wanted` bytes. */
-static enum umb_status read_all(int fd, const char *path, size_t wanted, struct content *content,
-                                struct umb_error *error)
-{
-    ssize_t got = 1;
-    while (got != 0 && content->size < wanted) {
-        got = read(fd, content->data + content->size, wanted - content->size);
-        if (got < 0 && errno != EINTR) {
-            return umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
-        }
-        content->size += got > 0 ? (size_t)got : 0;
-    }
-    return UMB_OK;
-}
-
 /* Reads a whole file. Out: content: free its data after any result; NULL if there is no file. */
 static enum umb_status read_file(const char *path, size_t max_bytes, struct content *content,
                                  struct umb_error *error)
@@ -223,6 +210,7 @@ static enum umb_status read_file(const char *path, size_t max_bytes, struct cont
                    : umb_fail_errno(error, UMB_E_IO, errno, "cannot open '%.200s'", path);
     }
     struct stat facts;
+    ssize_t got = 0;
     enum umb_status status = UMB_OK;
     if (fstat(fd, &facts) != 0 || !S_ISREG(facts.st_mode)) {
         status = umb_fail(error, UMB_E_IO, "'%.200s' is not a regular file", path);
@@ -231,10 +219,11 @@ static enum umb_status read_file(const char *path, size_t max_bytes, struct cont
                           (unsigned long long)facts.st_size >> 20, max_bytes >> 20);
     } else if ((content->data = malloc((size_t)facts.st_size + 1)) == NULL) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "memory for '%.200s' refused", path);
-    } else {
-        status = read_all(fd, path, (size_t)facts.st_size, content, error);
+    } else if ((got = umbs_read_full(fd, content->data, (size_t)facts.st_size)) < 0) {
+        status = umb_fail_errno(error, UMB_E_IO, errno, "cannot read '%.200s'", path);
     }
     if (status == UMB_OK) {
+        content->size = (size_t)got;
         /* Marks the file as used now; if that is refused, the file is only removed sooner. */
         (void)futimens(fd, NULL);
     }

@@ -15,15 +15,20 @@
  *       uint16 mask               for each node
  *       uint32 child              for each mixed child of each node
  *     uint64 slice[8]             for each brick
- *     first occluders             where they are kept (umbb_tile_occluder_depth_put)
+ *     and where first occluders are kept:
+ *       uint32 squares            of 64 x 64 texels that have any
+ *       then for each, in ascending order:
+ *         uint32 number           in the tile, row by row
+ *         uint32 words[words[0]]  format/occluder_depth_build.h
  *
  * A ref is the number of a node of the tile's level, or UMB__REF_LIT or UMB__REF_SHADOWED. Nodes
  * are numbered in the order in which a reader meets them: the runs' nodes first, then their
  * children, and so on down. So equal results give equal bytes, whatever the pool's own numbers
  * were. A reader checks that each number is known or the next new one. Then all numbers are in
- * range, and the runs lead to every node.
+ * range, and the runs lead to every node. Words of first occluders do not depend on the square's
+ * place or frustum, nor on squares added before.
  */
-#include "bake/build/cached_tiles.h"
+#include "bake/build/tile_loop.h"
 #include "format/occluder_depth_build.h"
 
 /* Parameters of both directions: the frustum, and the tile's place in it. */
@@ -65,39 +70,5 @@ UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape
                                              const struct umbb_tile_nodes *nodes,
                                              struct umbb_tile_result *result,
                                              struct umb_error *error);
-
-/*
- * The last part of a tile's result if first occluders are kept (tile_code.h):
- *
- *     uint32 squares              of 64 x 64 texels that have any
- *     then for each, in ascending order:
- *       uint32 number             in the tile, row by row
- *       uint32 words[words[0]]    format/occluder_depth_build.h
- *
- * Words do not depend on the square's place or frustum, nor on squares added before.
- */
-
-/* Bytes of the part; 0 if shape->occluder_depth is NULL. */
-uint64_t umbb_tile_occluder_depth_bytes(const struct umbb_tile_shape *shape);
-
-/* Writes the part. */
-void umbb_tile_occluder_depth_put(const struct umbb_tile_shape *shape, uint8_t *at);
-
-/*
- * Reads and checks the part of a tile's result that holds first occluders.
- *
- * Out:   words: malloced, to be freed with free: the part as numbers of this machine.
- * Fails: E_CORRUPT, E_NO_MEMORY. Trust: safe on hostile bytes.
- */
-UMB_CHECKED enum umb_status umbb_tile_occluder_depth_read(const struct umbb_tile_shape *shape,
-                                                          const uint8_t *bytes, size_t size,
-                                                          uint32_t **words,
-                                                          struct umb_error *error);
-
-/* Adds the squares that were read to shape->occluder_depth. Fails: the errors of
- * umb__occluder_depth_add_square. */
-UMB_CHECKED enum umb_status umbb_tile_occluder_depth_add(const struct umbb_tile_shape *shape,
-                                                         const uint32_t *words,
-                                                         struct umb_error *error);
 
 #endif

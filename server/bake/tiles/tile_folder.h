@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_TILE_FOLDER_H
 #define UMBRAGE_SERVER_BAKE_TILES_TILE_FOLDER_H
 /*
- * A folder of tile results as the tile loop's cache (build/cached_tiles.h).
+ * A folder of tile results as the tile loop's cache (build/tile_loop.h).
  *
  *     umbb_tile_folder_open(&tile_folder, mode, folder, max_bytes, &error);
  *     for each frustum: umbb_tile_folder_frustum(&tile_folder, ...);

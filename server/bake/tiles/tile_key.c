@@ -2,12 +2,10 @@
 /* Numbers go into the hash little-endian, doubles as their bits. */
 #include "bake/tiles/tile_folder.h"
 
-#include <string.h>
-
 #include "bake/analysis/plan.h"
 #include "bake/depth/cut_out.h"
 #include "base/bytes.h"
-#include "common/sha256_chain.h"
+#include "common/sha256.h"
 #include "umbrage/version.h"
 
 static const char key_domain[16] = "umbrage tile", occluder_depth_domain[16] = "umbrage front";
@@ -19,17 +17,10 @@ static void add32(struct umbs_chain *chain, uint32_t value)
     umbs_chain_add(chain, bytes, sizeof bytes);
 }
 
-static void store_double(uint8_t *at, double value)
-{
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    umb__store64(at, bits);
-}
-
 static void add_double(struct umbs_chain *chain, double value)
 {
     uint8_t bytes[8];
-    store_double(bytes, value);
+    umb__store_f64(bytes, value);
     umbs_chain_add(chain, bytes, sizeof bytes);
 }
 
@@ -37,7 +28,7 @@ static void add_caster(struct umbs_chain *chain, const struct umbb_casters *cast
 {
     uint8_t bytes[9 * 8 + 2];
     for (size_t i = 0; i < 9; i++) {
-        store_double(bytes + 8 * i, casters->corners[number][i / 3][i % 3]);
+        umb__store_f64(bytes + 8 * i, casters->corners[number][i / 3][i % 3]);
     }
     bytes[72] = umbb_caster_kind(casters, number);
     bytes[73] = casters->marks != NULL ? casters->marks[number] : 0;
@@ -51,16 +42,16 @@ static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint
     const struct umbb_cut_plane *plane = &cuts->planes[number];
     const struct umbs_material *material = &cuts->table->view->materials[cut->material];
     uint8_t bytes[19 * 8];
-    store_double(bytes, plane->anchor[0]);
-    store_double(bytes + 8, plane->anchor[1]);
+    umb__store_f64(bytes, plane->anchor[0]);
+    umb__store_f64(bytes + 8, plane->anchor[1]);
     for (size_t i = 0; i < 9; i++) {
-        store_double(bytes + 8 * (2 + i), plane->edge[i / 3][i % 3]);
+        umb__store_f64(bytes + 8 * (2 + i), plane->edge[i / 3][i % 3]);
     }
     for (size_t i = 0; i < 6; i++) {
-        store_double(bytes + 8 * (11 + i), (double)cut->uv[i / 2][i % 2]);
+        umb__store_f64(bytes + 8 * (11 + i), (double)cut->uv[i / 2][i % 2]);
     }
-    store_double(bytes + 8 * 17, (double)material->alpha_cutoff);
-    store_double(bytes + 8 * 18, (double)material->base_alpha);
+    umb__store_f64(bytes + 8 * 17, (double)material->alpha_cutoff);
+    umb__store_f64(bytes + 8 * 18, (double)material->base_alpha);
     umbs_chain_add(chain, bytes, sizeof bytes);
     umbs_chain_add(chain, cuts->table->digests[material->texture], UMB_ID_BYTES);
 }

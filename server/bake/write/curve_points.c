@@ -9,6 +9,7 @@
 #include "bake/depth/tile.h"
 #include "bake/base/interrupt.h"
 #include "base/try.h"
+#include "base/vec.h"
 
 /* Number of points. About half of the points face away from a light and do not count. The other
  * 2000 give the mean of an event of 1 % probability to a fifth of this mean. */
@@ -36,20 +37,6 @@ static void units(uint64_t k, double out[2])
     }
 }
 
-/* Computes a triangle's normal, whose length is twice the area; returns this length. */
-static double area_normal(const double c[3][3], double n[3])
-{
-    double u[3], v[3];
-    for (int k = 0; k < 3; k++) {
-        u[k] = c[1][k] - c[0][k];
-        v[k] = c[2][k] - c[0][k];
-    }
-    n[0] = u[1] * v[2] - u[2] * v[1];
-    n[1] = u[2] * v[0] - u[0] * v[2];
-    n[2] = u[0] * v[1] - u[1] * v[0];
-    return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
 /* Adds a point of triangle t. */
 static void add_point(const struct umbb_analysis *analysis, size_t t, const double normal[3],
                       double length, struct drawn *drawn)
@@ -73,10 +60,12 @@ static void draw(const struct umbb_analysis *analysis, uint32_t wanted, struct d
 {
     double total = 0, before = 0, normal[3];
     for (size_t t = 0; t < analysis->count; t++) {
-        total += area_normal((const double(*)[3])analysis->corners[t], normal);
+        umb__triangle_cross((const double(*)[3])analysis->corners[t], normal);
+        total += umb__length(normal);
     }
     for (size_t t = 0; t < analysis->count && drawn->count < wanted; t++) {
-        const double length = area_normal((const double(*)[3])analysis->corners[t], normal);
+        umb__triangle_cross((const double(*)[3])analysis->corners[t], normal);
+        const double length = umb__length(normal);
         before += length;
         while (length > 0 && drawn->count < wanted &&
                (drawn->count + 0.5) * (total / wanted) < before) {

@@ -128,50 +128,51 @@ static const struct umbu_option LIMITS[] = {
 static const struct umbu_option JOBS[] = {
     {"jobs", "DIR",
      "accept scenes over the network and bake them; DIR has their files and must not be a --store",
-     UMBU_TEXT, AT(jobs), .otherwise = "off"},
-    {"jobs-db", "FILE", "job table, on a local disk", UMBU_TEXT, AT(jobs_db),
+     UMBU_TEXT, AT(bakes.folder), .otherwise = "off"},
+    {"jobs-db", "FILE", "job table, on a local disk", UMBU_TEXT, AT(bakes.table),
      .otherwise = "DIR/jobs.db"},
-    {"bake-program", "FILE", "umbrage-bake", UMBU_TEXT, AT(bake_program),
+    {"bake-program", "FILE", "umbrage-bake", UMBU_TEXT, AT(bakes.tries.program),
      .otherwise = "beside umbraged"},
     {"job-sandbox", NULL,
      "sandbox of the bakes of jobs: every layer, or the job fails; the layers that the kernel has; "
      "or none",
-     UMBU_CHOICE("required|available|off"), AT(job_sandbox), .standard = "required"},
-    {"bake-workers", "N", "bakes at once", UMBU_COUNT(1, 256), AT(bake_workers), .standard = "1"},
+     UMBU_CHOICE("required|available|off"), AT(bakes.tries.sandbox), .standard = "required"},
+    {"bake-workers", "N", "bakes at once", UMBU_COUNT(1, 256), AT(bakes.tries.workers),
+     .standard = "1"},
     {"executor", NULL, "bakes run on this machine, or as tiles in array jobs of Slurm",
-     UMBU_CHOICE("local|slurm"), AT(executor), .standard = "local"},
+     UMBU_CHOICE("local|slurm"), AT(bakes.slurm), .standard = "local"},
     {"executor-interval", "TIME", "time between two questions to Slurm about tasks",
-     UMBU_TIME(100, HOUR_MS), AT(executor_interval_ms), .standard = "2s"},
+     UMBU_TIME(100, HOUR_MS), AT(bakes.tries.interval_ms), .standard = "2s"},
     {"slurm-options", "TEXT", "more options of sbatch, with blanks between, as --partition=bake",
-     UMBU_TEXT, AT(slurm_options)},
+     UMBU_TEXT, AT(bakes.slurm_words)},
     {"bake-tile", "N", "texels a side of a tile, the unit of work", UMBU_POWER(64, 32768),
-     AT(bake_tile), .standard = "2048"},
-    {"bake-threads", "N", "threads of one bake", UMBU_COUNT(1, 256), AT(bake_threads),
+     AT(bakes.tries.tile), .standard = "2048"},
+    {"bake-threads", "N", "threads of one bake", UMBU_COUNT(1, 256), AT(bakes.tries.threads),
      .otherwise = "one a core"},
-    {"bake-memory", "BYTES", "memory of one bake", UMBU_BYTES(16 * MIB, PIB), AT(bake_memory),
-     .standard = "4GiB"},
+    {"bake-memory", "BYTES", "memory of one bake", UMBU_BYTES(16 * MIB, PIB),
+     AT(bakes.tries.memory_bytes), .standard = "4GiB"},
     {"tile-cache", "BYTES", "baked tiles kept for each owner, so that retries and edits go faster",
-     UMBU_BYTES(0, PIB), AT(tile_cache), .standard = "10GiB"},
-    {"job-time", "TIME", "longest time of one bake", UMBU_TIME(1000, MONTH_MS), AT(job_time_ms),
-     .standard = "240m"},
+     UMBU_BYTES(0, PIB), AT(bakes.tries.cache_bytes), .standard = "10GiB"},
+    {"job-time", "TIME", "longest time of one bake", UMBU_TIME(1000, MONTH_MS),
+     AT(bakes.tries.timeout_ms), .standard = "240m"},
     {"job-lease", "TIME", "longest time that a bake may give no sign of life",
-     UMBU_TIME(1000, MONTH_MS), AT(job_lease_ms), .standard = "15m"},
+     UMBU_TIME(1000, MONTH_MS), AT(bakes.limits.lease_ms), .standard = "15m"},
     {"job-keep", "TIME", "time for which finished jobs are kept: 30 days",
-     UMBU_TIME(60000, 3660 * 24 * HOUR_MS), AT(job_keep_ms), .standard = "43200m"},
+     UMBU_TIME(60000, 3660 * 24 * HOUR_MS), AT(bakes.keep_ms), .standard = "43200m"},
     {"max-bundle", "BYTES", "files of one submission together", UMBU_BYTES(1024, GIB << 14),
-     AT(max_bundle), .standard = "1GiB"},
+     AT(bakes.max_bundle_bytes), .standard = "1GiB"},
     {"max-asset", "BYTES", "size of the asset that one bake makes", UMBU_BYTES(1024, GIB << 14),
-     AT(max_asset), .standard = "16GiB"},
-    {"owner-jobs", "N", "unfinished jobs of one owner", UMBU_COUNT(1, 1000000), AT(owner_jobs),
-     .standard = "64"},
+     AT(bakes.tries.max_output_bytes), .standard = "16GiB"},
+    {"owner-jobs", "N", "unfinished jobs of one owner", UMBU_COUNT(1, 1000000),
+     AT(bakes.limits.owner_jobs), .standard = "64"},
     {"owner-bytes", "BYTES", "files of all unfinished jobs of one owner together",
-     UMBU_BYTES(1024, PIB), AT(owner_bytes), .standard = "4GiB"},
+     UMBU_BYTES(1024, PIB), AT(bakes.limits.owner_bytes), .standard = "4GiB"},
     {"owner-assets", "BYTES", "size of the assets kept for one owner's jobs", UMBU_BYTES(1024, PIB),
-     AT(owner_assets), .standard = "64GiB"},
+     AT(bakes.limits.owner_assets), .standard = "64GiB"},
     {"owner-history", "N", "finished jobs listed for one owner, the oldest are forgotten",
-     UMBU_COUNT(1, 1000000), AT(owner_history), .standard = "10000"},
+     UMBU_COUNT(1, 1000000), AT(bakes.limits.owner_history), .standard = "10000"},
     {"job-bytes", "BYTES", "files of all owners' unfinished jobs together", UMBU_BYTES(1024, PIB),
-     AT(job_bytes), .standard = "16GiB"},
+     AT(bakes.limits.total_bytes), .standard = "16GiB"},
 };
 
 /* Options that replace serving: they are not allowed in a file. */
@@ -216,7 +217,7 @@ static void set_defaults(struct umbd_options *options, struct umbu_parsed *parse
         .workers = cores >= 1 && cores <= 1024 ? (uint32_t)cores : 1,
         .loops =
             cores >= 8 ? (uint32_t)(cores < 4 * UMBD_LOOPS_MAX ? cores / 4 : UMBD_LOOPS_MAX) : 1,
-        .bake_threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
+        .bakes.tries.threads = cores >= 1 && cores <= 256 ? (uint32_t)cores : 1,
         .load_memory = most_memory(),
     };
     umbu_begin(parsed, &umbd_command, options);
@@ -257,14 +258,15 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
 {
     static const char *const buffers[] = {"--max-message", "--connection-buffer", "--max-buffer"};
     static const char *const files[] = {"--max-bundle", "--owner-bytes", "--job-bytes"};
+    const struct umbj_service_options *bakes = &options->bakes;
     struct umbn_address address;
     if (options->stores[0] == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT, "--store: is needed; see --help");
     }
     UMB__TRY(check_order(buffers, options->max_message, options->connection_buffer,
                          options->max_buffer, error));
-    UMB__TRY(
-        check_order(files, options->max_bundle, options->owner_bytes, options->job_bytes, error));
+    UMB__TRY(check_order(files, bakes->max_bundle_bytes, (uint64_t)bakes->limits.owner_bytes,
+                         (uint64_t)bakes->limits.total_bytes, error));
     while (options->listen[options->listen_count] != NULL) {
         options->listen_count++;
     }

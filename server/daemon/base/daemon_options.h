@@ -12,6 +12,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include "common/log.h"
+#include "jobs/service.h"
 #include "store/store.h"
 #include "daemon/base/net_address.h"
 #include "tool/options.h"
@@ -52,25 +53,7 @@ struct umbd_options {
     uint64_t scrub_interval_ms; /* Longest time between checks of an asset, 0 = no checks */
     uint64_t max_age_ms;        /* Longest life of a connection, 0 = no limit */
     uint64_t handshake_timeout_ms, idle_timeout_ms, body_timeout_ms, stall_timeout_ms;
-    const char *jobs;                /* Folder of the job service, or NULL */
-    const char *jobs_db;             /* File of the job table; NULL: in that folder */
-    const char *bake_program;        /* Path of umbrage-bake; NULL: beside this program */
-    uint32_t bake_workers;           /* Number of bakes at once */
-    uint32_t bake_threads;           /* Number of threads of one bake */
-    const char *job_sandbox;         /* Sandbox of bakes: required, available, off */
-    const char *executor;            /* Place of bakes: local, slurm */
-    uint64_t executor_interval_ms;   /* Time between questions to Slurm */
-    const char *slurm_options;       /* Options of sbatch, or NULL */
-    uint32_t bake_tile;              /* Texels along a tile's side: the unit of work */
-    uint32_t owner_jobs;             /* Number of unfinished jobs of one owner */
-    uint32_t owner_history;          /* Number of finished jobs listed for one owner */
-    uint64_t tile_cache;             /* Bytes of one owner's kept tiles, 0 = none */
-    uint64_t bake_memory;            /* Bytes of memory of one bake */
-    uint64_t max_bundle, max_asset;  /* Bytes of a bundle, and of an asset */
-    uint64_t owner_bytes, job_bytes; /* Bytes of unfinished jobs' bundles: of one owner, of all */
-    uint64_t owner_assets;           /* Bytes of one owner's assets */
-    uint64_t job_time_ms, job_lease_ms; /* Time limit and lease of one try */
-    uint64_t job_keep_ms;               /* Time for which finished jobs are kept */
+    struct umbj_service_options bakes; /* Options of the job service; folder NULL: there is none */
     enum umb_log_level log_level;
     enum umbs_log_format log_format;
     const char *config; /* Config file, or NULL */

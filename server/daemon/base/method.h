@@ -43,6 +43,7 @@ struct umbd_method {
     size_t most_bytes;                     /* Limit of a request message, 0 = --max-message */
     unsigned traits;                       /* Sum of enum umbd_method_traits */
     void (*serve)(struct umbd_call *call); /* Answers a request */
+    int variant;                           /* The service's, for a `serve` of several methods */
     /* The following may be NULL. */
     void (*end)(struct umbd_call *call);   /* All requests of a stream are served */
     void (*tick)(struct umbd_call *call);  /* Ten times a second */

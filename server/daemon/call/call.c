@@ -42,11 +42,8 @@ struct umbd_call *umbd_call_create(struct umbd_conn *conn, int32_t stream_id, in
     call->started_ms = call->message_ms = call->looked_ms = umbd_call_now_ms(call);
     call->method = method_of(call->backend->methods, ""); /* unknown until the path comes */
     umbw_reader_init(&call->reader, (size_t)call->server->options.max_message);
-    call->next = conn->calls;
-    if (conn->calls != NULL) {
-        conn->calls->previous = call;
-    }
-    conn->calls = call;
+    STAILQ_INIT(&call->queue);
+    LIST_INSERT_HEAD(&conn->calls, call, link);
     conn->call_count++;
     conn->last_call_ms = call->started_ms;
     return call;
@@ -60,14 +57,7 @@ void umbd_call_destroy(struct umbd_call *call)
         umbd_call_leave_task(call);
     }
     umbd_call_uncharge(call, 0);
-    if (call->previous != NULL) {
-        call->previous->next = call->next;
-    } else {
-        conn->calls = call->next;
-    }
-    if (call->next != NULL) {
-        call->next->previous = call->previous;
-    }
+    LIST_REMOVE(call, link);
     conn->call_count--;
     conn->last_call_ms = umbd_call_now_ms(call);
     if (call->admitted) {
@@ -384,7 +374,7 @@ static int is_body_late(struct umbd_call *call, uint64_t now_ms)
     if (!umbd_takes_many(call->method)) {
         return now_ms - call->started_ms > body_limit_ms(call);
     }
-    if (call->task != NULL || call->queue_first != NULL || umbd_call_unsent(call) > 0) {
+    if (call->task != NULL || !STAILQ_EMPTY(&call->queue) || umbd_call_unsent(call) > 0) {
         call->message_ms = call->looked_ms = now_ms;
         return 0;
     }

@@ -61,8 +61,9 @@ struct umbd_call_home {
     struct umbs_reader *reader; /* Reader of the store: calls find assets without a lock */
     struct umbd_optimistic_reads optimistic; /* Reads of small batches in this event */
     struct umbd_batch *spare;                /* Memory of the last small batch, for the next */
+    struct umb_error error;                  /* Error of the step that is being taken for a call */
     pthread_mutex_t mutex;
-    struct umbd_task *done_first, *done_last; /* Finished tasks, under the mutex */
+    STAILQ_HEAD(umbd_done, umbd_task) done; /* Finished tasks, under the mutex */
 };
 
 enum umbd_refusal {
@@ -79,7 +80,7 @@ enum umbd_encoding {
 
 /* A queued request message of a stream; its bytes are malloc. */
 struct umbd_queued {
-    struct umbd_queued *next;
+    STAILQ_ENTRY(umbd_queued) link;
     uint8_t *bytes;
     size_t size;
 };
@@ -89,7 +90,7 @@ struct umbd_call {
     struct umbd_server *server; /* The connection's */
     struct umbd_call_home *home;
     struct umbd_backend *backend;
-    struct umbd_call *next, *previous;
+    LIST_ENTRY(umbd_call) link; /* Link of the connection's list */
     int32_t stream_id;
     uint64_t started_ns;  /* Start, umbu_clock_ns */
     uint64_t deadline_ns; /* Deadline, umbu_clock_ns; 0 = none */
@@ -118,7 +119,7 @@ struct umbd_call {
     int message_count;    /* 1 once a message came */
 
     /* streams of requests */
-    struct umbd_queued *queue_first, *queue_last;
+    STAILQ_HEAD(, umbd_queued) queue;
     size_t queue_bytes, queue_count;
     size_t window_held;  /* Bytes that flow control returns when the queue is shorter */
     uint64_t message_ms; /* Time when the current message began, or the last one ended; uv_now */
@@ -217,10 +218,32 @@ void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first,
 /* Sends a message; takes it over. */
 void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message);
 
-/* Sends an encoded message, or fails the call with `status` if the encoding failed. Takes the
- * message over in any case. */
+/*
+ * One step of a service: a function that fails with a status and an error. _error returns the place
+ * for the error, empty. _ok takes the status: it returns 1, or fails the call and returns 0.
+ *
+ *     if (!umbd_call_ok(call, step(..., umbd_call_error(call)))) { return; }
+ */
+struct umb_error *umbd_call_error(struct umbd_call *call);
+int umbd_call_ok(struct umbd_call *call, enum umb_status status);
+
+/* Decodes the call's message by umbw_decode_NAME; as umbd_call_ok. */
+#define UMBD_CALL_READ(call, name, out)                                                            \
+    umbd_call_ok(call, umbw_decode_##name((call)->message, (call)->message_size, out,              \
+                                          umbd_call_error(call)))
+
+/* Sends a message that umbw_encode_NAME makes, or fails the call. */
+#define UMBD_CALL_SEND(call, name, in)                                                             \
+    do {                                                                                           \
+        struct umbw_buffer to_send = {0};                                                          \
+        umbd_call_reply_or_fail(call, umbw_encode_##name(in, &to_send, umbd_call_error(call)),     \
+                                &to_send);                                                         \
+    } while (0)
+
+/* Sends an encoded message, or fails the call if the step that made it failed (umbd_call_ok). Takes
+ * the message over in any case. */
 void umbd_call_reply_or_fail(struct umbd_call *call, enum umb_status status,
-                             struct umbw_buffer *message, const struct umb_error *error);
+                             struct umbw_buffer *message);
 
 /* Ends a streamed reply with OK. */
 void umbd_call_finish(struct umbd_call *call);

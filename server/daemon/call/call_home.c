@@ -10,16 +10,17 @@
 
 static int is_sending(const struct umbd_conn *conn)
 {
-    const struct umbd_call *call = conn->calls;
+    const struct umbd_call *call = LIST_FIRST(&conn->calls);
     while (call != NULL && umbd_call_unsent(call) == 0) {
-        call = call->next;
+        call = LIST_NEXT(call, link);
     }
     return call != NULL;
 }
 
 static int tick(struct umbd_conn *conn, uint64_t now_ms)
 {
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+    for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+         call = LIST_NEXT(call, link)) {
         if (!umbd_call_tick(call, now_ms)) {
             return 0;
         }
@@ -29,8 +30,9 @@ static int tick(struct umbd_conn *conn, uint64_t now_ms)
 
 static void pump(struct umbd_conn *conn)
 {
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
-        if (call->queue_first != NULL) {
+    for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+         call = LIST_NEXT(call, link)) {
+        if (!STAILQ_EMPTY(&call->queue)) {
             umbd_stream_pump(call);
         }
     }
@@ -41,7 +43,8 @@ static void pump(struct umbd_conn *conn)
 static void end_open_calls(struct umbd_conn *conn)
 {
     int found = 0;
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+    for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+         call = LIST_NEXT(call, link)) {
         const int is_open = !call->headers_whole || umbd_call_is_open(call);
         if (is_open && call->headers_whole) {
             umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
@@ -52,7 +55,8 @@ static void end_open_calls(struct umbd_conn *conn)
         return;
     }
     umbd_conn_flush(conn); /* ends calls; may close the connection, which then has none */
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+    for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+         call = LIST_NEXT(call, link)) {
         if (!call->headers_whole || umbd_call_is_open(call)) {
             umbd_call_cut_open(call);
         }
@@ -62,7 +66,8 @@ static void end_open_calls(struct umbd_conn *conn)
 static void last_call(struct umbd_conn *conn)
 {
     end_open_calls(conn);
-    for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+    for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+         call = LIST_NEXT(call, link)) {
         if ((call->method->traits & UMBD_ENDLESS) != 0) {
             umbd_call_fail(call, UMBW_GRPC_UNAVAILABLE, "server: shutting down");
         } else if (umbd_takes_many(call->method)) {
@@ -73,8 +78,8 @@ static void last_call(struct umbd_conn *conn)
 
 static void end(struct umbd_conn *conn)
 {
-    while (conn->calls != NULL) {
-        umbd_call_destroy(conn->calls);
+    while (!LIST_EMPTY(&conn->calls)) {
+        umbd_call_destroy(LIST_FIRST(&conn->calls));
     }
     umbd_conn_forget_rights(conn);
 }
@@ -90,6 +95,7 @@ static enum umb_status open_home(struct umbd_loop *loop, struct umb_error *error
     home->loop = loop;
     home->backend = loop->server->backend;
     home->optimistic.turn = 1;
+    STAILQ_INIT(&home->done);
     enum umb_status status = umbs_reader_open(home->backend->store, &home->reader, error);
     if (status != UMB_OK) {
         free(home);
@@ -142,11 +148,11 @@ static void take_done(struct umbd_loop *loop)
 {
     struct umbd_call_home *home = loop->home;
     pthread_mutex_lock(&home->mutex);
-    struct umbd_task *task = home->done_first;
-    home->done_first = home->done_last = NULL;
+    struct umbd_task *task = STAILQ_FIRST(&home->done);
+    STAILQ_INIT(&home->done);
     pthread_mutex_unlock(&home->mutex);
     while (task != NULL) {
-        struct umbd_task *next = task->next_done;
+        struct umbd_task *next = STAILQ_NEXT(task, done_link);
         deliver(loop, task);
         task = next;
     }

@@ -66,12 +66,7 @@ static enum umb_status enqueue(struct umbd_call *call, uint8_t *message, size_t 
         return UMB_E_NO_MEMORY;
     }
     *queued = (struct umbd_queued){.bytes = message, .size = size};
-    if (call->queue_last != NULL) {
-        call->queue_last->next = queued;
-    } else {
-        call->queue_first = queued;
-    }
-    call->queue_last = queued;
+    STAILQ_INSERT_TAIL(&call->queue, queued, link);
     call->queue_bytes += size;
     call->queue_count++;
     return UMB_OK;
@@ -104,7 +99,7 @@ static void serve(struct umbd_call *call, uint8_t *message, size_t size, int own
 enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message, size_t size,
                                     int owned)
 {
-    if (call->queue_first == NULL && may_serve(call) && umbd_conn_has_turn(call->conn)) {
+    if (STAILQ_EMPTY(&call->queue) && may_serve(call) && umbd_conn_has_turn(call->conn)) {
         serve(call, message, size, owned);
         return call->reply_ended ? UMB_E_CANCELLED : UMB_OK;
     }
@@ -139,16 +134,15 @@ size_t umbd_stream_window(struct umbd_call *call, size_t size)
 
 void umbd_stream_pump(struct umbd_call *call)
 {
-    while (call->queue_first != NULL && may_serve(call)) {
+    while (!STAILQ_EMPTY(&call->queue) && may_serve(call)) {
         if (!umbd_conn_has_turn(call->conn)) {
             umbd_stream_later(call);
             return;
         }
-        struct umbd_queued *first = call->queue_first;
+        struct umbd_queued *first = STAILQ_FIRST(&call->queue);
         uint8_t *bytes = first->bytes;
         size_t size = first->size;
-        call->queue_first = first->next;
-        call->queue_last = first->next != NULL ? call->queue_last : NULL;
+        STAILQ_REMOVE_HEAD(&call->queue, link);
         call->queue_bytes -= size;
         call->queue_count--;
         free(first);
@@ -156,7 +150,7 @@ void umbd_stream_pump(struct umbd_call *call)
     }
     give_back(call);
     umbd_stream_charge(call);
-    if (call->reply_ended || call->task != NULL || call->queue_first != NULL) {
+    if (call->reply_ended || call->task != NULL || !STAILQ_EMPTY(&call->queue)) {
         return;
     }
     if (call->request_ended) {

@@ -114,7 +114,7 @@ void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count)
             umbw_buffer_finish(&call->out);
         }
     }
-    if (call->queue_first != NULL && call->task == NULL) {
+    if (!STAILQ_EMPTY(&call->queue) && call->task == NULL) {
         umbd_stream_later(call); /* the client reads its replies: there is room for more */
     }
     if (call->method->more != NULL) {
@@ -325,12 +325,26 @@ void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message)
     memset(message, 0, sizeof *message);
 }
 
-void umbd_call_reply_or_fail(struct umbd_call *call, enum umb_status status,
-                             struct umbw_buffer *message, const struct umb_error *error)
+struct umb_error *umbd_call_error(struct umbd_call *call)
 {
+    call->home->error.message[0] = '\0';
+    return &call->home->error;
+}
+
+int umbd_call_ok(struct umbd_call *call, enum umb_status status)
+{
+    struct umb_error *error = &call->home->error;
     if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, error);
-    } else if (umbd_call_charge(call, call->charged + message->size)) {
+        umbd_call_fail_status(call, status, error->status == status ? error : NULL);
+        error->message[0] = '\0'; /* a later step may fail without a message */
+    }
+    return status == UMB_OK;
+}
+
+void umbd_call_reply_or_fail(struct umbd_call *call, enum umb_status status,
+                             struct umbw_buffer *message)
+{
+    if (umbd_call_ok(call, status) && umbd_call_charge(call, call->charged + message->size)) {
         umbd_call_reply(call, message);
     }
     umbw_buffer_finish(message);

@@ -36,11 +36,9 @@ void umbd_call_count(struct umbd_call *call, int code)
     umbd_metrics_handled(&server->metrics, call->method, code, duration_ns);
     if (server->log.level >= UMB_LOG_DEBUG) {
         char quoted[UMBS_LOG_QUOTE_SIZE];
-        umbs_log_event(&server->log, UMB_LOG_DEBUG, "call",
-                       "peer=\"%s\" conn=%llu stream=%d method=%s code=%s dur_us=%llu",
-                       call->conn->peer, (unsigned long long)call->conn->serial, call->stream_id,
-                       umbs_log_quote(call->path, quoted), umbw_grpc_name(code),
-                       (unsigned long long)(duration_ns / 1000));
+        UMBD_CONN_LOG(call->conn, UMB_LOG_DEBUG, "call", "stream=%d method=%s code=%s dur_us=%llu",
+                      call->stream_id, umbs_log_quote(call->path, quoted), umbw_grpc_name(code),
+                      (unsigned long long)(duration_ns / 1000));
     }
 }
 
@@ -118,14 +116,8 @@ uint8_t *umbd_call_take_message_of(struct umbd_call *call, struct umb_points *po
 static void task_done(struct umbd_task *task)
 {
     struct umbd_call_home *home = task->home;
-    task->next_done = NULL;
     pthread_mutex_lock(&home->mutex);
-    if (home->done_last != NULL) {
-        home->done_last->next_done = task;
-    } else {
-        home->done_first = task;
-    }
-    home->done_last = task;
+    STAILQ_INSERT_TAIL(&home->done, task, done_link);
     pthread_mutex_unlock(&home->mutex);
     uv_async_send(&home->loop->wake);
 }
@@ -155,13 +147,12 @@ enum umb_status umbd_call_send_task(struct umbd_call *call, struct umbd_task *ta
 
 void umbd_stream_drop(struct umbd_call *call)
 {
-    while (call->queue_first != NULL) {
-        struct umbd_queued *first = call->queue_first;
-        call->queue_first = first->next;
+    while (!STAILQ_EMPTY(&call->queue)) {
+        struct umbd_queued *first = STAILQ_FIRST(&call->queue);
+        STAILQ_REMOVE_HEAD(&call->queue, link);
         free(first->bytes);
         free(first);
     }
-    call->queue_last = NULL;
     call->queue_bytes = call->queue_count = 0;
 }
 

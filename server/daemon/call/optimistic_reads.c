@@ -66,8 +66,10 @@ void umbd_optimistic_reads_add(struct umbd_call *call, struct umbd_batch *batch,
 static void fail_calls(struct umbd_call_home *home, uint64_t turn, unsigned place,
                        const struct umb_error *error)
 {
-    for (struct umbd_conn *conn = home->loop->first_conn; conn != NULL; conn = conn->next) {
-        for (struct umbd_call *call = conn->calls; call != NULL; call = call->next) {
+    for (struct umbd_conn *conn = LIST_FIRST(&home->loop->conns); conn != NULL;
+         conn = LIST_NEXT(conn, link)) {
+        for (struct umbd_call *call = LIST_FIRST(&conn->calls); call != NULL;
+             call = LIST_NEXT(call, link)) {
             if (call->optimistic_turn == turn && (call->optimistic_reads & place) != 0) {
                 umbd_call_discard_unvalidated(call, error);
                 umbd_loop_flush_later(conn);

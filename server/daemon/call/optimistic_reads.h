@@ -43,9 +43,9 @@ struct umbd_optimistic_reads {
  * revalidation. */
 struct umbs_entry *umbd_optimistic_reads_find(const struct umbd_call_home *home, const char *asked);
 
-/* Records the read of a batch with one part, whose answers the call is about to commit. The record
- * must have room for a version. Takes over the part's reference to its entry if the batch owns
- * one. */
+/* Records which version a batch of one part read, before the call queues the batch's answers. Call
+ * it only if there is room for a further version. A reference that the batch holds to the version
+ * passes to the record. */
 void umbd_optimistic_reads_add(struct umbd_call *call, struct umbd_batch *batch, const char *asked);
 
 /* 1 if there is room for a further version. */

@@ -46,6 +46,14 @@ int umbd_job_request_is_allowed(struct umbd_call *call)
     return 1;
 }
 
+int umbd_job_request_set_asset(struct umbd_call *call, const char *id)
+{
+    struct umbd_job_request *job_request = call->state;
+    return umb_id_from_text(id, job_request->asset) == UMB_OK ||
+           umbd_call_ok(call, umb_fail(umbd_call_error(call), UMB_E_ARGUMENT,
+                                       "asset: '%.80s' is not an id of 64 hexadecimal digits", id));
+}
+
 const char *umbd_job_request_owner(const struct umbd_job_request *job_request)
 {
     return job_request->is_admin ? NULL : job_request->owner;
@@ -71,14 +79,14 @@ static void job_request_free(struct umbd_job_request *job_request)
 static void run_files(struct umbj_request *request)
 {
     struct umbd_job_request *job_request = (struct umbd_job_request *)request;
-    job_request->files(job_request);
+    job_request->step.files(job_request);
 }
 
 static void run_work(struct umbj_request *request, struct umbj_service *service)
 {
     struct umbd_job_request *job_request = (struct umbd_job_request *)request;
     if (job_request->status == UMB_OK) {
-        job_request->work(job_request, service);
+        job_request->step.work(job_request, service);
     }
 }
 
@@ -156,45 +164,26 @@ static void answer_call(struct umbd_call *call, struct umbd_task *task)
     }
     if (job_request->status != UMB_OK) {
         umbd_call_fail_status(call, job_request->status, &job_request->error);
-    } else {
-        job_request->answer(job_request, call);
+    } else if (job_request->step.answer != NULL) {
+        job_request->step.answer(job_request, call);
     }
 }
 
-static void send_request(struct umbd_call *call, struct umbj_request request,
-                         void (*answer)(struct umbd_job_request *, struct umbd_call *))
+void umbd_job_request_send(struct umbd_call *call, struct umbd_job_step step)
 {
     struct umbd_job_request *job_request = call->state;
     job_request->away = 1;
     job_request->status = UMB_OK;
-    job_request->answer = answer;
+    job_request->step = step;
     job_request->service = call->backend->jobs;
-    request.done = come_home;
-    request.owner = job_request->owner;
-    job_request->request = request;
+    job_request->request = (struct umbj_request){.files = step.files != NULL ? run_files : NULL,
+                                                 .run = step.work != NULL ? run_work : NULL,
+                                                 .reads = step.reads,
+                                                 .done = come_home,
+                                                 .owner = job_request->owner};
     job_request->task.answer = answer_call;
     job_request->task.free = free_task;
     job_request->task.is_kept = 1;
     umbd_call_await(call, &job_request->task, call->task_bytes);
     umbj_service_post(job_request->service, &job_request->request);
-}
-
-void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
-                           void (*work)(struct umbd_job_request *, struct umbj_service *),
-                           void (*answer)(struct umbd_job_request *, struct umbd_call *))
-{
-    struct umbd_job_request *job_request = call->state;
-    job_request->files = files;
-    job_request->work = work;
-    const struct umbj_request request = {.files = files != NULL ? run_files : NULL,
-                                         .run = work != NULL ? run_work : NULL};
-    send_request(call, request, answer);
-}
-
-void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
-                                   void (*answer)(struct umbd_job_request *, struct umbd_call *))
-{
-    struct umbd_job_request *job_request = call->state;
-    job_request->files = reads;
-    send_request(call, (struct umbj_request){.files = run_files, .reads = 1}, answer);
 }

@@ -7,7 +7,7 @@
  * threads:
  *
  *     umbd_job_request_create(call)                      for the owner of the call
- *     umbd_job_request_send(call, files, work, answer)   files runs on a thread for files, then
+ *     umbd_job_request_send(call, step)                  files runs on a thread for files, then
  *                                                        work on the jobs' thread, then answer
  *                                                        on the loop
  *     umbd_job_close(call)                               the call ends
@@ -19,13 +19,21 @@
 #include "jobs/service.h"
 #include "wire/bakes.h"
 
+struct umbd_job_request;
+
+/* What a request does while it is away. If files fails, work is not called. */
+struct umbd_job_step {
+    void (*files)(struct umbd_job_request *job_request);                              /* Or NULL */
+    void (*work)(struct umbd_job_request *job_request, struct umbj_service *service); /* Or NULL */
+    void (*answer)(struct umbd_job_request *job_request, struct umbd_call *call);     /* Or NULL */
+    int reads; /* 1: files only reads the job table, and does not wait for changes of the table */
+};
+
 struct umbd_job_request {
     struct umbj_request request; /* First field: the service knows only this */
     struct umbd_task task;
     int away;
-    void (*files)(struct umbd_job_request *job_request);
-    void (*work)(struct umbd_job_request *job_request, struct umbj_service *service);
-    void (*answer)(struct umbd_job_request *job_request, struct umbd_call *call);
+    struct umbd_job_step step;
     struct umbj_service *service; /* Set while it is away */
 
     char owner[UMBJ_OWNER_SIZE];
@@ -68,16 +76,8 @@ struct umbd_job_request {
  * memory. */
 struct umbd_job_request *umbd_job_request_create(struct umbd_call *call);
 
-/* Sends a job request, which is then away. files or work may be NULL. If files fails, work is not
- * called. */
-void umbd_job_request_send(struct umbd_call *call, void (*files)(struct umbd_job_request *),
-                           void (*work)(struct umbd_job_request *, struct umbj_service *),
-                           void (*answer)(struct umbd_job_request *, struct umbd_call *));
-
-/* Sends work that only reads the job table, and therefore does not wait for changes of the
- * table. */
-void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct umbd_job_request *),
-                                   void (*answer)(struct umbd_job_request *, struct umbd_call *));
+/* Sends a job request, which is then away. */
+void umbd_job_request_send(struct umbd_call *call, struct umbd_job_step step);
 
 /*
  * Checks the call's rights again, because a reload may have changed them during the call. Returns
@@ -85,6 +85,10 @@ void umbd_job_request_send_reading(struct umbd_call *call, void (*reads)(struct 
  * now has another name and so another owner.
  */
 int umbd_job_request_is_allowed(struct umbd_call *call);
+
+/* Sets the asset that a request names by its id. Returns 1; or 0 after failing the call with
+ * INVALID_ARGUMENT: the text is no id. */
+int umbd_job_request_set_asset(struct umbd_call *call, const char *id);
 
 /* Owner whose jobs the request may see: NULL = any owner's. */
 const char *umbd_job_request_owner(const struct umbd_job_request *job_request);

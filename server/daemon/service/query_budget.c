@@ -4,12 +4,13 @@
  * of points waits for a calibration. A worker calibrates, on the request's own points if there are
  * many. Then the request is served as if it had just arrived.
  */
-#include "daemon/service/query_budget.h"
-
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/try.h"
+#include "daemon/call/call.h"
+#include "daemon/service/services.h"
+#include "daemon/work/calibrations.h"
 #include "tool/clock.h"
 
 /* Points that a calibration costs on the rates. They are taken in one step with the request's own

@@ -89,55 +89,42 @@ void umbd_describe_serve(struct umbd_call *call)
     struct umbw_describe_request request;
     struct umbs_entry *entry = NULL;
     struct umb_client_description reply = {0};
-    struct umbw_buffer head = {0};
-    struct umb_error error = {0};
-    enum umb_status status =
-        umbw_decode_describe_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK) {
-        status = umbd_call_acquire(call, request.asset, &entry, &error);
-    }
-    if (status == UMB_OK) {
-        status = fill_description(entry, request.want_curves ? call->backend->calibrations : NULL,
-                                  &reply);
-    }
-    if (status == UMB_OK) {
-        status = umbw_encode_describe_reply(&reply, &head, &error);
+    if (UMBD_CALL_READ(call, describe_request, &request) &&
+        umbd_call_ok(call, umbd_call_acquire(call, request.asset, &entry, umbd_call_error(call))) &&
+        umbd_call_ok(
+            call, fill_description(entry, request.want_curves ? call->backend->calibrations : NULL,
+                                   &reply))) {
+        UMBD_CALL_SEND(call, describe_reply, &reply);
     }
     free(reply.lights);
     umbs_entry_release(entry);
-    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
 void umbd_list_serve(struct umbd_call *call)
 {
     struct umbs_store_item *items = NULL;
     struct umbw_list_reply reply = {0};
-    struct umbw_buffer head = {0};
-    struct umb_error error = {0};
     size_t count = 0;
-    enum umb_status status = umbs_store_list(call->backend->store, &items, &count, &error);
-    if (status == UMB_OK) {
-        reply.assets = calloc(count + 1, sizeof *reply.assets);
-        status = reply.assets != NULL ? UMB_OK : UMB_E_NO_MEMORY;
+    if (!umbd_call_ok(
+            call, umbs_store_list(call->backend->store, &items, &count, umbd_call_error(call)))) {
+        return;
     }
-    for (size_t i = 0; status == UMB_OK && i < count; i++) {
+    reply.assets = calloc(count + 1, sizeof *reply.assets);
+    for (size_t i = 0; reply.assets != NULL && i < count; i++) {
         if (items[i].status == UMB_OK && umbd_call_sees(call, items[i].id)) {
             fill_summary(&reply.assets[reply.count++], &items[i]);
         }
     }
-    if (status == UMB_OK) {
-        status = umbw_encode_list_reply(&reply, &head, &error);
+    if (umbd_call_ok(call, reply.assets != NULL ? UMB_OK : UMB_E_NO_MEMORY)) {
+        UMBD_CALL_SEND(call, list_reply, &reply);
     }
     free(reply.assets);
     free(items);
-    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
 void umbd_limits_serve(struct umbd_call *call)
 {
     const struct umbd_options *options = &call->server->options;
-    struct umbw_buffer head = {0};
-    struct umb_error error = {0};
     static const char *const encodings[] = {"identity", "gzip"};
     struct umbw_limits limits = {
         .client = {.max_points = options->max_points,
@@ -154,24 +141,23 @@ void umbd_limits_serve(struct umbd_call *call)
         .encodings = encodings,
         .encoding_count = 2,
     };
-    if (options->jobs != NULL) {
-        limits.max_bundle_bytes = options->max_bundle;
+    if (options->bakes.folder != NULL) {
+        limits.max_bundle_bytes = options->bakes.max_bundle_bytes;
         limits.max_bundle_files = UMBJ_FILES_MAX;
-        limits.max_owner_jobs = options->owner_jobs;
+        limits.max_owner_jobs = (uint32_t)options->bakes.limits.owner_jobs;
     }
-    umbd_call_reply_or_fail(call, umbw_encode_limits_reply(&limits, &head, &error), &head, &error);
+    UMBD_CALL_SEND(call, limits_reply, &limits);
 }
 
 void umbd_reflection_serve(struct umbd_call *call)
 {
     struct umbw_buffer head = {0};
-    struct umb_error error = {0};
     if (!umbd_call_take_points(call, UMBD_CALL_POINTS)) {
         return;
     }
     uint64_t from = umbd_conn_began(call->conn);
     enum umb_status status =
-        umbw_reflection_answer(call->message, call->message_size, &head, &error);
+        umbw_reflection_answer(call->message, call->message_size, &head, umbd_call_error(call));
     umbd_conn_spent(call->conn, from);
-    umbd_call_reply_or_fail(call, status, &head, &error);
+    umbd_call_reply_or_fail(call, status, &head);
 }

@@ -29,13 +29,6 @@ static void status_of_job(const struct umbj_job *job, struct umb_job_status *sta
     status->left_ms = -1;
 }
 
-static void reply_status(struct umbd_call *call, const struct umb_job_status *job)
-{
-    struct umbw_buffer reply = {0};
-    struct umb_error error = {0};
-    umbd_call_reply_or_fail(call, umbw_encode_job_status(job, &reply, &error), &reply, &error);
-}
-
 /* --- Cancel --- */
 
 static void cancel(struct umbd_job_request *job_request, struct umbj_service *service)
@@ -50,30 +43,22 @@ static void cancelled(struct umbd_job_request *job_request, struct umbd_call *ca
 {
     struct umb_job_status status;
     status_of_job(&job_request->job, &status);
-    reply_status(call, &status);
+    UMBD_CALL_SEND(call, job_status, &status);
 }
 
 /* Creates the call's job request for the job that the message names, or fails the call. */
 static struct umbd_job_request *begin(struct umbd_call *call)
 {
-    struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
-    if (job_request == NULL) {
-        return NULL;
-    }
-    enum umb_status status =
-        umbw_decode_job_request(call->message, call->message_size, job_request->job.id, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return NULL;
-    }
-    return job_request;
+    return job_request != NULL && UMBD_CALL_READ(call, job_request, job_request->job.id)
+               ? job_request
+               : NULL;
 }
 
 void umbd_job_cancel_serve(struct umbd_call *call)
 {
     if (begin(call) != NULL) {
-        umbd_job_request_send(call, NULL, cancel, cancelled);
+        umbd_job_request_send(call, (struct umbd_job_step){NULL, cancel, cancelled, 0});
     }
 }
 
@@ -88,7 +73,7 @@ static void show(struct umbd_job_request *job_request, struct umbj_service *serv
 /* A job's encoded status, made under the snapshot's lock. */
 struct look {
     struct umbw_buffer reply;
-    struct umb_error error;
+    struct umb_error *error;
     enum umb_status status;
     uint64_t version;
     int over;
@@ -119,7 +104,7 @@ static void take_look(void *user, const struct umbj_standing *standing)
     status.notices = standing->notices;
     look->version = standing->version;
     look->over = umbj_is_over((enum umbj_state)status.state);
-    look->status = umbw_encode_job_status(&status, &look->reply, &look->error);
+    look->status = umbw_encode_job_status(&status, &look->reply, look->error);
 }
 
 void umbd_job_watch_tick(struct umbd_call *call)
@@ -136,15 +121,15 @@ void umbd_job_watch_tick(struct umbd_call *call)
         !umbd_job_request_is_allowed(call)) {
         return;
     }
-    struct look look = {.status = UMB_OK};
+    struct look look = {.error = umbd_call_error(call)};
     job_request->status_ms = now_ms;
     if (!umbj_snapshot_look(snapshot, job_request->job.id, umbd_job_request_owner(job_request),
                             take_look, &look)) {
         look.status =
-            umb_fail(&look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", job_request->job.id);
+            umb_fail(look.error, UMB_E_NOT_FOUND, "job: '%.40s' is gone", job_request->job.id);
     }
     job_request->version = look.version;
-    umbd_call_reply_or_fail(call, look.status, &look.reply, &look.error);
+    umbd_call_reply_or_fail(call, look.status, &look.reply);
     if (look.status == UMB_OK && look.over) {
         umbd_call_finish(call);
     }
@@ -165,7 +150,7 @@ void umbd_job_watch_serve(struct umbd_call *call)
     if (umbj_snapshot_version(umbj_service_snapshot(call->backend->jobs), job_request->job.id)) {
         watch(job_request, call); /* the usual case: the table is not needed */
     } else {
-        umbd_job_request_send(call, NULL, show, watch);
+        umbd_job_request_send(call, (struct umbd_job_step){NULL, show, watch, 0});
     }
 }
 
@@ -181,35 +166,26 @@ static void list(struct umbd_job_request *job_request)
 static void listed(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     struct umbw_job_list reply = {.count = job_request->job_count};
-    struct umbw_buffer head = {0};
-    struct umb_error error = {0};
-    enum umb_status status = UMB_E_NO_MEMORY;
     reply.jobs = calloc(reply.count + 1, sizeof *reply.jobs);
-    if (reply.jobs != NULL) {
-        for (size_t i = 0; i < reply.count; i++) {
-            status_of_job(&job_request->jobs[i], &reply.jobs[i]);
-        }
-        status = umbw_encode_job_list(&reply, &head, &error);
-        free(reply.jobs);
+    if (reply.jobs == NULL) {
+        umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
+        return;
     }
-    umbd_call_reply_or_fail(call, status, &head, &error);
+    for (size_t i = 0; i < reply.count; i++) {
+        status_of_job(&job_request->jobs[i], &reply.jobs[i]);
+    }
+    UMBD_CALL_SEND(call, job_list, &reply);
+    free(reply.jobs);
 }
 
 void umbd_job_list_serve(struct umbd_call *call)
 {
-    struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
-    if (job_request == NULL) {
-        return;
-    }
-    enum umb_status status = umbw_decode_list_jobs_request(call->message, call->message_size,
-                                                           &job_request->limit, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (job_request == NULL || !UMBD_CALL_READ(call, list_jobs_request, &job_request->limit)) {
         return;
     }
     job_request->limit = job_request->limit > 0 ? job_request->limit : LIST_DEFAULT;
-    umbd_job_request_send_reading(call, list, listed);
+    umbd_job_request_send(call, (struct umbd_job_step){list, NULL, listed, .reads = 1});
 }
 
 /* --- Delete --- */
@@ -223,28 +199,15 @@ static void delete (struct umbd_job_request *job_request, struct umbj_service *s
 static void deleted(struct umbd_job_request *job_request, struct umbd_call *call)
 {
     struct umbw_buffer reply = {0};
-    struct umb_error error = {0};
     (void)job_request;
-    umbd_call_reply_or_fail(call, umbw_encode_empty(&reply, &error), &reply, &error);
+    umbd_call_reply_or_fail(call, umbw_encode_empty(&reply, umbd_call_error(call)), &reply);
 }
 
 void umbd_job_delete_serve(struct umbd_call *call)
 {
-    char text[UMBW_ASSET_NAME_MAX + 1];
-    struct umb_error error = {0};
-    struct umbd_job_request *job_request = umbd_job_request_create(call);
-    if (job_request == NULL) {
-        return;
+    char id[UMBW_ASSET_NAME_MAX + 1];
+    if (umbd_job_request_create(call) != NULL && UMBD_CALL_READ(call, delete_request, id) &&
+        umbd_job_request_set_asset(call, id)) {
+        umbd_job_request_send(call, (struct umbd_job_step){NULL, delete, deleted, 0});
     }
-    enum umb_status status =
-        umbw_decode_delete_request(call->message, call->message_size, text, &error);
-    if (status == UMB_OK && umb_id_from_text(text, job_request->asset) != UMB_OK) {
-        status = umb_fail(&error, UMB_E_ARGUMENT,
-                          "asset: '%.80s' is not an id of 64 hexadecimal digits", text);
-    }
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    umbd_job_request_send(call, NULL, delete, deleted);
 }

@@ -20,14 +20,10 @@ static void reply_job(struct umbd_call *call, const struct umbj_job *job, int ex
 {
     struct umb_job_submitted reply = {.existing = existing};
     struct umbw_buffer head = {0};
-    struct umb_error error = {0};
     memcpy(reply.job, job->id, sizeof reply.job);
-    enum umb_status status = umbw_encode_submit_reply(&reply, &head, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return;
+    if (umbd_call_ok(call, umbw_encode_submit_reply(&reply, &head, umbd_call_error(call)))) {
+        umbd_call_reply(call, &head);
     }
-    umbd_call_reply(call, &head);
 }
 
 /* Converts a manifest from the wire to the job service's form. */
@@ -93,50 +89,38 @@ static void write_data(struct umbd_job_request *job_request)
                                             job_request->data_size, &job_request->error);
 }
 
-static void data_written(struct umbd_job_request *job_request, struct umbd_call *call)
-{
-    (void)job_request;
-    (void)call;
-}
-
 static void take_manifest(struct umbd_call *call, struct umbw_submit_request *request)
 {
-    struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
     if (job_request == NULL) {
         umbw_manifest_finish(&request->manifest);
         return;
     }
     job_request->wire = request->manifest;
-    enum umb_status status = translate(job_request, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (!umbd_call_ok(call, translate(job_request, umbd_call_error(call)))) {
         return;
     }
     call->task_bytes = call->message_size;
     job_request->max_bundle_bytes = umbj_service_options_of(call->backend->jobs)->max_bundle_bytes;
-    umbd_job_request_send(call, prepare, begin_upload, upload_begun);
+    umbd_job_request_send(call, (struct umbd_job_step){prepare, begin_upload, upload_begun, 0});
 }
 
 void umbd_submit_serve(struct umbd_call *call)
 {
     struct umbw_submit_request request;
-    struct umb_error error = {0};
     const int begins = call->state == NULL;
     if (begins ? !umbd_call_take_points(call, UMBD_CALL_POINTS)
                : !umbd_job_request_is_allowed(call)) {
         return;
     }
-    enum umb_status status =
-        umbw_decode_submit_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK && request.has_manifest != begins) {
-        status = umb_fail(&error, UMB_E_ARGUMENT,
-                          request.has_manifest ? "manifest: there was one already"
-                                               : "manifest: must be in the first message");
-        umbw_manifest_finish(&request.manifest);
+    if (!UMBD_CALL_READ(call, submit_request, &request)) {
+        return;
     }
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (request.has_manifest != begins) {
+        umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
+                       request.has_manifest ? "manifest: there was one already"
+                                            : "manifest: must be in the first message");
+        umbw_manifest_finish(&request.manifest);
         return;
     }
     if (request.has_manifest) {
@@ -154,7 +138,7 @@ void umbd_submit_serve(struct umbd_call *call)
     job_request->data = job_request->message + at;
     job_request->data_size = request.data_size;
     call->data_bytes += request.data_size;
-    umbd_job_request_send(call, write_data, NULL, data_written);
+    umbd_job_request_send(call, (struct umbd_job_step){write_data, NULL, NULL, 0});
 }
 
 static void keep_bundle(struct umbd_job_request *job_request)
@@ -180,7 +164,8 @@ void umbd_submit_end(struct umbd_call *call)
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT, "manifest: the request ended without one");
     } else if (umbd_job_request_is_allowed(call)) {
         call->task_bytes = 0;
-        umbd_job_request_send(call, keep_bundle, accept_upload, accepted);
+        umbd_job_request_send(call,
+                              (struct umbd_job_step){keep_bundle, accept_upload, accepted, 0});
     }
 }
 
@@ -227,7 +212,7 @@ void umbd_fetch_more(struct umbd_call *call)
     struct umbd_job_request *job_request = call->state;
     if (job_request != NULL && job_request->fetching && !job_request->away && !call->reply_ended &&
         call->backend->jobs != NULL && umbd_call_unsent(call) < UMBD_BACKLOG_BYTES) {
-        umbd_job_request_send(call, read_piece, NULL, piece_read);
+        umbd_job_request_send(call, (struct umbd_job_step){read_piece, NULL, piece_read, 0});
     }
 }
 
@@ -238,13 +223,8 @@ static void piece_read(struct umbd_job_request *job_request, struct umbd_call *c
                                            .data = job_request->chunk,
                                            .data_size = job_request->chunk_size};
     struct umbw_buffer message = {0};
-    struct umb_error error = {0};
-    if (!umbd_job_request_is_allowed(call)) {
-        return;
-    }
-    enum umb_status status = umbw_encode_fetch_reply(&reply, &message, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (!umbd_job_request_is_allowed(call) ||
+        !umbd_call_ok(call, umbw_encode_fetch_reply(&reply, &message, umbd_call_error(call)))) {
         return;
     }
     job_request->offset += job_request->chunk_size;
@@ -271,21 +251,10 @@ static void file_opened(struct umbd_job_request *job_request, struct umbd_call *
 void umbd_fetch_serve(struct umbd_call *call)
 {
     struct umbw_fetch_request request;
-    struct umb_error error = {0};
     struct umbd_job_request *job_request = umbd_job_request_create(call);
-    if (job_request == NULL) {
-        return;
+    if (job_request != NULL && UMBD_CALL_READ(call, fetch_request, &request) &&
+        umbd_job_request_set_asset(call, request.asset)) {
+        job_request->offset = request.offset;
+        umbd_job_request_send(call, (struct umbd_job_step){NULL, open_file, file_opened, 0});
     }
-    enum umb_status status =
-        umbw_decode_fetch_request(call->message, call->message_size, &request, &error);
-    if (status == UMB_OK && umb_id_from_text(request.asset, job_request->asset) != UMB_OK) {
-        status = umb_fail(&error, UMB_E_ARGUMENT,
-                          "asset: '%.80s' is not an id of 64 hexadecimal digits", request.asset);
-    }
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
-        return;
-    }
-    job_request->offset = request.offset;
-    umbd_job_request_send(call, NULL, open_file, file_opened);
 }

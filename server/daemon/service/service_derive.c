@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"
 #include "wire/regions.h"
@@ -162,37 +163,32 @@ static void answer(struct umbd_call *call, struct umbd_task *task)
     }
 }
 
-/* Reads the request and sends it to the workers. Returns 0 if the task was not sent: the call has
- * failed already, or must fail with *status. */
-static int begin(struct umbd_call *call, struct deriving *d, enum umb_status *status,
-                 struct umb_error *error)
+/* Reads the request, and finds the version that answers it. */
+static enum umb_status ready(struct umbd_call *call, struct deriving *d, uint64_t *texels,
+                             struct umb_error *error)
+{
+    UMB__TRY(umbw_decode_derive_request(call->message, call->message_size, &d->request, error));
+    UMB__TRY(umbd_call_acquire(call, d->request.asset, &d->entry, error));
+    return check_texels(call, d, texels, error);
+}
+
+/* Submits the task. Returns 0 after failing the call. */
+static int submit(struct umbd_call *call, struct deriving *d)
 {
     uint64_t texels = 0;
-    *status = umbw_decode_derive_request(call->message, call->message_size, &d->request, error);
-    if (*status == UMB_OK) {
-        *status = umbd_call_acquire(call, d->request.asset, &d->entry, error);
-    }
-    if (*status == UMB_OK) {
-        *status = check_texels(call, d, &texels, error);
-    }
-    if (*status != UMB_OK) {
+    if (!umbd_call_ok(call, ready(call, d, &texels, umbd_call_error(call)))) {
         return 0;
     }
     /* The file, and half of it as messages. */
-    const uint64_t bytes = umb_derive_bytes(&d->request.settings) * 3 / 2;
-    if (!umbd_call_take_points(call, UMBD_CALL_POINTS + texels) ||
-        !umbd_call_charge(call, call->charged + (size_t)bytes)) {
-        return 0;
-    }
+    const size_t bytes = (size_t)(umb_derive_bytes(&d->request.settings) * 3 / 2);
     d->task.turns = texels / TURN_TEXELS;
-    *status = umbd_call_send_task(call, &d->task, (size_t)bytes, error);
-    return *status == UMB_OK;
+    return umbd_call_take_points(call, UMBD_CALL_POINTS + texels) &&
+           umbd_call_charge(call, call->charged + bytes) &&
+           umbd_call_ok(call, umbd_call_send_task(call, &d->task, bytes, umbd_call_error(call)));
 }
 
 void umbd_derive_serve(struct umbd_call *call)
 {
-    struct umb_error error = {0};
-    enum umb_status status;
     struct deriving *d = calloc(1, sizeof *d);
     if (d == NULL) {
         umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
@@ -203,10 +199,7 @@ void umbd_derive_serve(struct umbd_call *call)
     d->task.answer = answer;
     d->task.free = free_deriving;
     d->task.count = d->task.slice = 1;
-    if (!begin(call, d, &status, &error)) {
+    if (!submit(call, d)) {
         free_deriving(&d->task);
-        if (status != UMB_OK) {
-            umbd_call_fail_status(call, status, &error);
-        }
     }
 }

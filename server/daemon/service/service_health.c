@@ -46,18 +46,16 @@ static int state_of(struct umbd_call *call, const char *service)
 void umbd_health_check_serve(struct umbd_call *call)
 {
     char service[256];
-    struct umbw_buffer head = {0};
-    struct umb_error error = {0};
-    enum umb_status status =
-        umbw_decode_health_request(call->message, call->message_size, service, &error);
-    int state = status == UMB_OK ? state_of(call, service) : SERVICE_UNKNOWN;
-    if (status == UMB_OK && state == SERVICE_UNKNOWN) {
-        status = umb_fail(&error, UMB_E_NOT_FOUND, "service: '%.100s' is not served here", service);
+    if (!UMBD_CALL_READ(call, health_request, service)) {
+        return;
     }
-    if (status == UMB_OK) {
-        status = umbw_encode_health_reply(&state, &head, &error);
+    const int state = state_of(call, service);
+    if (state != SERVICE_UNKNOWN) {
+        UMBD_CALL_SEND(call, health_reply, &state);
+    } else {
+        (void)umbd_call_ok(call, umb_fail(umbd_call_error(call), UMB_E_NOT_FOUND,
+                                          "service: '%.100s' is not served here", service));
     }
-    umbd_call_reply_or_fail(call, status, &head, &error);
 }
 
 /* State of a Watch. */
@@ -72,7 +70,6 @@ void umbd_health_watch_tick(struct umbd_call *call)
 {
     struct watch *watch = call->state;
     struct umbw_buffer head = {0};
-    struct umb_error error = {0};
     uint64_t now_ms = umbd_call_now_ms(call);
     int draining = atomic_load(&call->server->draining);
     if (call->reply_ended || watch == NULL ||
@@ -84,13 +81,9 @@ void umbd_health_watch_tick(struct umbd_call *call)
     if (state == watch->last) {
         return;
     }
-    enum umb_status status = umbw_encode_health_reply(&state, &head, &error);
-    if (status == UMB_OK) {
+    if (umbd_call_ok(call, umbw_encode_health_reply(&state, &head, umbd_call_error(call)))) {
         watch->last = state;
         umbd_call_reply(call, &head);
-    } else {
-        umbw_buffer_finish(&head);
-        umbd_call_fail_status(call, status, &error);
     }
 }
 
@@ -128,11 +121,7 @@ static enum umb_status take_watch(struct umbd_call *call, struct umb_error *erro
 void umbd_health_watch_serve(struct umbd_call *call)
 {
     char service[256];
-    struct umb_error error = {0};
-    enum umb_status status =
-        umbw_decode_health_request(call->message, call->message_size, service, &error);
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
+    if (!UMBD_CALL_READ(call, health_request, service)) {
         return;
     }
     struct watch *watch = malloc(sizeof *watch + strlen(service) + 1);
@@ -143,11 +132,9 @@ void umbd_health_watch_serve(struct umbd_call *call)
     watch->last = -1;
     watch->at_ms = 0;
     memcpy(watch->service, service, strlen(service) + 1);
-    status = take_watch(call, &error);
-    if (status != UMB_OK) {
+    if (!umbd_call_ok(call, take_watch(call, umbd_call_error(call)))) {
         free(watch);
         umbd_count(&call->server->metrics.shed, 1);
-        umbd_call_fail_status(call, status, &error);
         return;
     }
     call->state = watch;

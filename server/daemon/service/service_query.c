@@ -6,14 +6,13 @@
  *
  * Each batch holds one version of its asset until its work ends, and the reply names that version.
  */
-#include "daemon/service/query_budget.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/compat.h"
 #include "base/try.h"
+#include "daemon/call/call.h"
 #include "daemon/service/services.h"
 #include "query/stages.h"
 
@@ -83,11 +82,11 @@ static int is_small(const struct umb_query_settings *settings, size_t count, siz
     return work_of(settings, count) * parts <= INLINE_WORK;
 }
 
-/* Returns the reply's fields for a batch, all but the answers. ids: [part_count * UMB_ID_BYTES]. */
-static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with_targets,
-                                        uint8_t *ids)
+/* Fills the reply's fields for a batch, all but the answers. ids: [part_count * UMB_ID_BYTES]. */
+static void fill_reply(const struct umbd_batch *batch, int with_targets, uint8_t *ids,
+                       struct umbw_query_reply *reply)
 {
-    struct umbw_query_reply reply = {
+    *reply = (struct umbw_query_reply){
         .visibility_bytes = batch->value_bytes,
         .stats = batch->task.stats,
         .nanoseconds = batch->task.cpu_ns,
@@ -96,16 +95,15 @@ static struct umbw_query_reply reply_of(const struct umbd_batch *batch, int with
     for (size_t i = 0; i < batch->part_count; i++) {
         memcpy(ids + i * UMB_ID_BYTES, umbs_entry_item(batch->parts[i].entry)->id, UMB_ID_BYTES);
     }
-    memcpy(reply.asset_id, ids, UMB_ID_BYTES);
+    memcpy(reply->asset_id, ids, UMB_ID_BYTES);
     if (with_targets) {
-        reply.asset_ids = ids;
-        reply.asset_id_count = batch->part_count;
+        reply->asset_ids = ids;
+        reply->asset_id_count = batch->part_count;
     }
     if (batch->want_stats) {
-        reply.voxel_m = voxel_edge_m(&batch->parts[0]);
-        state_setting(batch, &reply);
+        reply->voxel_m = voxel_edge_m(&batch->parts[0]);
+        state_setting(batch, reply);
     }
-    return reply;
 }
 
 /* Answers a batch on the loop and writes the answers into the reply's body. If the batch has one
@@ -114,7 +112,8 @@ static void answer_inline(struct umbd_call *call, struct umbd_batch *batch,
                           const struct umbw_query_request *request)
 {
     uint8_t ids[UMBW_TARGETS_MAX * UMB_ID_BYTES] UMB__UNSET;
-    struct umbw_query_reply reply = reply_of(batch, request->target_count > 0, ids);
+    struct umbw_query_reply reply UMB__UNSET;
+    fill_reply(batch, request->target_count > 0, ids, &reply);
     size_t room = umbw_query_reply_room(&reply);
     uint8_t *at = umbd_call_reserve(call, room + batch->value_bytes);
     if (at == NULL) {
@@ -182,7 +181,8 @@ static void answer(struct umbd_call *call, struct umbd_task *task)
         umbd_call_fail_work(call, task->status, &task->error);
         return;
     }
-    struct umbw_query_reply reply = reply_of(batch, batch->with_targets, ids);
+    struct umbw_query_reply reply;
+    fill_reply(batch, batch->with_targets, ids, &reply);
     uint8_t **answers = batch->picture_work.pack ? &batch->picture_work.block : &batch->reply;
     if (batch->picture_work.pack) {
         reply.visibility_bytes = batch->picture_work.packed_bytes;
@@ -234,28 +234,20 @@ static enum umb_status add_part(struct umbd_call *call, struct umbd_batch *batch
     return status == UMB_OK ? umbd_batch_add(batch, entry, light, error) : status;
 }
 
-/* Adds the one part of a batch. Requests of one event mostly ask the same asset, so the last part
- * is reused if it is equal. */
+/* Adds the one part of a batch. Requests of one event mostly ask the same asset, and those of a
+ * stream mostly have the same settings: an equal entry and an equal part are used again. */
 static enum umb_status add_only_part(struct umbd_call *call, struct umbd_batch *batch,
                                      const struct umbw_query_request *request,
                                      struct umb_error *error)
 {
-    struct umbd_call_home *home = call->home;
-    struct umbs_entry *entry = umbd_optimistic_reads_find(home, request->asset);
-    enum umb_status status;
-    if (entry != NULL && umbd_call_sees(call, umbs_entry_item(entry)->id)) {
-        batch->is_borrowed = 1;
-        if (umbd_batch_repeat(batch, entry, home->optimistic.turn)) {
-            return UMB_OK;
-        }
-        status = umbd_batch_add(batch, entry, request->settings.light, error);
-    } else {
-        status = add_part(call, batch, request->asset, request->settings.light, error);
+    struct umbs_entry *entry = umbd_optimistic_reads_find(call->home, request->asset);
+    batch->is_borrowed = entry != NULL && umbd_call_sees(call, umbs_entry_item(entry)->id);
+    if (!batch->is_borrowed) {
+        UMB__TRY(umbd_call_acquire(call, request->asset, &entry, error));
     }
-    if (status == UMB_OK) {
-        batch->parts[0].turn = home->optimistic.turn;
-    }
-    return status;
+    return umbd_batch_repeat(batch, entry, umbs_entry_serial(entry))
+               ? UMB_OK
+               : umbd_batch_add(batch, entry, request->settings.light, error);
 }
 
 /* Makes a batch with a part for each target. */
@@ -264,15 +256,17 @@ static enum umb_status make_batch(struct umbd_call *call, struct umbw_query_requ
                                   struct umbd_batch **out, struct umb_error *error)
 {
     const size_t count = request->target_count;
-    struct umbw_query_target target;
+    struct umbw_query_target target UMB__UNSET;
     UMB__TRY(
         count == 0
             ? umbd_batch_reuse(&call->home->spare, &request->settings, &request->points, out, error)
             : umbd_batch_create(count, &request->settings, &request->points, out, error));
     struct umbd_batch *batch = *out;
     batch->want_stats = request->want_stats;
-    batch->picture_work.has_picture = request->has_picture;
-    batch->picture_work.picture = request->picture;
+    if (request->has_picture) {
+        batch->picture_work.has_picture = 1;
+        batch->picture_work.picture = request->picture;
+    }
     batch->picture_work.pack = request->pack;
     batch->dial = request->dial;
     batch->calibration = calibration;
@@ -342,7 +336,7 @@ static void serve(struct umbd_call *call, int is_paid)
 {
     struct umbd_call_home *home = call->home;
     struct umbw_query_request request UMB__UNSET;
-    struct umb_calibration calibration;
+    struct umb_calibration calibration UMB__UNSET;
     struct umbd_batch *batch = NULL;
     struct umb_error error UMB__UNSET;
     int away = 0;

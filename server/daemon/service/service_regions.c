@@ -115,30 +115,21 @@ static enum umb_status ready(struct umbd_call *call, struct reading *r, size_t *
 
 void umbd_regions_serve(struct umbd_call *call)
 {
-    struct umb_error error = {0};
     struct reading *r = calloc(1, sizeof *r);
     size_t bytes;
     if (r == NULL) {
-        (void)umb_fail(&error, UMB_E_NO_MEMORY, "out of memory for a region");
-        umbd_call_fail_status(call, UMB_E_NO_MEMORY, &error);
+        (void)umbd_call_ok(
+            call, umb_fail(umbd_call_error(call), UMB_E_NO_MEMORY, "out of memory for a region"));
         return;
     }
     r->task.run = read_all;
     r->task.answer = answer;
     r->task.free = free_reading;
     r->task.count = r->task.slice = 1;
-    enum umb_status status = ready(call, r, &bytes, &error);
-    /* Read first, then copied into a message. */
-    const int may = status == UMB_OK &&
-                    umbd_call_take_points(call, UMBD_CALL_POINTS + bytes / BYTES_A_POINT) &&
-                    umbd_call_charge(call, call->charged + 2 * bytes);
-    if (may) {
-        status = umbd_call_send_task(call, &r->task, bytes, &error);
-    }
-    if (!may || status != UMB_OK) {
+    if (!umbd_call_ok(call, ready(call, r, &bytes, umbd_call_error(call))) ||
+        !umbd_call_take_points(call, UMBD_CALL_POINTS + bytes / BYTES_A_POINT) ||
+        !umbd_call_charge(call, call->charged + 2 * bytes) || /* read, then copied */
+        !umbd_call_ok(call, umbd_call_send_task(call, &r->task, bytes, umbd_call_error(call)))) {
         free_reading(&r->task);
-    }
-    if (status != UMB_OK) {
-        umbd_call_fail_status(call, status, &error);
     }
 }

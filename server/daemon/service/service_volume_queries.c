@@ -9,7 +9,6 @@
 
 #include "base/try.h"
 #include "daemon/call/call.h"
-#include "daemon/service/box_price.h"
 #include "daemon/service/services.h"
 #include "daemon/work/volume_query_work.h"
 
@@ -145,33 +144,20 @@ static enum umb_status hand_over(struct umbd_call *call, struct umbd_volume_quer
 /* Answers an empty request: names the version that would have answered. */
 static void answer_nothing(struct umbd_call *call, struct umbd_volume_query *volume_query)
 {
-    struct umb_error error = {0};
-    const enum umb_status status = umbd_volume_query_end(&volume_query->task, &error);
-    if (status == UMB_OK) {
+    if (umbd_call_ok(call, umbd_volume_query_end(&volume_query->task, umbd_call_error(call)))) {
         umbd_call_reply(call, &volume_query->reply);
-    } else {
-        umbd_call_fail_status(call, status, &error);
     }
-    free_volume_query(&volume_query->task);
 }
 
-static void serve(struct umbd_call *call, enum umbw_volume_query kind)
+/* Answers a request that is empty, and submits any other. Returns 1 if the workers own the
+ * query. */
+static int submit(struct umbd_call *call, enum umbw_volume_query kind,
+                  struct umbd_volume_query *volume_query)
 {
-    struct umb_error error = {0};
-    struct umbd_volume_query *volume_query = calloc(1, sizeof *volume_query);
     size_t bytes = 0;
-    if (volume_query == NULL) {
-        umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
-        return;
-    }
-    enum umb_status status = open_volume_query(call, kind, volume_query, &error);
-    if (status == UMB_OK) {
-        status = make_room(volume_query, &bytes, &error);
-    }
-    if (status != UMB_OK) {
-        free_volume_query(&volume_query->task);
-        umbd_call_fail_status(call, status, &error);
-        return;
+    if (!umbd_call_ok(call, open_volume_query(call, kind, volume_query, umbd_call_error(call))) ||
+        !umbd_call_ok(call, make_room(volume_query, &bytes, umbd_call_error(call)))) {
+        return 0;
     }
     const struct umbw_volume_query_request *request = &volume_query->request;
     uint64_t points = request->count * umbw_volume_query_points(kind, request->max_intervals);
@@ -182,31 +168,27 @@ static void serve(struct umbd_call *call, enum umbw_volume_query kind)
     }
     if (!umbd_call_take_points(call, UMBD_CALL_POINTS + points) ||
         !umbd_call_charge(call, call->charged + bytes)) {
-        free_volume_query(&volume_query->task);
-        return;
+        return 0;
     }
     if (request->count == 0) {
         answer_nothing(call, volume_query);
-        return;
+        return 0;
     }
-    status = hand_over(call, volume_query, points, bytes, &error);
+    struct umb_error *error = umbd_call_error(call);
+    const enum umb_status status = hand_over(call, volume_query, points, bytes, error);
     if (status != UMB_OK) {
-        free_volume_query(&volume_query->task);
-        umbd_call_fail_work(call, status, &error);
+        umbd_call_fail_work(call, status, error);
     }
+    return status == UMB_OK;
 }
 
-void umbd_segments_serve(struct umbd_call *call)
+void umbd_volume_query_serve(struct umbd_call *call)
 {
-    serve(call, UMBW_SEGMENTS);
-}
-
-void umbd_columns_serve(struct umbd_call *call)
-{
-    serve(call, UMBW_COLUMNS);
-}
-
-void umbd_boxes_serve(struct umbd_call *call)
-{
-    serve(call, UMBW_BOXES);
+    const enum umbw_volume_query kind = (enum umbw_volume_query)call->method->variant;
+    struct umbd_volume_query *volume_query = calloc(1, sizeof *volume_query);
+    if (volume_query == NULL) {
+        umbd_call_fail_status(call, UMB_E_NO_MEMORY, NULL);
+    } else if (!submit(call, kind, volume_query)) {
+        free_volume_query(&volume_query->task);
+    }
 }

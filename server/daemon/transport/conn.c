@@ -34,11 +34,7 @@ void umbd_conn_link(struct umbd_conn *conn)
     struct umbd_conn **bucket = &loop->by_serial[bucket_of(conn->serial)];
     conn->next_in_bucket = *bucket;
     *bucket = conn;
-    conn->next = loop->first_conn;
-    if (conn->next != NULL) {
-        conn->next->previous = conn;
-    }
-    loop->first_conn = conn;
+    LIST_INSERT_HEAD(&loop->conns, conn, link);
     loop->conn_count++;
     atomic_fetch_add(&loop->load, 1);
     atomic_fetch_add(&loop->server->metrics.connections, 1);
@@ -52,14 +48,7 @@ static void unlink_conn(struct umbd_conn *conn)
         at = &(*at)->next_in_bucket;
     }
     *at = conn->next_in_bucket;
-    if (conn->previous != NULL) {
-        conn->previous->next = conn->next;
-    } else {
-        loop->first_conn = conn->next;
-    }
-    if (conn->next != NULL) {
-        conn->next->previous = conn->previous;
-    }
+    LIST_REMOVE(conn, link);
     loop->conn_count--;
     loop->held -= conn->held ? 1U : 0U;
     conn->held = 0;
@@ -80,7 +69,7 @@ static void say_bye(struct umbd_conn *conn)
     if (conn->tls == NULL || conn->write_pending) {
         return;
     }
-    umbd_conn_tls_bye(conn);
+    umbn_tls_bye(conn->tls->session);
     if (umbd_conn_tls_seal(conn, 0, &bytes, &size) && size > 0) {
         uv_buf_t buffer = uv_buf_init((char *)(uintptr_t)bytes, (unsigned)size);
         (void)uv_try_write(&conn->socket.stream, &buffer, 1);
@@ -93,9 +82,8 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
         return;
     }
     conn->closing = 1;
-    umbs_log_event(&conn->server->log, UMB_LOG_DEBUG, "conn_closed",
-                   "peer=\"%s\" conn=%llu calls=%zu reason=\"%s\"", conn->peer,
-                   (unsigned long long)conn->serial, conn->call_count, why);
+    UMBD_CONN_LOG(conn, UMB_LOG_DEBUG, "conn_closed", "calls=%zu reason=\"%s\"", conn->call_count,
+                  why);
     conn->server->calls->conn_end(conn);
     nghttp2_session_del(conn->session);
     conn->session = NULL;
@@ -121,9 +109,7 @@ void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *w
 {
     umbd_count(&conn->server->metrics.abuse[kind], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->server->log, UMB_LOG_WARN, "h2_abuse",
-                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
-                       (unsigned long long)conn->serial, why);
+        UMBD_CONN_LOG(conn, UMB_LOG_WARN, "h2_abuse", "reason=\"%s\"", why);
     }
     umbd_conn_terminate(conn, NGHTTP2_ENHANCE_YOUR_CALM);
 }
@@ -132,9 +118,7 @@ void umbd_conn_cut(struct umbd_conn *conn, const char *timer)
 {
     umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_TIMEOUT], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "conn_timeout",
-                       "peer=\"%s\" conn=%llu timer=%s", conn->peer,
-                       (unsigned long long)conn->serial, timer);
+        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "conn_timeout", "timer=%s", timer);
     }
     umbd_conn_close(conn, timer);
 }
@@ -146,7 +130,7 @@ void umbd_conn_notice(struct umbd_conn *conn)
 
 void umbd_conn_last_call(struct umbd_conn *conn)
 {
-    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+    if (conn->tls != NULL && !umbn_tls_ready(conn->tls->session)) {
         umbd_conn_close(conn, "the server stopped during the handshake");
         return;
     }

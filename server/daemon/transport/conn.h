@@ -27,7 +27,8 @@
 struct umbd_conn {
     struct umbd_loop *loop;
     struct umbd_server *server; /* The loop's */
-    struct umbd_conn *next, *previous, *next_in_bucket;
+    LIST_ENTRY(umbd_conn) link; /* Link of the loop's list */
+    struct umbd_conn *next_in_bucket;
     uint64_t serial;
     union {
         uv_handle_t handle;
@@ -38,14 +39,13 @@ struct umbd_conn {
     char peer[UMBD_ADDRESS_TEXT_SIZE];
     struct umbd_conn_tls *tls; /* NULL = plain */
     nghttp2_session *session;
-    struct umbd_call *calls; /* List of its open calls */
+    LIST_HEAD(, umbd_call) calls; /* Open calls */
     size_t call_count;
     size_t buffered;  /* Bytes of its calls and of its pending write */
     size_t allowance; /* Bytes that it may hold without a further grant, see conn_budget.c */
     size_t taken;     /* Part of the allowance that its address's share gave */
 
-    struct umbd_conn *next_stranger,
-        *previous_stranger; /* Neighbours in the loop's list, oldest first */
+    TAILQ_ENTRY(umbd_conn) stranger; /* Link of the loop's list of strangers */
     int proven;     /* 1 once a call was allowed by its rights; before that it is a stranger */
     size_t working; /* Number of its calls that were allowed by their rights */
     uint64_t last_work_ms; /* Time when such a call last began or ended; uv_now */
@@ -85,15 +85,21 @@ struct umbd_conn {
     struct umbd_conn *next_dirty;
 };
 
+/* Writes an event of a connection (umbs_log_event), with further pairs. */
+#define UMBD_CONN_LOG(conn, level, event, format, ...)                                             \
+    umbs_log_event(&(conn)->server->log, level, event, "peer=\"%s\" conn=%llu " format,            \
+                   (conn)->peer, (unsigned long long)(conn)->serial, __VA_ARGS__)
+
 #define UMBD_STREAMS_MAX 256 /* number of calls open at once on a connection */
 
 /* Most frames queued for a peer: an answer for each stream, and the refusals of a burst of
  * requests. */
 #define UMBD_QUEUED_FRAMES 1500
 
-/* Takes over a connected socket; closes it if there is no room or memory. If an address has too
- * many connections and some of them are strangers on other loops, those loops get the socket in
- * turn. refusals: number of loops that had no stranger of the address to close. */
+/* Takes over a connected socket; closes it if there is no room or memory. An address with too many
+ * connections must give one up: a stranger (see below) is closed for the new one. If this loop has
+ * no stranger of the address, the socket goes on to the next loop that may have one. In: refusals:
+ * number of loops that had none. */
 void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
                      uint32_t refusals);
 

@@ -55,14 +55,7 @@ void umbd_server_uncharge(struct umbd_server *server, size_t bytes)
 static void stranger_link(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
-    conn->next_stranger = NULL;
-    conn->previous_stranger = loop->newest_stranger;
-    if (loop->newest_stranger != NULL) {
-        loop->newest_stranger->next_stranger = conn;
-    } else {
-        loop->oldest_stranger = conn;
-    }
-    loop->newest_stranger = conn;
+    TAILQ_INSERT_TAIL(&loop->strangers, conn, stranger);
     loop->stranger_count++;
     atomic_fetch_add(&conn->account->strangers, 1);
     atomic_fetch_add(&loop->server->metrics.strangers, 1);
@@ -71,16 +64,7 @@ static void stranger_link(struct umbd_conn *conn)
 static void stranger_unlink(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
-    if (conn->previous_stranger != NULL) {
-        conn->previous_stranger->next_stranger = conn->next_stranger;
-    } else {
-        loop->oldest_stranger = conn->next_stranger;
-    }
-    if (conn->next_stranger != NULL) {
-        conn->next_stranger->previous_stranger = conn->previous_stranger;
-    } else {
-        loop->newest_stranger = conn->previous_stranger;
-    }
+    TAILQ_REMOVE(&loop->strangers, conn, stranger);
     loop->stranger_count--;
     atomic_fetch_sub(&conn->account->strangers, 1);
     atomic_fetch_sub(&loop->server->metrics.strangers, 1);

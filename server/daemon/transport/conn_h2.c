@@ -181,10 +181,8 @@ static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
     reason[size] = '\0';
     umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "h2_goaway",
-                       "peer=\"%s\" conn=%llu code=%s reason=%s", conn->peer,
-                       (unsigned long long)conn->serial, nghttp2_http2_strerror(frame->error_code),
-                       umbs_log_quote(reason, quoted));
+        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "h2_goaway", "code=%s reason=%s",
+                      nghttp2_http2_strerror(frame->error_code), umbs_log_quote(reason, quoted));
     }
 }
 

@@ -28,7 +28,7 @@ static int collect(struct umbd_conn *conn)
 {
     struct umbd_loop *loop = conn->loop;
     loop->out_size = 0;
-    if (conn->tls != NULL && !umbd_conn_tls_ready(conn)) {
+    if (conn->tls != NULL && !umbn_tls_ready(conn->tls->session)) {
         return 0; /* only the handshake has bytes to send yet */
     }
     while (loop->out_size < UMBD_OUT_SOFT) {
@@ -169,9 +169,7 @@ static void session_broke(struct umbd_conn *conn, int code)
 {
     umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "h2_error",
-                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
-                       (unsigned long long)conn->serial, nghttp2_strerror(code));
+        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "h2_error", "reason=\"%s\"", nghttp2_strerror(code));
     }
     umbd_conn_flush(conn);
     umbd_conn_close(conn, nghttp2_strerror(code));
@@ -187,9 +185,7 @@ static void tls_broke(struct umbd_conn *conn)
         if (code != 0) {
             ERR_error_string_n(code, reason, sizeof reason);
         }
-        umbs_log_event(&conn->server->log, UMB_LOG_INFO, "tls_failed",
-                       "peer=\"%s\" conn=%llu reason=\"%s\"", conn->peer,
-                       (unsigned long long)conn->serial, reason);
+        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "tls_failed", "reason=\"%s\"", reason);
     }
     ERR_clear_error();
     umbd_conn_flush(conn);
@@ -213,7 +209,7 @@ static int feed_filter(void *user, const uint8_t *bytes, size_t count)
 
 static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
-    int code = umbd_conn_tls_open(conn, bytes, count, feed_filter, conn);
+    int code = umbn_tls_open(conn->tls->session, bytes, count, feed_filter, conn);
     /* The next connection needs the loop's buffer. */
     if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
         return UMBN_TLS_BROKEN;
@@ -282,9 +278,9 @@ static void relieve(struct umbd_loop *loop)
 {
     struct umbd_server *server = loop->server;
     loop->crowded = 0;
-    while (loop->oldest_stranger != NULL &&
+    while (TAILQ_FIRST(&loop->strangers) != NULL &&
            atomic_load(&server->stranger_buffered) > server->options.max_buffer / UMBD_KEPT_SHARE) {
-        (void)umbd_conn_dismiss(loop->oldest_stranger);
+        (void)umbd_conn_dismiss(TAILQ_FIRST(&loop->strangers));
     }
 }
 

@@ -276,7 +276,7 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
         umbd_conn_cut(conn, "headers");
         return;
     }
-    if (conn->calls == NULL && now_ms - conn->last_call_ms > options->idle_timeout_ms &&
+    if (LIST_EMPTY(&conn->calls) && now_ms - conn->last_call_ms > options->idle_timeout_ms &&
         conn->retired == UMBD_DRAIN_NO) {
         conn->retire_at_ms = now_ms; /* a call may be on its way: no abrupt end */
     }

@@ -25,7 +25,8 @@ static struct umbd_conn *idlest(const struct umbd_loop *loop)
 {
     uint64_t now_ms = uv_now(&loop->uv);
     struct umbd_conn *found = NULL;
-    for (struct umbd_conn *conn = loop->first_conn; conn != NULL; conn = conn->next) {
+    for (struct umbd_conn *conn = LIST_FIRST(&loop->conns); conn != NULL;
+         conn = LIST_NEXT(conn, link)) {
         if (conn->proven && conn->working == 0 && now_ms - conn->last_work_ms >= ROOM_IDLE_MS &&
             (found == NULL || conn->last_work_ms < found->last_work_ms)) {
             found = conn;
@@ -38,7 +39,7 @@ static struct umbd_conn *idlest(const struct umbd_loop *loop)
  * rights. A younger stranger may already have sent a call that shows its rights. */
 void umbd_conn_evict(struct umbd_loop *loop)
 {
-    struct umbd_conn *stranger = loop->oldest_stranger;
+    struct umbd_conn *stranger = TAILQ_FIRST(&loop->strangers);
     if (stranger != NULL && uv_now(&loop->uv) - stranger->opened_ms >= ROOM_IDLE_MS) {
         (void)umbd_conn_dismiss(stranger);
     } else {
@@ -51,9 +52,9 @@ int umbd_conn_make_room(struct umbd_loop *loop)
     const size_t room = room_of(loop);
     const size_t kept = loop->server->has_tokens ? room / UMBD_KEPT_SHARE : 0;
     if (loop->stranger_count >= room - kept) {
-        (void)umbd_conn_dismiss(loop->oldest_stranger);
+        (void)umbd_conn_dismiss(TAILQ_FIRST(&loop->strangers));
     } else if (loop->conn_count >= room && !umbd_conn_dismiss(idlest(loop))) {
-        (void)umbd_conn_dismiss(loop->oldest_stranger);
+        (void)umbd_conn_dismiss(TAILQ_FIRST(&loop->strangers));
     }
     return loop->conn_count < room;
 }
@@ -61,10 +62,10 @@ int umbd_conn_make_room(struct umbd_loop *loop)
 int umbd_conn_make_room_at(struct umbd_loop *loop, const struct sockaddr_storage *address)
 {
     uint8_t key[UMBD_PEER_KEY_BYTES];
-    struct umbd_conn *conn = loop->oldest_stranger;
+    struct umbd_conn *conn = TAILQ_FIRST(&loop->strangers);
     umbd_peer_key(address, key);
     while (conn != NULL && memcmp(conn->account->key, key, sizeof key) != 0) {
-        conn = conn->next_stranger;
+        conn = TAILQ_NEXT(conn, stranger);
     }
     return umbd_conn_dismiss(conn);
 }

@@ -9,13 +9,6 @@
 #define KEPT_MAX  65536 /* bytes of records kept for a peer that reads none */
 #define LOOKS_MAX 256   /* certificates verified again in one tick: 20 ms */
 
-struct umbd_conn_tls {
-    struct umbn_tls *session;
-    unsigned generation; /* number of the files that last verified the client */
-    uint8_t *kept;       /* records that wait to be sent */
-    size_t kept_size;
-};
-
 /* Appends records to the loop's buffer. Returns false if they exceed its capacity: all output and a
  * handshake. */
 static bool put_records(void *user, const uint8_t *bytes, size_t count)
@@ -60,26 +53,16 @@ void umbd_conn_tls_finish(struct umbd_conn *conn)
     }
 }
 
-int umbd_conn_tls_ready(const struct umbd_conn *conn)
-{
-    return umbn_tls_ready(conn->tls->session);
-}
-
 int umbd_conn_tls_is_admitted(struct umbd_conn *conn)
 {
     struct umbd_tls *context = conn->server->tls;
-    if (!umbd_conn_tls_ready(conn) || conn->tls->generation == umbd_tls_generation(context) ||
+    if (!umbn_tls_ready(conn->tls->session) ||
+        conn->tls->generation == umbd_tls_generation(context) ||
         conn->loop->tls_looks >= LOOKS_MAX) {
         return 1;
     }
     conn->loop->tls_looks++;
     return umbd_tls_admits(context, umbn_tls_ssl(conn->tls->session), &conn->tls->generation);
-}
-
-int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
-                       umbn_plain_fn take, void *user)
-{
-    return umbn_tls_open(conn->tls->session, bytes, count, take, user);
 }
 
 /* Puts the kept records before the newly sealed ones. Returns 0 if they exceed the buffer. */
@@ -132,9 +115,4 @@ int umbd_conn_tls_keep(struct umbd_conn *conn)
     tls->kept = bytes;
     tls->kept_size += count;
     return 1;
-}
-
-void umbd_conn_tls_bye(struct umbd_conn *conn)
-{
-    umbn_tls_bye(conn->tls->session);
 }

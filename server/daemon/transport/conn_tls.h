@@ -15,14 +15,17 @@
     (UMBD_OUT_CAPACITY + (UMBD_OUT_CAPACITY / UMBN_TLS_RECORD_BYTES + 2) * UMBD_TLS_OVERHEAD +     \
      65536)
 
-/* Makes the session. Fails: E_NO_MEMORY. */
+struct umbd_conn_tls {
+    struct umbn_tls *session;
+    unsigned generation; /* Number of the files that last verified the client */
+    uint8_t *kept;       /* Records that wait to be sent */
+    size_t kept_size;
+};
+
+/* Makes the session. After a result of umbn_tls_open that ends the session, flush the connection,
+ * because there may be an alert, and close it. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbd_conn_tls_start(struct umbd_conn *conn);
 void umbd_conn_tls_finish(struct umbd_conn *conn);
-
-/* Opens records and passes their content to `take`. Returns as umbn_tls_open. After a result that
- * ends the session, flush the connection, because there may be an alert, and close it. */
-int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t count,
-                       umbn_plain_fn take, void *user);
 
 /*
  * Returns 0 if a reload of --tls-client-ca or --tls-crl no longer accepts the client's certificate,
@@ -30,17 +33,11 @@ int umbd_conn_tls_open(struct umbd_conn *conn, const uint8_t *bytes, size_t coun
  */
 int umbd_conn_tls_is_admitted(struct umbd_conn *conn);
 
-/* 1 once the handshake is over: then frames may be sent. */
-int umbd_conn_tls_ready(const struct umbd_conn *conn);
-
 /* Seals the first `count` bytes of the loop's output. Out: bytes, size: the records to send.
  * Returns 0 on failure. */
 int umbd_conn_tls_seal(struct umbd_conn *conn, size_t count, const uint8_t **bytes, size_t *size);
 
 /* Keeps records that cannot be sent now. Returns 0 if there are too many, or memory is short. */
 int umbd_conn_tls_keep(struct umbd_conn *conn);
-
-/* Seals a close_notify; flush it afterwards. */
-void umbd_conn_tls_bye(struct umbd_conn *conn);
 
 #endif

@@ -30,9 +30,9 @@ static void tick_calls(struct umbd_conn *conn)
 
 static void each_conn(struct umbd_loop *loop, void (*act)(struct umbd_conn *conn))
 {
-    struct umbd_conn *conn = loop->first_conn;
+    struct umbd_conn *conn = LIST_FIRST(&loop->conns);
     while (conn != NULL) {
-        struct umbd_conn *next = conn->next;
+        struct umbd_conn *next = LIST_NEXT(conn, link);
         act(conn);
         umbd_conn_flush(conn);
         conn = next;
@@ -43,8 +43,8 @@ static void each_conn(struct umbd_loop *loop, void (*act)(struct umbd_conn *conn
 static void finish(struct umbd_loop *loop)
 {
     enter(loop, UMBD_DRAIN_OVER, "over");
-    while (loop->first_conn != NULL) {
-        umbd_conn_close(loop->first_conn, "server stopped");
+    while (!LIST_EMPTY(&loop->conns)) {
+        umbd_conn_close(LIST_FIRST(&loop->conns), "server stopped");
     }
     umbd_listeners_close(loop);
     if (loop->index == 0) {

@@ -18,7 +18,7 @@
 #define UMBD_CONTROL_BURST     1000 /* number of control frames at once */
 #define UMBD_CONTROL_RATE      200  /* control frames a second after the burst */
 #define UMBD_CONTROL_CREDIT    8    /* number of control frames that a sent DATA frame pays for */
-/* Bytes: a DATA frame with fewer bytes that ends no stream counts as a control frame */
+/* Bytes of a DATA frame below which it counts as a control frame, unless it ends its stream. */
 #define UMBD_TINY_DATA 256
 /* Bytes of a DATA frame that pays for the small DATA frames and WINDOW_UPDATEs that come with it.
  * HAProxy 2.6 sends 0.9 and 0.4 of them for every frame of about 16 KiB. */

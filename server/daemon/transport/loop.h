@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_LOOP_H
-/*
- * One event loop, with its listeners and connections. loop_group.h creates and runs the loops,
- * which share only the server.
- */
+/* One event loop, with its listeners and connections. The loops share only the server. */
 #include <pthread.h>
+#include <sys/queue.h>
 #include <uv.h>
 #include "daemon/transport/h2_guard.h"
 #include "daemon/transport/server.h"
@@ -50,11 +48,11 @@ struct umbd_loop {
     pthread_mutex_t handed_mutex;
     struct umbd_handed *handed; /* Sockets from other loops, under handed_mutex */
 
-    struct umbd_conn *first_conn;
+    LIST_HEAD(, umbd_conn) conns;
     uint32_t held; /* Number of connections that umbd_conn_hold stopped */
     struct umbd_conn *by_serial[UMBD_CONN_BUCKETS];
     size_t conn_count;
-    struct umbd_conn *oldest_stranger, *newest_stranger; /* Connections without rights, in order */
+    TAILQ_HEAD(, umbd_conn) strangers; /* Connections without rights, oldest first */
     size_t stranger_count;
     int crowded; /* 1: these hold more than their share; the event's end closes some */
     struct umbd_listener *listeners;
@@ -98,12 +96,6 @@ uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop);
 /* 1 if a warning about a peer may be logged now. */
 int umbd_loop_may_log(struct umbd_loop *loop);
 
-/* Milliseconds of uv_now. */
-static inline uint64_t umbd_loop_now_ms(const struct umbd_loop *loop)
-{
-    return uv_now(&loop->uv);
-}
-
 /* _idlest returns the loop with the fewest connections. _after returns the next loop in a ring. */
 struct umbd_loop *umbd_loops_idlest(struct umbd_server *server);
 struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
@@ -131,5 +123,35 @@ void umbd_loop_drain_step(struct umbd_loop *loop);
 /* Returns the milliseconds since the last tick of the loop that ticked least recently. Any
  * thread. */
 uint64_t umbd_loops_tick_age_ms(struct umbd_server *server);
+
+/*
+ * All loops of a server (loop_group.c). The first runs on the main thread: only it listens, takes
+ * signals and serves the admin port. The others run on threads of their own. The first loop passes
+ * new connections to them, so that each loop owns equally many.
+ */
+
+/* Creates as many loops as --loops says; the first is server->loops. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbd_loops_init(struct umbd_server *server, struct umb_error *error);
+
+/*
+ * Starts the threads, calls `ready`, and runs until all loops are drained. If ready fails, the
+ * threads end and nothing runs. Fails: E_LIMIT (no thread), or the status of ready.
+ */
+UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_server *server,
+                                           enum umb_status (*ready)(struct umbd_server *server,
+                                                                    struct umb_error *error),
+                                           struct umb_error *error);
+
+/* Closes all connections and listeners. _finish frees the loops; call it when no task runs any
+ * more. */
+void umbd_loops_stop(struct umbd_server *server);
+void umbd_loops_finish(struct umbd_server *server);
+
+/*
+ * Blocks the signals that the loop handles, in this thread and all threads that it starts later.
+ * The loop's thread accepts them only inside umbd_loops_run. When libuv closes a signal handle it
+ * restores the default action, so an unblocked signal could kill a daemon that is just ending.
+ */
+void umbd_signals_block(void);
 
 #endif

@@ -8,7 +8,7 @@
  * left in the list of an ended loop are closed when all loops have ended.
  */
 #define _GNU_SOURCE /* dup3 */
-#include "daemon/transport/loop_group.h"
+#include "daemon/transport/loop.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -83,9 +83,9 @@ static enum umb_status reserve_descriptors(uv_loop_t *loop, struct umb_error *er
 
 static void release_held(struct umbd_loop *loop)
 {
-    struct umbd_conn *conn = loop->first_conn;
+    struct umbd_conn *conn = LIST_FIRST(&loop->conns);
     while (conn != NULL) {
-        struct umbd_conn *next = conn->next;
+        struct umbd_conn *next = LIST_NEXT(conn, link);
         umbd_conn_release(conn);
         conn = next;
     }
@@ -146,12 +146,12 @@ static void on_tick(uv_timer_t *timer)
 {
     struct umbd_loop *loop = timer->data;
     uint64_t now_ms = uv_now(&loop->uv);
-    struct umbd_conn *conn = loop->first_conn;
+    struct umbd_conn *conn = LIST_FIRST(&loop->conns);
     atomic_store(&loop->ticked_ms, umbu_clock_ns() / 1000000);
     loop->server->calls->loop_tick(loop);
     loop->tls_looks = 0;
     while (conn != NULL) {
-        struct umbd_conn *next = conn->next;
+        struct umbd_conn *next = LIST_NEXT(conn, link);
         umbd_conn_tick(conn, now_ms);
         umbd_conn_release(conn);
         conn = next;
@@ -207,6 +207,7 @@ static enum umb_status init_loop(struct umbd_loop *loop, struct umbd_server *ser
     memset(loop, 0, sizeof *loop);
     loop->server = server;
     loop->index = index;
+    TAILQ_INIT(&loop->strangers);
     UMB__TRY(server->calls->loop_open(loop, error));
     loop->read_buffer = malloc(UMBD_READ_BYTES);
     loop->out = malloc(UMBD_OUT_CAPACITY);
@@ -321,8 +322,8 @@ void umbd_loops_stop(struct umbd_server *server)
 {
     for (uint32_t i = 0; i < server->loop_count; i++) {
         struct umbd_loop *loop = &server->loops[i];
-        while (loop->first_conn != NULL) {
-            umbd_conn_close(loop->first_conn, "server stopped");
+        while (!LIST_EMPTY(&loop->conns)) {
+            umbd_conn_close(LIST_FIRST(&loop->conns), "server stopped");
         }
         umbd_listeners_close(loop);
         while (loop->handed != NULL) {

@@ -76,7 +76,7 @@ struct umbd_server {
     struct umbd_peer_table *peers;
     struct umbd_tls *tls;    /* NULL unless something listens on tls: */
     int has_tokens;          /* 1: only calls with a known token have rights */
-    struct umbd_loop *loops; /* [loop_count], see loop_group.h */
+    struct umbd_loop *loops; /* [loop_count], see loop.h */
     uint32_t loop_count;
     uint32_t max_connections; /* Limit of all loops: the option's, or by the descriptors */
     atomic_uint loops_running;

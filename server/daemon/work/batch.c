@@ -36,7 +36,7 @@ enum umb_status umbd_batch_create(size_t part_limit, const struct umb_query_sett
     }
     init_batch(batch, part_limit, settings, points);
     if (part_limit > 0) {
-        batch->parts[0].turn = 0; /* for umbd_batch_repeat */
+        batch->parts[0].serial = 0; /* for umbd_batch_repeat */
     }
     *out = batch;
     return UMB_OK;
@@ -85,10 +85,10 @@ static int has_dial(const struct umbd_batch *batch)
            batch->dial.budget_ns > 0;
 }
 
-int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t turn)
+int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t serial)
 {
     struct umbd_part *part = &batch->parts[0];
-    if (part->turn != turn || part->entry != entry || has_dial(batch) ||
+    if (part->serial != serial || part->entry != entry || has_dial(batch) ||
         memcmp(&part->asked, &batch->settings, sizeof part->asked) != 0) {
         return 0;
     }
@@ -104,7 +104,7 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
     struct umbd_part *part = &batch->parts[batch->part_count];
     struct umb_query_settings settings = batch->settings;
     settings.light = light;
-    part->turn = 0;
+    part->serial = 0;
     enum umb_status status = UMB_OK;
     if (has_dial(batch)) {
         settings.taps = settings.level = 0;
@@ -121,6 +121,7 @@ enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entr
         return status;
     }
     part->entry = entry;
+    part->serial = umbs_entry_serial(entry);
     part->asked = settings;
     part->light = light;
     part->taps = settings.taps;

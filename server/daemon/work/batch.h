@@ -22,7 +22,7 @@ struct umbd_part {
     double expected_ns;   /* Expected cost of a point, by the calibration of a budget; else 0 */
     struct umb_query query;
     struct umb_query_settings asked; /* Settings that the query was made of */
-    uint64_t turn; /* Turn (optimistic_reads.h) in which entry was known to live; 0 = never */
+    uint64_t serial; /* Serial of the entry that the query was made of; 0: there is no query */
 };
 
 /* Answers that a client has. Owned by a call or a batch. */
@@ -91,9 +91,10 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare);
 UMB_CHECKED enum umb_status umbd_batch_add(struct umbd_batch *batch, struct umbs_entry *entry,
                                            uint32_t light, struct umb_error *error);
 
-/* Adds the one part of a reused batch again. Returns 1; or 0 if the last batch in this memory had
- * another part or belonged to another turn of the loop. entry: borrowed. */
-int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t turn);
+/* Adds the one part of a reused batch again, without preparing its query. Takes entry over as
+ * umbd_batch_add. Returns 1; or 0 if the last batch in this memory had another part. serial: the
+ * entry's. */
+int umbd_batch_repeat(struct umbd_batch *batch, struct umbs_entry *entry, uint64_t serial);
 
 /* Allocates head_room bytes and the answers, and sets the task's functions and counts. Fails:
  * E_NO_MEMORY. */

@@ -8,7 +8,8 @@
 #include <string.h>
 
 #define SLOTS 256 /* 60 KiB */
-/* Points: a batch with fewer is calibrated on points that the library makes. */
+/* Number of points below which a batch is too small to calibrate on; the library then makes points
+ * of its own. */
 #define FEW           8192
 #define PAIRS         256  /* pairs of consecutive points that are compared */
 #define NEAR_IN_EDGES 32.0 /* distance of near points in voxel edges: mostly in the same bricks */

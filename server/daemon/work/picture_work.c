@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures, see batch.h. */
-
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/try.h"
 #include "daemon/work/batch.h"
 
-enum {
-    CHUNK_PIXELS = 512 /* their points stay in the nearest cache */
-};
+#define CHUNK_PIXELS 512 /* their points stay in the nearest cache */
 
 void umbd_kept_picture_drop(struct umbd_kept_picture *kept)
 {

@@ -25,46 +25,19 @@
 struct umbd_pool {
     pthread_mutex_t mutex;
     pthread_cond_t wake;
-    struct umbd_task *first, *last; /* the ring of lanes */
-    size_t depth, limit;            /* tasks linked */
+    struct umbd_tasks ring; /* heads of the lanes */
+    size_t depth, limit;    /* tasks linked */
     int stopping;
     struct umbd_metrics *metrics;
     uint32_t thread_count;
     pthread_t threads[];
 };
 
-static void ring_append(struct umbd_pool *pool, struct umbd_task *task)
-{
-    task->ring_next = NULL;
-    task->ring_previous = pool->last;
-    if (pool->last != NULL) {
-        pool->last->ring_next = task;
-    } else {
-        pool->first = task;
-    }
-    pool->last = task;
-}
-
-static void ring_remove(struct umbd_pool *pool, struct umbd_task *task)
-{
-    if (task->ring_previous != NULL) {
-        task->ring_previous->ring_next = task->ring_next;
-    } else {
-        pool->first = task->ring_next;
-    }
-    if (task->ring_next != NULL) {
-        task->ring_next->ring_previous = task->ring_previous;
-    } else {
-        pool->last = task->ring_previous;
-    }
-    task->ring_next = task->ring_previous = NULL;
-}
-
 static struct umbd_task *find_lane(const struct umbd_pool *pool, uint64_t lane)
 {
-    struct umbd_task *head = pool->first;
+    struct umbd_task *head = TAILQ_FIRST(&pool->ring);
     while (head != NULL && head->lane != lane) {
-        head = head->ring_next;
+        head = TAILQ_NEXT(head, link);
     }
     return head;
 }
@@ -72,19 +45,12 @@ static struct umbd_task *find_lane(const struct umbd_pool *pool, uint64_t lane)
 static void link_task(struct umbd_pool *pool, struct umbd_task *task)
 {
     struct umbd_task *head = find_lane(pool, task->lane);
-    task->follower = task->last_follower = NULL;
+    TAILQ_INIT(&task->followers);
     task->lane_count = 1;
     if (head != NULL) {
         head->lane_count++;
     }
-    if (head == NULL) {
-        ring_append(pool, task);
-    } else if (head->last_follower != NULL) {
-        head->last_follower->follower = task;
-        head->last_follower = task;
-    } else {
-        head->follower = head->last_follower = task;
-    }
+    TAILQ_INSERT_TAIL(head != NULL ? &head->followers : &pool->ring, task, link);
     task->linked = 1;
     pool->depth++;
 }
@@ -93,26 +59,15 @@ static void link_task(struct umbd_pool *pool, struct umbd_task *task)
 static void unlink_task(struct umbd_pool *pool, struct umbd_task *task)
 {
     struct umbd_task *head = find_lane(pool, task->lane);
-    if (head == task) {
-        struct umbd_task *next = task->follower;
-        ring_remove(pool, task);
-        if (next != NULL) {
-            next->lane_count = task->lane_count - 1;
-            next->last_follower = task->last_follower != next ? task->last_follower : NULL;
-            ring_append(pool, next);
-        }
-    } else {
-        struct umbd_task *before = head;
-        while (before->follower != task) {
-            before = before->follower;
-        }
-        before->follower = task->follower;
-        head->lane_count--;
-        if (head->last_follower == task) {
-            head->last_follower = before != head ? before : NULL;
-        }
+    struct umbd_task *next = TAILQ_FIRST(&task->followers);
+    TAILQ_REMOVE(head == task ? &pool->ring : &head->followers, task, link);
+    head->lane_count--;
+    if (head == task && next != NULL) { /* the new head */
+        TAILQ_REMOVE(&task->followers, next, link);
+        TAILQ_CONCAT(&next->followers, &task->followers, link);
+        next->lane_count = task->lane_count;
+        TAILQ_INSERT_TAIL(&pool->ring, next, link);
     }
-    task->follower = task->last_follower = NULL;
     task->linked = 0;
     pool->depth--;
 }
@@ -162,26 +117,26 @@ static int is_due(const struct umbd_task *head)
 /* Moves the lane whose turn it is to the front of the ring. The ring must not be empty. */
 static void turn_ring(struct umbd_pool *pool)
 {
-    const struct umbd_task *const last = pool->last;
+    const struct umbd_task *const last = TAILQ_LAST(&pool->ring, umbd_tasks);
     uint64_t least = UINT64_MAX;
-    for (int rounded = 0; !rounded && !is_due(pool->first);) {
-        struct umbd_task *head = pool->first;
+    for (int rounded = 0; !rounded && !is_due(TAILQ_FIRST(&pool->ring));) {
+        struct umbd_task *head = TAILQ_FIRST(&pool->ring);
         head->waited++;
         const uint64_t left = head->turns - 1 - head->waited;
         least = left < least ? left : least;
         rounded = head == last;
-        ring_remove(pool, head);
-        ring_append(pool, head);
+        TAILQ_REMOVE(&pool->ring, head, link);
+        TAILQ_INSERT_TAIL(&pool->ring, head, link);
         if (rounded) { /* no lane took a turn: skips as many rounds as make one due */
-            for (head = pool->first; head != NULL; head = head->ring_next) {
+            for (head = TAILQ_FIRST(&pool->ring); head != NULL; head = TAILQ_NEXT(head, link)) {
                 head->waited += least;
             }
         }
     }
-    while (!is_due(pool->first)) { /* one lane is due */
-        struct umbd_task *head = pool->first;
-        ring_remove(pool, head);
-        ring_append(pool, head);
+    while (!is_due(TAILQ_FIRST(&pool->ring))) { /* one lane is due */
+        struct umbd_task *head = TAILQ_FIRST(&pool->ring);
+        TAILQ_REMOVE(&pool->ring, head, link);
+        TAILQ_INSERT_TAIL(&pool->ring, head, link);
     }
 }
 
@@ -193,7 +148,7 @@ static void turn_ring(struct umbd_pool *pool)
 static struct umbd_task *take_slice(struct umbd_pool *pool, size_t *first, size_t *count)
 {
     turn_ring(pool);
-    struct umbd_task *task = pool->first;
+    struct umbd_task *task = TAILQ_FIRST(&pool->ring);
     task->waited = 0;
     *first = task->next_record;
     *count = 0;
@@ -213,8 +168,8 @@ static struct umbd_task *take_slice(struct umbd_pool *pool, size_t *first, size_
     if (task->next_record == task->count) {
         unlink_task(pool, task);
     } else {
-        ring_remove(pool, task);
-        ring_append(pool, task);
+        TAILQ_REMOVE(&pool->ring, task, link);
+        TAILQ_INSERT_TAIL(&pool->ring, task, link);
     }
     return task;
 }
@@ -235,10 +190,10 @@ static void *worker(void *argument)
     struct umbd_pool *pool = argument;
     pthread_mutex_lock(&pool->mutex);
     for (;;) {
-        while (pool->first == NULL && !pool->stopping) {
+        while (TAILQ_EMPTY(&pool->ring) && !pool->stopping) {
             pthread_cond_wait(&pool->wake, &pool->mutex);
         }
-        if (pool->first == NULL) {
+        if (TAILQ_EMPTY(&pool->ring)) {
             break;
         }
         size_t first = 0;
@@ -293,6 +248,7 @@ enum umb_status umbd_pool_create(uint32_t workers, size_t queue_limit, struct um
     }
     pthread_mutex_init(&pool->mutex, NULL);
     pthread_cond_init(&pool->wake, NULL);
+    TAILQ_INIT(&pool->ring);
     pool->limit = queue_limit;
     pool->metrics = metrics;
     for (uint32_t i = 0; i < workers; i++) {
@@ -315,8 +271,8 @@ void umbd_pool_destroy(struct umbd_pool *pool)
         return;
     }
     pthread_mutex_lock(&pool->mutex);
-    while (pool->first != NULL) {
-        struct umbd_task *task = pool->first;
+    while (!TAILQ_EMPTY(&pool->ring)) {
+        struct umbd_task *task = TAILQ_FIRST(&pool->ring);
         stop_task(pool, task, UMB_E_CANCELLED);
         if (task->in_flight == 0) {
             pthread_mutex_unlock(&pool->mutex);
@@ -344,14 +300,15 @@ static enum umb_status queue_full(const struct umbd_pool *pool, struct umb_error
 static struct umbd_task *make_room(struct umbd_pool *pool, uint64_t lane)
 {
     const struct umbd_task *own = find_lane(pool, lane);
-    struct umbd_task *longest = pool->first;
-    for (struct umbd_task *head = pool->first; head != NULL; head = head->ring_next) {
+    struct umbd_task *longest = TAILQ_FIRST(&pool->ring);
+    for (struct umbd_task *head = TAILQ_FIRST(&pool->ring); head != NULL;
+         head = TAILQ_NEXT(head, link)) {
         longest = head->lane_count > longest->lane_count ? head : longest;
     }
     if (longest == NULL || longest->lane_count <= 1 + (own != NULL ? own->lane_count : 0)) {
         return NULL;
     }
-    struct umbd_task *victim = longest->last_follower;
+    struct umbd_task *victim = TAILQ_LAST(&longest->followers, umbd_tasks);
     victim->status = queue_full(pool, &victim->error);
     unlink_task(pool, victim);
     return victim;

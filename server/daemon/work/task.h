@@ -12,6 +12,7 @@
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/queue.h>
 #include "umbrage/query.h"
 
 struct umbd_call;
@@ -23,6 +24,8 @@ struct umbd_slice_result {
     uint64_t cpu_ns;
     struct umb_error error; /* Valid only on failure */
 };
+
+TAILQ_HEAD(umbd_tasks, umbd_task);
 
 struct umbd_task {
     /*
@@ -52,7 +55,7 @@ struct umbd_task {
     size_t charged;                       /* Bytes counted for a call that has ended */
     void *home;                           /* Argument of done */
     void (*done)(struct umbd_task *task); /* Any thread; must not block */
-    struct umbd_task *next_done;          /* Link in the list of finished tasks */
+    STAILQ_ENTRY(umbd_task) done_link;    /* Link in the list of finished tasks */
     struct umbd_pool *pool; /* Pool that can cancel it; NULL: it cannot be cancelled */
     atomic_int given_up;    /* 1 once it was cancelled */
 
@@ -68,9 +71,9 @@ struct umbd_task {
     size_t in_flight;    /* Slices under way */
     size_t error_record; /* First record of the slice whose error is kept */
     int begun, linked;
-    struct umbd_task *ring_next, *ring_previous; /* Heads of lanes */
-    struct umbd_task *follower, *last_follower;  /* Later tasks of the lane */
-    size_t lane_count; /* Set in a head: number of tasks in its lane, itself too */
+    TAILQ_ENTRY(umbd_task) link; /* Link in the ring of heads of lanes, or behind a head */
+    struct umbd_tasks followers; /* Later tasks of a head's lane */
+    size_t lane_count;           /* Set in a head: number of tasks in its lane, itself too */
 
     struct umb_error error; /* A result, valid only if status is not OK: never cleared */
 };

@@ -6,13 +6,15 @@
  */
 #include "daemon/work/volume_query_work.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "query/volume_parts.h"
 #include "tool/clock.h"
 
-#define CHUNK 64
+#define CHUNK        64
+#define BRICK_VOXELS 8.0 /* along an edge of a brick */
 
 /* A slice in progress. It owns nothing, because a fault in a cut file may end it midway. */
 struct slice {
@@ -241,4 +243,26 @@ enum umb_status umbd_volume_query_end(struct umbd_task *task, struct umb_error *
         reply.fields[k] = volume_query->fields[k];
     }
     return umbw_encode_volume_query_reply(&reply, &volume_query->reply, error);
+}
+
+double umbd_box_bricks(const struct umb_frustum_info *frustum, const struct umb_box *box)
+{
+    const double across = (double)((uint64_t)1 << frustum->log2_size) / BRICK_VOXELS;
+    const double most = 6 * across * across;
+    /* density: number of bricks cut by each unit of area, for a plane across each world axis. */
+    double volume = 1, cut = 0, edge[3], density[3] = {0};
+    for (size_t i = 0; i < 3; i++) {
+        const double *step = frustum->voxel_step[i];
+        volume *= BRICK_VOXELS * sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2]);
+        edge[i] = box->max[i] - box->min[i];
+    }
+    for (size_t i = 0; i < 3; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            density[k] += fabs(frustum->voxel_step[i][k]) * BRICK_VOXELS / volume;
+        }
+    }
+    for (size_t k = 0; k < 3; k++) {
+        cut += 2 * edge[(k + 1) % 3] * edge[(k + 2) % 3] * density[k];
+    }
+    return cut < most ? cut : most; /* NaN too gives most; it is refused later */
 }

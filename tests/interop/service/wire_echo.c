@@ -12,6 +12,7 @@
 #include <string.h>
 #include "wire/bakes.h"
 #include "wire/regions.h"
+#include "wire/messages.h"
 #include "wire/volume_queries.h"
 
 #define MESSAGE_MAX ((size_t)1 << 20)
@@ -62,6 +63,8 @@ ECHO(fetch_reply, struct umbw_fetch_reply, NULL)
 ECHO(region_request, struct umbw_region_request, NULL)
 ECHO(region_reply, struct umbw_region_reply, NULL)
 ECHO(derive_request, struct umbw_derive_request, NULL)
+ECHO(sample_request, struct umbw_sample_request, NULL)
+ECHO(sample_reply, struct umbw_sample_reply, NULL)
 
 #define ECHO_TEXT(name)                                                                            \
     static enum answer echo_##name(const uint8_t *message, size_t size, struct umbw_buffer *out)   \
@@ -166,6 +169,8 @@ static const struct {
     {"shadows.DescribeReply", echo_describe_reply},
     {"shadows.ListReply", echo_list_reply},
     {"shadows.LimitsReply", echo_limits_reply},
+    {"shadows.SampleRequest", echo_sample_request},
+    {"shadows.SampleReply", echo_sample_reply},
     {"health.HealthCheckRequest", echo_health_request},
     {"health.HealthCheckResponse", echo_health_reply},
     {"bakes.SubmitRequest", echo_submit_request},

@@ -14,7 +14,6 @@
 #include <unistd.h>
 
 #include "bake/sandbox/doctor.h"
-#include "bake/sandbox/doctor_acts.h"
 #include "bake/sandbox/sandbox.h"
 
 #define WORK_BYTES (4U << 20) /* from mmap, not from the heap there is */

@@ -85,7 +85,7 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     umb__pool_init(&third, NULL, LEFT);
     const struct umbb_tile_nodes nodes = {&third, &runs, LEFT};
     assert_int_equal(umbb_tile_decode(&shape, one, size, &nodes, &result, &error), UMB_OK);
-    assert_int_equal(third.brick_count, alone.brick_count);
+    assert_int_equal(third.level[UMB_LEVEL_BRICK].count, alone.level[UMB_LEVEL_BRICK].count);
     uint8_t *again;
     assert_int_equal(umbb_tile_encode(&shape, &nodes, &result, &again, &other_size, &error),
                      UMB_OK);

@@ -112,7 +112,7 @@ static void squares_read_nothing_below_a_proven_one(void **state)
 
     assert_true(columns[0].run_count > 1);
     assert_memory_equal(&columns[0], &columns[1], sizeof columns[0]);
-    assert_int_equal(pools[0].brick_count, pools[1].brick_count);
+    assert_int_equal(pools[0].level[UMB_LEVEL_BRICK].count, pools[1].level[UMB_LEVEL_BRICK].count);
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= TILE_LOG2; level++) {
         assert_int_equal(pools[0].level[level].count, pools[1].level[level].count);
     }

@@ -16,6 +16,7 @@
 #include "umbrage/jobs.h"
 #include "umbrage/volume_queries.h"
 #include "umbrage/region.h"
+#include "umbrage/sample.h"
 
 enum {
     SIDE = 8
@@ -234,6 +235,12 @@ static void the_client_refuses_unknown_words(void **state)
     REFUSED(&derive, "settings", DERIVE);
     REFUSED(&derive.map, "settings.map", DERIVE);
     REFUSED(&derive.cascades, "settings.cascades", DERIVE);
+
+    struct umb_sample_settings sampling = {.count = 1};
+    struct umb_sample sample;
+    double drawn[3];
+#define SAMPLE umb_client_sample(client, "a", &sampling, drawn, &sample, NULL, &error)
+    REFUSED(&sampling, "settings", SAMPLE);
 
     struct umb_job_submission submission = {.scene = "a.ply"};
     struct umb_job_submitted submitted;

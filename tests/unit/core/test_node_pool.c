@@ -155,7 +155,7 @@ static void merge_and_compare(int loose)
         for (uint32_t i = 0; i < part.level[5].count; i++) {
             assert_true(same_node(&part, &all, 5, i, numbers.refs[i]));
         }
-        assert_int_equal(all.brick_count, again.brick_count);
+        assert_int_equal(all.level[UMB_LEVEL_BRICK].count, again.level[UMB_LEVEL_BRICK].count);
         for (uint32_t level = 4; level <= 5; level++) {
             assert_int_equal(all.level[level].count, again.level[level].count);
             assert_int_equal(all.level[level].child_count, again.level[level].child_count);
@@ -163,7 +163,7 @@ static void merge_and_compare(int loose)
     }
     umb__pool_clear(&part);
     assert_int_equal(umb__pool_merge(&all, &part, 5, &numbers, NULL), UMB_OK);
-    assert_int_equal(all.brick_count, again.brick_count);
+    assert_int_equal(all.level[UMB_LEVEL_BRICK].count, again.level[UMB_LEVEL_BRICK].count);
     umb__pool_numbers_finish(&numbers);
     umb__pool_finish(&part);
     umb__pool_finish(&again);
@@ -190,7 +190,7 @@ static void a_pool_that_never_held_anything_adds_nothing(void **state)
     umb__pool_init(&all, NULL, SIZE_MAX);
     umb__pool_init_loose(&none, NULL, SIZE_MAX);
     assert_int_equal(umb__pool_merge(&all, &none, 5, &numbers, NULL), UMB_OK);
-    assert_int_equal(all.brick_count, 0);
+    assert_int_equal(all.level[UMB_LEVEL_BRICK].count, 0);
     umb__pool_numbers_finish(&numbers);
     umb__pool_finish(&none);
     umb__pool_finish(&all);
@@ -208,13 +208,14 @@ static void a_loose_pool_knows_the_latest_bricks_again(void **state)
             brick_of(n, slices);
             assert_int_equal(umb__pool_brick(&pool, slices, &ref, NULL), UMB_OK);
             assert_memory_equal(pool.bricks[ref], slices, sizeof slices);
-            const uint32_t first = ref, count = pool.brick_count;
+            const uint32_t first = ref, count = pool.level[UMB_LEVEL_BRICK].count;
             assert_int_equal(umb__pool_brick(&pool, slices, &ref, NULL), UMB_OK);
             assert_int_equal(ref, first);
-            assert_int_equal(pool.brick_count, count);
+            assert_int_equal(pool.level[UMB_LEVEL_BRICK].count, count);
         }
     }
-    assert_true(pool.brick_count > 5000); /* most were forgotten by the second round */
+    assert_true(pool.level[UMB_LEVEL_BRICK].count >
+                5000); /* most were forgotten by the second round */
     umb__pool_clear(&pool);
     assert_int_equal(umb__pool_brick(&pool, slices, &ref, NULL), UMB_OK);
     assert_int_equal(ref, 0);
@@ -335,7 +336,7 @@ static void a_loose_pool_keeps_the_tags_of_its_bricks(void **state)
     umb__pool_init_loose(&loose, NULL, SIZE_MAX);
     umb__pool_init(&pool, NULL, SIZE_MAX);
     fill_with_nodes(&loose, 3);
-    for (uint32_t i = 0; i < loose.brick_count; i++) {
+    for (uint32_t i = 0; i < loose.level[UMB_LEVEL_BRICK].count; i++) {
         assert_int_equal(loose.brick_tags[i], umb__brick_tag(&pool, loose.bricks[i]));
     }
     umb__pool_finish(&loose);

@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "format/node_pool.h"
-#include "format/pack_ordering.h"
+#include "format/pack_order.h"
 #include "make_asset.h"
 
 #define PAGE   8192U

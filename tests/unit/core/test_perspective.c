@@ -11,104 +11,11 @@
 #include <math.h>
 #include <string.h>
 
-#include "make_asset.h"
-#include "umbrage/query.h"
+#include "lamp_fixture.h"
 
 enum {
-    LOG2 = 7,
-    SIZE = 1 << LOG2,
-    FACES = 6,
     POINTS = 400
 };
-
-/* Ten texels of guard band, as bakes have them; W from 0.5 to 16 metres. */
-static const double tangent = (double)SIZE / (SIZE - 20.0);
-static const double near_w = 0.5, far_w = 16.0;
-static const double origin[3] = {500000.25, -3, 8};
-static const double eye[3] = {500001.5, -1.25, 9.5};
-
-struct plane {
-    double normal[3]; /* unit, away from the light */
-    double distance;  /* from the light */
-};
-
-/* Column i of face f: u, v or w. */
-static void face_axes(uint32_t face, double axes[3][3])
-{
-    const uint32_t k = face / 2;
-    memset(axes, 0, 9 * sizeof(double));
-    axes[2][k] = face % 2 == 0 ? 1 : -1;
-    axes[0][(k + 1) % 3] = 1;
-    axes[1][(k + 2) % 3] = face % 2 == 0 ? 1 : -1;
-}
-
-/* Before the plane, by the voxel's centre. */
-static int before_plane(const void *user, uint32_t face, uint32_t x, uint32_t y, uint32_t z)
-{
-    const struct plane *plane = user;
-    double axes[3][3], along = 0;
-    const double w = near_w + (z + 0.5) / SIZE * (far_w - near_w);
-    const double u = ((x + 0.5) / SIZE * 2 - 1) * tangent * w;
-    const double v = ((y + 0.5) / SIZE * 2 - 1) * tangent * w;
-    face_axes(face, axes);
-    for (int k = 0; k < 3; k++) {
-        along += plane->normal[k] * (u * axes[0][k] + v * axes[1][k] + w * axes[2][k]);
-    }
-    return along < plane->distance;
-}
-
-/* One point light with all six faces. */
-static void set_content(struct umb__content *content)
-{
-    struct umb_light_info *light = &content->lights[0];
-    light->kind = UMB_LIGHT_POINT;
-    light->frustum_count = FACES;
-    memset(light->direction, 0, sizeof light->direction);
-    memcpy(light->position, eye, sizeof eye);
-    content->light_count = 1;
-    for (uint32_t face = 0; face < FACES; face++) {
-        double(*m)[4] = content->frusta[face].world_to_voxel, axes[3][3];
-        const double scale[3] = {0.5 * SIZE / tangent, 0.5 * SIZE / tangent,
-                                 SIZE / (far_w - near_w)};
-        content->frusta[face].light = 0;
-        face_axes(face, axes);
-        for (int i = 0; i < 3; i++) {
-            const double shift = i < 2 ? 0.5 * SIZE : 0; /* of W */
-            m[i][3] = i < 2 ? 0 : -near_w * scale[2];
-            for (int k = 0; k < 3; k++) {
-                m[i][k] = axes[i][k] * scale[i] + axes[2][k] * shift;
-                m[i][3] -= m[i][k] * (eye[k] - origin[k]);
-            }
-        }
-        m[3][3] = 0;
-        for (int k = 0; k < 3; k++) {
-            m[3][k] = axes[2][k];
-            m[3][3] -= m[3][k] * (eye[k] - origin[k]);
-        }
-    }
-}
-
-static struct umb_asset *make_asset(const struct plane *plane)
-{
-    const struct voxels voxels = {before_plane, plane, LOG2, FACES};
-    struct bytes bytes = {0};
-    struct umb__octree octree;
-    struct umb__content content;
-    struct umb_asset *asset = NULL;
-    struct umb_error error = {0};
-    uint8_t id[UMB_ID_BYTES];
-    make_octree(&voxels, &octree);
-    make_content(&voxels, 1, origin, &content);
-    set_content(&content);
-    struct umb_sink sink = bytes_sink(&bytes);
-    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
-        umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error) != UMB_OK) {
-        fail_msg("%s", error.message);
-    }
-    umb__octree_finish(&octree);
-    bytes_finish(&bytes);
-    return asset;
-}
 
 /* A plane across several faces: its foot lies near an edge or a corner of the cube. */
 static struct plane random_plane(uint64_t *seed)

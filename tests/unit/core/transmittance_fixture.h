@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "format/transmittance_write.h"
+#include "format/transmittance.h"
 #include "make_asset.h"
 #include "volume_fixture.h"
 

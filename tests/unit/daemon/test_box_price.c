@@ -7,7 +7,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "daemon/service/box_price.h"
+#include "daemon/work/volume_query_work.h"
 
 #define LOG2_SIZE 10
 #define ACROSS    (1 << LOG2_SIZE >> 3)

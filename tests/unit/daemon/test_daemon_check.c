@@ -32,7 +32,7 @@ static int setup(void **state)
     snprintf(f->store, sizeof f->store, "%.120s/store", f->folder.path);
     assert_int_equal(mkdir(f->store, 0755), 0);
     f->options.stores[0] = f->store;
-    f->options.executor = "local";
+    f->options.bakes.slurm = 0;
     *state = f;
     return 0;
 }
@@ -81,10 +81,10 @@ static void what_is_there_or_can_be_made_passes_and_stays_as_it_is(void **state)
     memcpy(cache, below(f, "cache"), sizeof cache);
     memcpy(tokens, below(f, "tokens"), sizeof tokens);
     make_file(tokens, 0600, "ann query 0123456789abcdef\n");
-    f->options.jobs = jobs;
+    f->options.bakes.folder = jobs;
     f->options.cache = cache;
     f->options.token_file = tokens;
-    f->options.bake_program = "/bin/true";
+    f->options.bakes.tries.program = "/bin/true";
     const size_t before = items_of(f->folder.path);
     assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_OK);
     assert_int_equal(items_of(f->folder.path), before); /* neither was made */
@@ -112,10 +112,10 @@ static void folders_that_cannot_be_used_are_named(void **state)
     snprintf(inside, sizeof inside, "%s/jobs", plain);
     const char *const bad[] = {plain, inside, "/nowhere/at/all", deep};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
-        f->options.jobs = bad[i];
+        f->options.bakes.folder = bad[i];
         assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_E_CANNOT_CREATE);
         assert_non_null(strstr(f->error.message, "--jobs"));
-        f->options.jobs = NULL;
+        f->options.bakes.folder = NULL;
         f->options.cache = bad[i];
         assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_E_CANNOT_CREATE);
         assert_non_null(strstr(f->error.message, "--cache"));
@@ -126,9 +126,9 @@ static void folders_that_cannot_be_used_are_named(void **state)
 static void a_relative_folder_is_made_where_the_daemon_starts(void **state)
 {
     struct fixture *f = *state;
-    f->options.jobs = "umbrage-check-jobs";
+    f->options.bakes.folder = "umbrage-check-jobs";
     assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_OK);
-    assert_int_equal(access(f->options.jobs, F_OK), -1);
+    assert_int_equal(access(f->options.bakes.folder, F_OK), -1);
 }
 
 static void a_cache_that_others_can_write_to_is_refused(void **state)
@@ -165,11 +165,11 @@ static void jobs_are_no_store_and_have_their_programs(void **state)
     struct fixture *f = *state;
     char jobs[256];
     memcpy(jobs, below(f, "jobs"), sizeof jobs);
-    f->options.jobs = f->store;
+    f->options.bakes.folder = f->store;
     assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_E_ARGUMENT);
     assert_non_null(strstr(f->error.message, "is a --store too"));
-    f->options.jobs = jobs;
-    f->options.bake_program = "/nowhere/umbrage-bake";
+    f->options.bakes.folder = jobs;
+    f->options.bakes.tries.program = "/nowhere/umbrage-bake";
     assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(f->error.message, "/nowhere/umbrage-bake"));
 }
@@ -186,8 +186,8 @@ static void each_program_of_slurm_is_looked_for_in_path(void **state)
     memcpy(bin, below(f, "bin"), sizeof bin);
     assert_int_equal(mkdir(bin, 0755), 0);
     memset(deep, 'd', sizeof deep - 1);
-    f->options.jobs = jobs;
-    f->options.executor = "slurm";
+    f->options.bakes.folder = jobs;
+    f->options.bakes.slurm = 1;
     assert_int_equal(unsetenv("PATH"), 0);
     assert_int_equal(umbd_daemon_check(&f->options, &f->error), UMB_E_UNAVAILABLE);
     assert_int_equal(setenv("PATH", deep, 1), 0);

@@ -15,7 +15,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "daemon/admin.h"
+#include "daemon/daemon.h"
 #include "daemon/transport/listener.h"
 #include "daemon/base/service_manager.h"
 

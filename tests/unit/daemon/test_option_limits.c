@@ -93,7 +93,7 @@ static void words_that_are_none_are_refused_by_name(void **state)
     static const char *const modes[] = {"required", "available", "off"};
     for (size_t i = 0; i < 3; i++) {
         assert_int_equal(PARSE("--store=x", "--job-sandbox", (char *)(uintptr_t)modes[i]), UMB_OK);
-        assert_string_equal(options.job_sandbox, modes[i]);
+        assert_string_equal(options.bakes.tries.sandbox, modes[i]);
     }
 }
 

@@ -454,7 +454,7 @@ static void batch_in_used_memory_repeats_only_the_same_volume_query_of_the_same_
     batch->is_borrowed = 1;
     assert_false(umbd_batch_repeat(batch, entry, 7)); /* fresh memory knows nothing */
     assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_OK);
-    batch->parts[0].turn = 7;
+    batch->parts[0].serial = 7;
     umbd_batch_recycle(batch, &spare);
     assert_ptr_equal(spare, batch);
     assert_int_equal(umbd_batch_reuse(&spare, &other, &points, &batch, NULL), UMB_OK);

@@ -135,12 +135,13 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return f->stop_with;
 }
 
-/* What the client has written so far goes to the daemon; what umbd_conn_tls_open says. */
+/* What the client has written so far goes to the daemon; what umbn_tls_open says. */
 static int to_daemon(struct fixture *f)
 {
     uint8_t records[65536];
     const int count = BIO_read(SSL_get_wbio(f->client), records, sizeof records);
-    return umbd_conn_tls_open(&f->conn, records, count > 0 ? (size_t)count : 0, take_plain, f);
+    return umbn_tls_open(f->conn.tls->session, records, count > 0 ? (size_t)count : 0, take_plain,
+                         f);
 }
 
 /* Seals `count` bytes of output and gives the client what is to be sent. */
@@ -161,7 +162,7 @@ static void shake_hands(struct fixture *f)
         (void)to_client(f, 0);
     }
     assert_true(SSL_is_init_finished(f->client));
-    assert_true(umbd_conn_tls_ready(&f->conn));
+    assert_true(umbn_tls_ready(f->conn.tls->session));
 }
 
 static void say(struct fixture *f, const char *text)
@@ -173,7 +174,7 @@ static void bytes_go_both_ways_and_a_goodbye_is_one(void **state)
 {
     struct fixture *f = *state;
     char back[64];
-    assert_false(umbd_conn_tls_ready(&f->conn));
+    assert_false(umbn_tls_ready(f->conn.tls->session));
     shake_hands(f);
     say(f, "hello");
     assert_int_equal(to_daemon(f), 0);
@@ -186,7 +187,7 @@ static void bytes_go_both_ways_and_a_goodbye_is_one(void **state)
     assert_int_equal(to_client(f, 0), 0); /* nothing twice */
     assert_int_equal(SSL_shutdown(f->client), 0);
     assert_int_equal(to_daemon(f), UMBN_TLS_OVER);
-    umbd_conn_tls_bye(&f->conn);
+    umbn_tls_bye(f->conn.tls->session);
     assert_true(to_client(f, 0) > 0);
     assert_int_equal(SSL_read(f->client, back, sizeof back), 0);
     assert_int_equal(SSL_get_error(f->client, 0), SSL_ERROR_ZERO_RETURN);
@@ -265,7 +266,7 @@ static void noise_and_other_protocols_are_broken(void **state)
 {
     struct fixture *f = *state;
     static const uint8_t noise[] = "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
-    assert_int_equal(umbd_conn_tls_open(&f->conn, noise, sizeof noise - 1, take_plain, f),
+    assert_int_equal(umbn_tls_open(f->conn.tls->session, noise, sizeof noise - 1, take_plain, f),
                      UMBN_TLS_BROKEN);
     static const char *const protocols[] = {"\x08http/1.1", NULL};
     for (size_t i = 0; i < 2; i++) {
@@ -282,7 +283,7 @@ static void noise_and_other_protocols_are_broken(void **state)
         }
         /* a client without ALPN gets through OpenSSL's handshake */
         assert_int_equal(code, protocols[i] != NULL ? UMBN_TLS_BROKEN : UMBN_TLS_NO_H2);
-        assert_false(umbd_conn_tls_ready(&f->conn));
+        assert_false(umbn_tls_ready(f->conn.tls->session));
     }
     assert_int_equal(f->got_size, 0);
 }
@@ -296,7 +297,7 @@ static void a_record_that_was_changed_ends_it(void **state)
     const int size = BIO_read(SSL_get_wbio(f->client), record, sizeof record);
     assert_true(size > 10);
     record[size - 1] ^= 1;
-    assert_int_equal(umbd_conn_tls_open(&f->conn, record, (size_t)size, take_plain, f),
+    assert_int_equal(umbn_tls_open(f->conn.tls->session, record, (size_t)size, take_plain, f),
                      UMBN_TLS_BROKEN);
     assert_int_equal(f->got_size, 0);
 }
@@ -318,6 +319,8 @@ static void clients_without_certificates_stay_after_a_reload(void **state)
     assert_int_equal(f->loop.tls_looks, 1);
 }
 
+#define ABSENT(option, path) option ": '" path "' cannot be used: No such file or directory"
+
 static void files_that_cannot_be_used_are_refused_by_name(void **state)
 {
     struct fixture *f = *state;
@@ -327,14 +330,22 @@ static void files_that_cannot_be_used_are_refused_by_name(void **state)
         enum umb_status status;
         const char *word;
     } cases[] = {
-        {{"/nowhere/cert", f->key, NULL, NULL}, UMB_E_NO_INPUT, "--tls-cert"},
+        {{"/nowhere/cert", f->key, NULL, NULL},
+         UMB_E_NO_INPUT,
+         ABSENT("--tls-cert", "/nowhere/cert")},
         {{f->key, f->key, NULL, NULL}, UMB_E_ARGUMENT, "--tls-cert"},
-        {{f->certificate, "/nowhere/key", NULL, NULL}, UMB_E_NO_INPUT, "--tls-key"},
+        {{f->certificate, "/nowhere/key", NULL, NULL},
+         UMB_E_NO_INPUT,
+         ABSENT("--tls-key", "/nowhere/key")},
         {{f->certificate, f->other_key, NULL, NULL}, UMB_E_ARGUMENT, "--tls-key"},
         {{f->folder, f->key, NULL, NULL}, UMB_E_NO_INPUT, "regular file"},
-        {{f->certificate, f->key, "/nowhere/ca", NULL}, UMB_E_NO_INPUT, "--tls-client-ca"},
+        {{f->certificate, f->key, "/nowhere/ca", NULL},
+         UMB_E_NO_INPUT,
+         ABSENT("--tls-client-ca", "/nowhere/ca")},
         {{f->certificate, f->key, f->key, NULL}, UMB_E_ARGUMENT, "--tls-client-ca"},
-        {{f->certificate, f->key, f->certificate, "/nowhere/crl"}, UMB_E_NO_INPUT, "--tls-crl"},
+        {{f->certificate, f->key, f->certificate, "/nowhere/crl"},
+         UMB_E_NO_INPUT,
+         ABSENT("--tls-crl", "/nowhere/crl")},
         {{f->certificate, f->key, f->certificate, f->key}, UMB_E_ARGUMENT, "--tls-crl"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {

@@ -126,6 +126,13 @@ static enum umb_status submit_merge(struct umbj_farm *self, const struct umbj_fa
     return UMB_OK;
 }
 
+static enum umb_status submit(struct umbj_farm *self, const struct umbj_farm_stage *stage,
+                              uint8_t *wanted, struct umb_error *error)
+{
+    return wanted != NULL ? submit_array(self, stage, wanted, error)
+                          : submit_merge(self, stage, error);
+}
+
 static enum umb_status status(struct umbj_farm *self, const struct umbj_farm_stage *stage,
                               uint8_t *known, struct umb_error *error)
 {
@@ -198,11 +205,8 @@ static int setup(void **state)
             UMBJ_WORKER_FD_PROGRESS);
     assert_int_equal(fclose(file), 0);
     assert_int_equal(chmod(f->program, 0700), 0);
-    f->farm = (struct umbj_farm){.submit_array = submit_array,
-                                 .submit_merge = submit_merge,
-                                 .status = status,
-                                 .cancel = cancel,
-                                 .reconcile = reconcile};
+    f->farm = (struct umbj_farm){
+        .submit = submit, .status = status, .cancel = cancel, .reconcile = reconcile};
     f->options = (struct umbj_try_options){.program = f->program,
                                            .work = f->work,
                                            .farm = &f->farm,

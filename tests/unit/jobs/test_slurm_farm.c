@@ -92,14 +92,13 @@ static void what_was_taken_before_a_refusal_is_not_wanted_any_more(void **state)
 {
     struct fixture *f = *state;
     put_command(f, "sbatch", "[ $(wc -l <calls) -ne 2 ] || { echo 'no room' >&2; exit 1; }");
-    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error),
-                     UMB_E_UNAVAILABLE);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, f->wanted, &f->error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(f->error.message, "no room"));
     assert_int_equal(count_calls(f, "--array="), 2);
     for (size_t i = 0; i < COUNT; i++) {
         assert_int_equal(f->wanted[i], i >= 1000);
     }
-    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
     assert_int_equal(count_calls(f, "--array="), 4);
     assert_int_equal(count_calls(f, ".tile.0 "), 1);
     assert_int_equal(count_calls(f, "--array=0-499 "), 1);
@@ -119,7 +118,7 @@ static void put_full_queue(struct fixture *f, const char *reason)
              COUNT, NAME, reason);
     put_command(f, "sbatch", "");
     put_command(f, "squeue", script);
-    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
 }
 
 static void the_tasks_of_a_try_are_ended_by_the_number_of_their_array(void **state)
@@ -169,8 +168,7 @@ static void commands_are_left_when_the_try_shall_end(void **state)
     f->stage.stop = eventfd(0, EFD_CLOEXEC);
     assert_true(f->stage.stop >= 0);
     assert_int_equal(write(f->stage.stop, &one, sizeof one), sizeof one);
-    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error),
-                     UMB_E_UNAVAILABLE);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, f->wanted, &f->error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(f->error.message, "sbatch was stopped"));
     assert_int_equal(f->wanted[0], 1);
     assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_E_UNAVAILABLE);
@@ -194,14 +192,14 @@ static void a_task_writes_no_longer_files_than_it_may(void **state)
     /* What sbatch would run elsewhere is run at once. */
     put_command(f, "sbatch",
                 "while [ \"${1#--}\" != \"$1\" ]; do shift; done\nSLURM_JOB_ID=3 sh \"$@\"");
-    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_OK);
     snprintf(path, sizeof path, "%s/big", f->folder);
     assert_int_equal(stat(path, &facts), 0);
     assert_in_range(facts.st_size, 5000, 5000 + 512);
     snprintf(path, sizeof path, "%s/done.0", f->folder);
     assert_int_not_equal(stat(path, &facts), 0);
     f->stage.max_output_bytes = 100000;
-    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_OK);
     assert_int_equal(stat(path, &facts), 0);
 }
 
@@ -243,7 +241,7 @@ static void lines_of_a_queue_that_are_not_ours_or_not_whole_are_left_out(void **
     put_command(f, "sbatch", "");
     put_command(f, "scontrol", "");
     put_command(f, "scancel", "");
-    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_OK);
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         used += (size_t)snprintf(script + used, sizeof script - used, "echo \"%s\"\n", lines[i]);
     }
@@ -267,7 +265,7 @@ static void tasks_of_tries_whose_folders_are_gone_are_ended(void **state)
     char path[128];
     put_command(f, "sbatch", "");
     put_command(f, "scancel", "");
-    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_OK);
     put_command(f, "squeue",
                 TAG "echo 5_1 1 R ${tag}00aa.4.tile.0 None\n" /* its folder is there */
                     "echo 6_1 1 R ${tag}00aa.5.tile.0 None\n"
@@ -290,7 +288,7 @@ static void options_of_the_operator_reach_sbatch_word_by_word(void **state)
     assert_int_equal(umbj_slurm_farm_create(&options, &f->farm, &f->error), UMB_OK);
     put_command(f, "sbatch", "for word; do echo \"word $word\" >>calls; done");
     f->wanted[1] = 0; /* a single task, then a run of others */
-    assert_int_equal(f->farm->submit_array(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, f->wanted, &f->error), UMB_OK);
     assert_int_equal(count_calls(f, "word -p\n"), 3);
     assert_int_equal(count_calls(f, "word bake\n"), 6); /* half of them are the command */
     assert_int_equal(count_calls(f, "word --comment=a;b\n"), 3);
@@ -302,7 +300,7 @@ static void a_stage_whose_folder_is_gone_submits_nothing(void **state)
     struct fixture *f = *state;
     put_command(f, "sbatch", "");
     f->stage.folder = "/nonexistent";
-    assert_int_equal(f->farm->submit_merge(f->farm, &f->stage, &f->error), UMB_E_IO);
+    assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_E_IO);
     assert_non_null(strstr(f->error.message, "cannot write the script"));
     assert_int_equal(count_calls(f, "sbatch"), 0);
 }

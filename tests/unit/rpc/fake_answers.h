@@ -10,9 +10,12 @@
  * never-again away away-twice away-a-while away-for-good drop-once shed-once. "ok" answers each
  * point with its x coordinate (float).
  */
+#include <math.h>
+
 #include "fake_reply.h"
 #include "wire/bakes.h"
 #include "wire/grpc.h"
+#include "wire/messages.h"
 #include "wire/volume_queries.h"
 
 static void fake_answer(struct fake_stream *stream, const struct umbw_query_request *request,
@@ -237,6 +240,40 @@ static bool fake_segments(struct fake_stream *stream)
     return true;
 }
 
+/* Samples: the point numbers of the request's count and seed; "few" a point less and a note, "lies"
+ * a point more, "far" one that is infinitely far away. Returns false for "silent", which gets no
+ * answer. */
+static bool fake_sample(struct fake_stream *stream)
+{
+    struct umbw_sample_request request;
+    struct umbw_buffer buffer = {NULL, 0, 0};
+    double positions[3 * 16];
+    if (umbw_decode_sample_request(stream->body + 5, stream->body_size - 5, &request, NULL) !=
+            UMB_OK ||
+        request.settings.count > 8) {
+        return true; /* an empty reply */
+    }
+    struct umbw_sample_reply reply = {
+        .sample = {.count = request.settings.count, .origin = {1, 2, 3}, .asset_id = {0xab}},
+        .points.at = (const uint8_t *)positions};
+    for (size_t i = 0; i < sizeof positions / sizeof *positions; i++) {
+        positions[i] = (double)(i + request.settings.seed);
+    }
+    if (strcmp(request.asset, "few") == 0) {
+        reply.sample.count--;
+        memcpy(reply.sample.note, "one is missing", 15);
+    } else if (strcmp(request.asset, "lies") == 0) {
+        reply.sample.count++;
+    } else if (strcmp(request.asset, "far") == 0) {
+        positions[3 * reply.sample.count - 1] = HUGE_VAL;
+    }
+    if (umbw_encode_sample_reply(&reply, &buffer, NULL) != UMB_OK) {
+        abort();
+    }
+    fake_append_buffer(stream, &buffer);
+    return strcmp(request.asset, "silent") != 0;
+}
+
 /* Jobs: all but those of "silent" are done after a status on the way; an asset is "0123456789" in
  * two pieces. Returns false if nothing is answered. */
 static bool fake_jobs(struct fake_stream *stream)
@@ -296,6 +333,10 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
             fake_describe(stream);
         } else if (strcmp(stream->path, UMBW_PATH_LIMITS) == 0) {
             fake_limits(stream);
+        } else if (strcmp(stream->path, UMBW_PATH_SAMPLE) == 0) {
+            if (!fake_sample(stream)) {
+                return;
+            }
         } else if (strncmp(stream->path, "/umbrage.v1.Bakes/", 18) == 0) {
             if (!fake_jobs(stream)) {
                 return;

@@ -8,7 +8,7 @@
 #include <math.h>
 
 #include "call_end.h"
-#include "fake_server.h"
+#include "fake_peer.h"
 #include "umbrage/volume_queries.h"
 
 enum {
@@ -17,30 +17,6 @@ enum {
 };
 
 static const float ends[COUNT][6];
-
-struct peer {
-    struct fake_server server;
-    struct umb_client *client;
-};
-
-static int meet(void **state)
-{
-    static struct peer peer;
-    char address[128];
-    struct umb_error error;
-    memset(&peer, 0, sizeof peer);
-    fake_start(&peer.server, 0, address);
-    *state = &peer;
-    return umb_client_open(address, NULL, &peer.client, &error) == UMB_OK ? 0 : -1;
-}
-
-static int part(void **state)
-{
-    struct peer *peer = *state;
-    umb_client_close(peer->client);
-    fake_stop(&peer->server);
-    return 0;
-}
 
 static enum umb_status ask(struct peer *peer, const char *asset, size_t kept,
                            struct umb_segment_answer segments[COUNT],

@@ -257,7 +257,7 @@ static void asset_beyond_the_memory_of_a_load_is_refused_with_the_option(void **
     const uint64_t packed = (uint64_t)folder_size(&f->folder, "city.umb");
     const uint64_t limits[] = {packed - 1, packed, packed + 100};
     for (size_t i = 0; i < 3; i++) {
-        f->store->max_memory_bytes = limits[i];
+        f->store->options.max_memory_bytes = limits[i];
         static const char *const names[] = {"file.umb", "beside.umb", "expanded.umb"};
         remove_tree(folder_file(&f->folder, ".umbrage-cache"));
         assert_int_equal(unlink(folder_file(&f->folder, i == 0 ? "city.umb" : names[i - 1])), 0);

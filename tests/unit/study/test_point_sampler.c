@@ -14,7 +14,6 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/bytes.h"
-#include "study/point_file.h"
 #include "study/point_sampler.h"
 
 #define CUBES 2

@@ -11,19 +11,19 @@
 #include <string.h>
 
 #include "study/study.h"
-#include "study/study_errors.h"
+#include "study/study_probe.h"
 
 static struct umbt_study study;
 
 static void fill_results(void)
 {
     static const struct umbt_study_result results[] = {
-        {.bake = 0, .taps = 1, .off_p95_m = 4.0, .ns_view = 20.0, .spread = 0.1},
-        {.bake = 0, .taps = 9, .off_p95_m = 8.0, .ns_view = 40.0, .spread = 0.1},
-        {.bake = 1, .taps = 1, .off_p95_m = 0.4, .ns_view = 50.0, .spread = 0.1},
-        {.bake = 1, .taps = 9, .off_p95_m = 0.8, .ns_view = 90.0, .spread = 0.1},
+        {.bake = 0, .taps = 1, .off_p95_m = 4.0, .view = {20.0, 0.1}},
+        {.bake = 0, .taps = 9, .off_p95_m = 8.0, .view = {40.0, 0.1}},
+        {.bake = 1, .taps = 1, .off_p95_m = 0.4, .view = {50.0, 0.1}},
+        {.bake = 1, .taps = 9, .off_p95_m = 0.8, .view = {90.0, 0.1}},
         /* Cheap, but most of its wrong answers are out of reach of any boundary. */
-        {.bake = 0, .taps = 3, .off_p95_m = 0.5, .ns_view = 1.0, .off_unknown = 0.9, .spread = 0.1},
+        {.bake = 0, .taps = 3, .off_p95_m = 0.5, .view = {1.0, 0.1}, .off_unknown = 0.9},
     };
     memset(&study, 0, sizeof study);
     study.bake_count = 3;
@@ -35,8 +35,8 @@ static void fill_results(void)
     memcpy(study.results, results, sizeof results);
     study.result_count = sizeof results / sizeof results[0];
     study.points.reach_m = 100.0;
-    study.rays.ns_view = 500.0;
-    study.rays.ns_view8 = 600.0; /* the better way counts */
+    study.rays[UMBT_RAYS_VIEW].ns = 500.0;
+    study.rays[UMBT_RAYS_VIEW8].ns = 600.0; /* the better way counts */
 }
 
 static void summary_names_the_cheapest_setting_below_each_error(void **state)
@@ -60,7 +60,7 @@ static void summary_repeats_nothing_and_owns_up_to_noise(void **state)
     char text[4096];
     (void)state;
     fill_results();
-    study.results[0].spread = 0.4;
+    study.results[0].view.spread = 0.4;
     umbt_study_summary(&study, text, sizeof text);
     assert_non_null(strstr(text, "times of 1 of 5 settings on one thread and of 0 on all"));
     assert_null(strstr(text, "20 ns"));             /* the unsteady one's */
@@ -73,15 +73,13 @@ static void summary_says_what_peers_of_the_same_voxels_cost(void **state)
         {.method = UMBT_STUDY_DEPTH_MAP,
          .bake = 1,
          .taps = 1,
-         .ns_view = 5.0,
-         .spread = 0.1,
+         .view = {5.0, 0.1},
          .bytes = 35000000,
          .off_p95_m = 0.1},
         {.method = UMBT_STUDY_DEPTH_MAP,
          .bake = 1,
          .taps = 9,
-         .ns_view = 25.0,
-         .spread = 0.9,
+         .view = {25.0, 0.9},
          .bytes = 35000000,
          .off_p95_m = 0.1},
     };

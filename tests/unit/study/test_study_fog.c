@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "make_asset.h"
-#include "study/study_fog.h"
+#include "study/study_picture.h"
 
 enum {
     STEPS = 20000

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/shading.h"
+#include "study/picture.h"
 #include "study/study_scene.h"
 #include "study/study_math.h"
 #include "study/traced_shadow.h"

@@ -454,6 +454,50 @@ static void bake_settings_are_collected_in_their_order(void **state)
     assert_null(umbu_bake_setting("threads"));
 }
 
+/* Rows of settings give what a row leaves out; "*" is a row for each of the others. */
+static void settings_of_queries_are_options(void **state)
+{
+    static const struct umbu_option rows[] = {
+        {.setting = "taps", AT(taps), .standard = "3"},
+        {"width", "M", "width", .setting = "footprint_m", AT(reach), .unit = "m"},
+        {UMBU_LIGHT_SIZE_ROW(struct settings, query.light_extent)},
+        {UMBU_BIAS_ROW(struct settings, query)},
+        {UMBU_OTHER_SETTINGS(struct settings, query, "format|eye"), .needs = "width"},
+    };
+    static const struct umbu_command command = {
+        .name = "thing", .sections = {{"options", UMBU_ROWS(rows)}, {"more", UMBU_ROWS(MORE)}}};
+    static char *good[] = {
+        "thing",         "--width",   "2.5m",     "--light-size", "45deg",       "--pixel-rad", "1",
+        "--opaque-only", "--level=5", "--filter", "tent",         "--bias=2vox", "--seed=7"};
+    static char *bad[][3] = {{"thing", "--width=1", "--pixel-rad=1.5"},
+                             {"thing", "--width=0"},
+                             {"thing", "--taps=19"},
+                             {"thing", "--light-size=57.3"},
+                             {"thing", "--level=5"},
+                             {"thing", "--width=1", "--filter=gauss"},
+                             {"thing", "--width=1", "--eye=1,2,3"},
+                             {"thing", "--width=1", "--bias-mode=none"}};
+    (void)state;
+    memset(&settings, 0, sizeof settings);
+    assert_int_equal(
+        umbu_parse(&parsed, &command, sizeof good / sizeof good[0], good, &settings, &error),
+        UMB_OK);
+    assert_int_equal(settings.taps, 3);
+    assert_true(settings.reach == 2.5 && settings.query.pixel_rad == 1);
+    assert_true(fabs(settings.query.light_extent - 0.7853981633974483) < 1e-15);
+    assert_int_equal(settings.query.level, 5);
+    assert_int_equal(settings.query.filter, UMB_FILTER_TENT);
+    assert_true(settings.query.opaque_only && settings.query.bias == 2);
+    assert_int_equal(settings.seed, 7);
+    assert_true(umbu_given(&parsed, "seed") && !umbu_given(&parsed, "light"));
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        const int count = bad[i][2] != NULL ? 3 : 2;
+        if (umbu_parse(&parsed, &command, count, bad[i], &settings, &error) != UMB_E_ARGUMENT) {
+            fail_msg("%s %s is taken", bad[i][1], bad[i][2]);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -471,6 +515,7 @@ int main(void)
         cmocka_unit_test(errors_of_the_library_name_the_option),
         cmocka_unit_test(tables_that_do_not_fit_their_fields_end_the_program),
         cmocka_unit_test(bake_settings_are_collected_in_their_order),
+        cmocka_unit_test(settings_of_queries_are_options),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -251,6 +251,24 @@ static void regions_keep_their_bytes(void **state)
     expect("derive view", umbw_encode_derive_request(&derive, &b, NULL), &b);
 }
 
+static void samples_keep_their_bytes(void **state)
+{
+    (void)state;
+    struct umbw_buffer b = {0};
+    struct umbw_sample_request request = {.asset = "city", .settings.count = 1};
+    expect("sample few", umbw_encode_sample_request(&request, &b, NULL), &b);
+    request.settings = (struct umb_sample_settings){
+        .light = 300, .count = 65536, .seed = UINT64_MAX, .scattered = 0.25};
+    expect("sample", umbw_encode_sample_request(&request, &b, NULL), &b);
+    struct umbw_sample_reply reply = {.sample.asset_id = {7, 8}};
+    expect("sampled none", umbw_encode_sample_reply(&reply, &b, NULL), &b);
+    reply.sample.count = 1;
+    reply.sample.origin[1] = -2.5;
+    (void)snprintf(reply.sample.note, sizeof reply.sample.note, "1 of 2");
+    reply.points.at = (const uint8_t *)wide_points;
+    expect("sampled", umbw_encode_sample_reply(&reply, &b, NULL), &b);
+}
+
 static void volume_queries_keep_their_bytes(void **state)
 {
     (void)state;
@@ -317,6 +335,7 @@ int main(void)
         cmocka_unit_test(assets_keep_their_bytes),
         cmocka_unit_test(jobs_keep_their_bytes),
         cmocka_unit_test(regions_keep_their_bytes),
+        cmocka_unit_test(samples_keep_their_bytes),
         cmocka_unit_test(volume_queries_keep_their_bytes),
         cmocka_unit_test(reflection_keeps_its_bytes),
     };

@@ -1,0 +1,491 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Deep shadow maps: makes transmittance lists from fragments, and answers from them; see
+ * deep_parts.h. Source: Lokovic, Veach 2000. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "base/try.h"
+#include "maps/deep_parts.h"
+
+enum umb_status umb__fragments_no_memory(uint64_t count, struct umb_error *error)
+{
+    return umb_fail(error, UMB_E_NO_MEMORY, "%llu fragments do not fit in memory",
+                    (unsigned long long)count);
+}
+
+enum umb_status umb__fragments_check(const struct umb_map_fragments *in, size_t texels,
+                                     struct umb_error *error)
+{
+    for (size_t i = 0; i < texels; i++) {
+        if (in->first[i] > in->first[i + 1] || in->first[i + 1] - in->first[i] >= UINT32_MAX) {
+            return umb_fail(error, UMB_E_ARGUMENT, "fragments.first[%zu]: %llu, then %llu", i,
+                            (unsigned long long)in->first[i], (unsigned long long)in->first[i + 1]);
+        }
+    }
+    for (uint64_t i = in->first[0]; i < in->first[texels]; i++) {
+        const struct umb_map_fragment *f = &in->fragments[i];
+        if (!(f->depth >= 0.0F && f->depth <= 1.0F && f->alpha >= 0.0F && f->alpha <= 1.0F)) {
+            return umb_fail(error, UMB_E_ARGUMENT,
+                            "fragments[%llu]: depth %g, alpha %g; both must be 0..1",
+                            (unsigned long long)i, (double)f->depth, (double)f->alpha);
+        }
+    }
+    return UMB_OK;
+}
+
+static int fragment_compare(const void *a, const void *b)
+{
+    const struct umb_map_fragment *x = a, *y = b;
+    if (x->depth != y->depth) {
+        return x->depth < y->depth ? -1 : 1;
+    }
+    return (x->alpha > y->alpha) - (x->alpha < y->alpha);
+}
+
+enum umb_status umb__lists_write(const struct umb_map_fragments *in, size_t texels,
+                                 const struct umb_alloc *alloc, umb__list_writer *write, void *user,
+                                 uint64_t *first, struct umb_error *error)
+{
+    uint64_t longest = 0, used = 0;
+    for (size_t i = 0; i < texels; i++) {
+        const uint64_t count = in->first[i + 1] - in->first[i];
+        longest = count > longest ? count : longest;
+    }
+    struct umb_map_fragment *sorted = umb__alloc(alloc, longest, sizeof *sorted);
+    if (sorted == NULL) {
+        return umb__fragments_no_memory(longest, error);
+    }
+    for (size_t i = 0; i < texels; i++) {
+        const size_t count = (size_t)(in->first[i + 1] - in->first[i]);
+        if (count > 0) {
+            memcpy(sorted, &in->fragments[in->first[i]], count * sizeof *sorted);
+        }
+        qsort(sorted, count, sizeof *sorted, fragment_compare);
+        first[i] = used;
+        used += write(user, sorted, count, used);
+    }
+    first[texels] = used;
+    umb__free(alloc, sorted);
+    return UMB_OK;
+}
+
+/*
+ * Writes the list of one texel of a deep map. Transmittance is a product of n factors in doubles,
+ * off by n 2^-53, which is rounded to 2^-30 once a node. Fragments that absorb nothing are left
+ * out. The list ends at the first node that leaves no light, or less than epsilon.
+ */
+static size_t list_write(void *user, const struct umb_map_fragment *sorted, size_t count,
+                         uint64_t used)
+{
+    const struct umb__deep *deep = user;
+    const double epsilon = deep->settings.epsilon;
+    uint8_t *nodes = deep->nodes + used * deep->stride;
+    double left = 1.0;
+    size_t length = 0;
+    struct umb__deep_node *last = NULL;
+    for (size_t i = 0; i < count; i++) {
+        if (sorted[i].alpha == 0.0F) {
+            continue;
+        }
+        left *= 1.0 - (double)sorted[i].alpha;
+        if (last == NULL || last->depth != sorted[i].depth) {
+            last = (struct umb__deep_node *)(void *)(nodes + length++ * deep->stride);
+            last->depth = sorted[i].depth + 0.0F; /* -0 becomes 0, since streams compare bits */
+        }
+        last->left = (uint32_t)(left * (double)UMB__DEEP_ONE + 0.5);
+        const int more_here = i + 1 < count && sorted[i + 1].depth == sorted[i].depth;
+        if (!more_here && (left < epsilon || last->left == 0)) {
+            break;
+        }
+    }
+    return length;
+}
+
+static enum umb_status lists_make(struct umb__deep *deep, const struct umb_map_fragments *in,
+                                  const struct umb_alloc *alloc, struct umb_error *error)
+{
+    const size_t texels = (size_t)deep->width * deep->height;
+    UMB__TRY(umb__lists_write(in, texels, alloc, list_write, deep, deep->first, error));
+    const uint64_t used = deep->first[texels];
+    /* Frees the memory behind the lists. If the allocator refuses, the block stays as it is. */
+    uint8_t *less = umb__resize(alloc, deep->nodes, (used > 0 ? used : 1) * deep->stride);
+    deep->nodes = less != NULL ? less : deep->nodes;
+    deep->bytes = (texels + 1) * sizeof *deep->first + used * deep->stride;
+    return UMB_OK;
+}
+
+static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t i)
+{
+    return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
+}
+
+/* Links each node of list `from` to the nearest node of list `to`. Both lists are sorted. */
+static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
+{
+    const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
+    uint32_t near = 0;
+    for (uint64_t i = deep->first[from]; i < deep->first[from + 1]; i++) {
+        struct umb__deep_linked *node = linked_at(deep, i);
+        const float depth = node->node.depth;
+        while (near + 1 < count) {
+            const float here = linked_at(deep, deep->first[to] + near)->node.depth;
+            const float next = linked_at(deep, deep->first[to] + near + 1)->node.depth;
+            if (!(fabsf(next - depth) < fabsf(here - depth))) {
+                break;
+            }
+            near++;
+        }
+        if (upper) {
+            node->upper = near;
+        } else {
+            node->right = near;
+        }
+    }
+}
+
+/* Makes all links. Links to a side without a neighbour are 0 and are never followed. */
+static void links_make(struct umb__deep *deep)
+{
+    const uint64_t used = deep->first[(size_t)deep->width * deep->height];
+    for (uint64_t i = 0; i < used; i++) {
+        linked_at(deep, i)->right = 0;
+        linked_at(deep, i)->upper = 0;
+    }
+    for (uint32_t y = 0; y < deep->height; y++) {
+        for (uint32_t x = 0; x < deep->width; x++) {
+            const size_t i = (size_t)y * deep->width + x;
+            if (x + 1 < deep->width) {
+                list_link(deep, i, i + 1, 0);
+            }
+            if (y + 1 < deep->height) {
+                list_link(deep, i, i + deep->width, 1);
+            }
+        }
+    }
+}
+
+/* Mean length of non-empty lists up to which a stream is faster than links (measured at 7 x 7,
+ * docs/results/techniques.md). */
+#define STREAM_MEAN 16U
+
+static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
+{
+    const size_t texels = (size_t)deep->width * deep->height;
+    uint64_t lists = 0;
+    if (deep->settings.way != UMB_MAP_DEEP_AUTO) {
+        return deep->settings.way;
+    }
+    for (size_t i = 0; i < texels; i++) {
+        lists += deep->first[i + 1] > deep->first[i];
+    }
+    return deep->settings.exponent == 0.0 && deep->first[texels] <= STREAM_MEAN * lists
+               ? UMB_MAP_DEEP_STREAM
+               : UMB_MAP_DEEP_LINKS;
+}
+
+/* Replaces each node's transmittance by its drop, from the end of each list to the start. */
+static void stream_make(struct umb__deep *deep)
+{
+    struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;
+    const size_t texels = (size_t)deep->width * deep->height;
+    for (size_t i = 0; i < texels; i++) {
+        for (uint64_t k = deep->first[i + 1]; k > deep->first[i]; k--) {
+            const uint32_t before = k - 1 > deep->first[i] ? nodes[k - 2].left : UMB__DEEP_ONE;
+            nodes[k - 1].left = before - nodes[k - 1].left;
+        }
+    }
+}
+
+/* Makes room for links behind each node: moves the nodes apart in place, the last node first. */
+static enum umb_status links_open(struct umb__deep *deep, const struct umb_alloc *alloc,
+                                  struct umb_error *error)
+{
+    const uint64_t used = deep->first[(size_t)deep->width * deep->height];
+    const size_t stride = sizeof(struct umb__deep_linked);
+    uint8_t *more = umb__resize(alloc, deep->nodes, (size_t)(used > 0 ? used : 1) * stride);
+    if (more == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "links of %llu fragments do not fit in memory",
+                        (unsigned long long)used);
+    }
+    for (uint64_t i = used; i > 0; i--) {
+        struct umb__deep_node node;
+        memcpy(&node, more + (i - 1) * sizeof node, sizeof node);
+        memcpy(more + (i - 1) * stride, &node, sizeof node);
+    }
+    deep->nodes = more;
+    deep->stride = stride;
+    deep->bytes += used * (stride - sizeof(struct umb__deep_node));
+    return UMB_OK;
+}
+
+enum umb_status umb__deep_create(const struct umb_map_frustum *frustum,
+                                 const struct umb_map_fragments *fragments,
+                                 const struct umb_map_deep_settings *settings,
+                                 const struct umb_alloc *alloc, struct umb__deep **out,
+                                 struct umb_error *error)
+{
+    *out = NULL;
+    const size_t texels = (size_t)frustum->width * frustum->height;
+    UMB__TRY(umb__fragments_check(fragments, texels, error));
+    const uint64_t total = fragments->first[texels] - fragments->first[0];
+    struct umb__deep *deep = umb__alloc_zeroed(alloc, 1, sizeof *deep);
+    if (deep != NULL) {
+        deep->settings = *settings;
+        deep->width = frustum->width;
+        deep->height = frustum->height;
+        deep->first = umb__alloc_zeroed(alloc, texels + 1, sizeof *deep->first);
+        deep->stride = sizeof(struct umb__deep_node);
+        deep->nodes = umb__alloc(alloc, total, deep->stride);
+    }
+    if (deep == NULL || deep->first == NULL || deep->nodes == NULL) {
+        umb__deep_destroy(deep, alloc);
+        return umb__fragments_no_memory(total, error);
+    }
+    enum umb_status status = lists_make(deep, fragments, alloc, error);
+    deep->way = status == UMB_OK ? choose_way(deep) : settings->way;
+    if (status == UMB_OK && deep->way == UMB_MAP_DEEP_LINKS) {
+        status = links_open(deep, alloc, error);
+    }
+    if (status != UMB_OK) {
+        umb__deep_destroy(deep, alloc);
+        return status;
+    }
+    if (deep->way == UMB_MAP_DEEP_LINKS) {
+        links_make(deep);
+    } else if (deep->way == UMB_MAP_DEEP_STREAM) {
+        stream_make(deep);
+    }
+    *out = deep;
+    return UMB_OK;
+}
+
+void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc)
+{
+    if (deep == NULL) {
+        return;
+    }
+    umb__free(alloc, deep->first);
+    umb__free(alloc, deep->nodes);
+    umb__free(alloc, deep);
+}
+
+static int is_nearer(const struct umb__deep_list *list, uint32_t i, double depth)
+{
+    return (double)umb__deep_at(list, i)->depth < depth;
+}
+
+uint32_t umb__deep_search(const struct umb__deep_list *list, double depth)
+{
+    uint32_t low = 0, high = list->count;
+    while (low < high) {
+        const uint32_t middle = low + (high - low) / 2;
+        if (is_nearer(list, middle, depth)) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth)
+{
+    while (guess < list->count && is_nearer(list, guess, depth)) {
+        guess++;
+    }
+    while (guess > 0 && !is_nearer(list, guess - 1, depth)) {
+        guess--;
+    }
+    return guess;
+}
+
+/* A filter's position in one row of its window: a texel's list, and the number of nodes in that
+ * list nearer than the receiver. */
+struct place {
+    struct umb__deep_list list;
+    uint32_t nearer;
+};
+
+static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, int64_t y)
+{
+    const size_t i = (size_t)y * deep->width + (size_t)x;
+    return (struct umb__deep_list){deep->nodes + deep->first[i] * deep->stride, deep->stride,
+                                   (uint32_t)(deep->first[i + 1] - deep->first[i])};
+}
+
+/* Returns the transmittance at a position, in units of 2^-30. An exponent fades the last step in;
+ * without one the result is a whole number. */
+static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
+{
+    const double one = (double)UMB__DEEP_ONE;
+    if (place->nearer == 0) {
+        return one;
+    }
+    const struct umb__deep_node *node = umb__deep_at(&place->list, place->nearer - 1);
+    const double left = (double)node->left;
+    if (deep->settings.exponent == 0.0) {
+        return left;
+    }
+    const double before =
+        place->nearer > 1 ? (double)umb__deep_at(&place->list, place->nearer - 2)->left : one;
+    return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
+}
+
+/* Returns the number of the node in the next list to which a position's node is linked. */
+static uint32_t place_link(const struct place *place, int upper)
+{
+    if (place->nearer == 0) {
+        return 0;
+    }
+    const struct umb__deep_linked *node =
+        (const struct umb__deep_linked *)(const void *)umb__deep_at(&place->list,
+                                                                    place->nearer - 1);
+    return upper ? node->upper : node->right;
+}
+
+/* Moves a position to a neighbouring texel's list, by the link of its node or by a search. */
+static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
+                       struct umb__deep_list list, double depth, struct place *to)
+{
+    to->nearer = deep->way == UMB_MAP_DEEP_LINKS
+                     ? umb__deep_walk(&list, place_link(from, upper), depth)
+                     : umb__deep_search(&list, depth);
+    to->list = list;
+}
+
+/* The part of a filter's window that lies on the map: texels [x0, x1) x [y0, y1). */
+struct window {
+    int64_t x0, y0, x1, y1;
+};
+
+/* Prefetches the first reads of the next step to the right. */
+static void place_prefetch(const struct umb__deep *deep, const struct place *place, int64_t x,
+                           int64_t y)
+{
+    if (deep->way == UMB_MAP_DEEP_LINKS) {
+        const struct umb__deep_list next = list_at(deep, x, y);
+        __builtin_prefetch(umb__deep_at(&next, place_link(place, 0)));
+    }
+}
+
+/*
+ * Sums the transmittance of a window's texels. It starts with the left column and then steps all
+ * rows to the right together, so that while one row waits for memory, the others go on.
+ */
+static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
+{
+    struct place rows[UMB_MAP_WIDTH_MAX];
+    const int64_t count = w->y1 - w->y0;
+    double sum = 0.0;
+    rows[0].list = list_at(deep, w->x0, w->y0);
+    rows[0].nearer = umb__deep_search(&rows[0].list, depth);
+    for (int64_t i = 1; i < count; i++) {
+        place_move(deep, &rows[i - 1], 1, list_at(deep, w->x0, w->y0 + i), depth, &rows[i]);
+    }
+    for (int64_t x = w->x0;; x++) {
+        for (int64_t i = 0; i < count; i++) {
+            if (x > w->x0) {
+                place_move(deep, &rows[i], 0, list_at(deep, x, w->y0 + i), depth, &rows[i]);
+            }
+            if (x + 1 < w->x1) {
+                place_prefetch(deep, &rows[i], x + 1, w->y0 + i);
+            }
+            sum += place_value(deep, &rows[i], depth);
+        }
+        if (x + 1 >= w->x1) {
+            return sum;
+        }
+    }
+}
+
+/* Returns the bits of the least float that is not below a depth. Floats from 0 on are ordered as
+ * their bits are, so a float is nearer than the depth exactly if its bits are below the result. */
+static uint32_t bits_from(double depth)
+{
+    uint32_t bits;
+    if (!(depth > 0.0)) {
+        return 0;
+    }
+    float near = depth < 2.0 ? (float)depth : 2.0F; /* Behind all nodes */
+    near = (double)near < depth ? nextafterf(near, INFINITY) : near;
+    memcpy(&bits, &near, sizeof bits);
+    return bits;
+}
+
+/* Returns the drop of a node if its depth's bits are below the limit, else 0. It uses a mask
+ * instead of a branch: about half of the nodes are nearer, in an order that no branch predictor
+ * learns. */
+static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t limit)
+{
+    uint32_t bits;
+    memcpy(&bits, &node->depth, sizeof bits);
+    return node->left & (0U - (uint32_t)(bits < limit));
+}
+
+/* Sums the transmittance of a window from streams: 1 for each texel, minus the drops of all nodes
+ * nearer than `depth`. */
+static double stream_sum(const struct umb__deep *deep, const struct window *w, double depth)
+{
+    const struct umb__deep_node *nodes = (const struct umb__deep_node *)(const void *)deep->nodes;
+    const uint32_t limit = bits_from(depth);
+    uint64_t lost[2] = {0, 0}; /* Two sums, so that a node need not wait for the one before */
+    for (int64_t y = w->y0; y < w->y1; y++) {
+        const uint64_t *row = deep->first + (size_t)y * deep->width;
+        const uint64_t end = row[w->x1];
+        uint64_t i = row[w->x0];
+        for (; i + 1 < end; i += 2) {
+            lost[0] += drop_before(&nodes[i], limit);
+            lost[1] += drop_before(&nodes[i + 1], limit);
+        }
+        if (i < end) {
+            lost[0] += drop_before(&nodes[i], limit);
+        }
+    }
+    const uint64_t all = (uint64_t)((w->x1 - w->x0) * (w->y1 - w->y0)) * UMB__DEEP_ONE;
+    return (double)(all - lost[0] - lost[1]);
+}
+
+static double deep_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
+                          const double *at)
+{
+    (void)at;
+    const struct umb__deep *deep = query->map->deep;
+    const int64_t taps = (int64_t)query->taps;
+    const int64_t x0 = (int64_t)floor(receiver->x) - taps / 2;
+    const int64_t y0 = (int64_t)floor(receiver->y) - taps / 2;
+    struct window w = {x0, y0, x0 + taps, y0 + taps};
+    w.x0 = w.x0 < 0 ? 0 : w.x0;
+    w.y0 = w.y0 < 0 ? 0 : w.y0;
+    w.x1 = w.x1 > (int64_t)deep->width ? (int64_t)deep->width : w.x1;
+    w.y1 = w.y1 > (int64_t)deep->height ? (int64_t)deep->height : w.y1;
+    const double depth = umb__biased_depth(query, receiver, (double)taps);
+    if (w.x1 <= w.x0 || w.y1 <= w.y0) {
+        return 1.0;
+    }
+    const int64_t inside = (w.x1 - w.x0) * (w.y1 - w.y0);
+    const double lit = (double)(taps * taps - inside); /* No caster beyond the border */
+    const double sum = deep->way == UMB_MAP_DEEP_STREAM ? stream_sum(deep, &w, depth)
+                                                        : window_sum(deep, &w, depth);
+    return (sum / (double)UMB__DEEP_ONE + lit) / (double)(taps * taps);
+}
+
+static enum umb_status deep_check(const struct umb_map_settings *settings, struct umb_error *error)
+{
+    (void)settings;
+    return umb_fail(error, UMB_E_UNSUPPORTED,
+                    "settings.technique: deep maps are built by umb_map_build_deep");
+}
+
+static double deep_slack(const struct umb_map *map)
+{
+    return map->deep->settings.epsilon + 0x1p-24; /* The answer is a float */
+}
+
+const struct umb__technique umb__map_deep = {
+    .name = "deep",
+    .bound = UMB_MAP_EXACT,
+    .check = deep_check,
+    .answer = deep_answer,
+    .slack = deep_slack,
+};
