@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Batches in slices: on one thread so that Ctrl-C is heard between them, on several so that they share the work.
+"""
+import itertools
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+SLICE = 65536  # points: some milliseconds; a multiple of 512, so that no two slices share a cache line of answers
+
+_pool = None
+_pool_threads = 0
+_pool_lock = threading.Lock()
+
+
+def _threads(count):
+    """A pool of at least `count` threads; it stays for later batches."""
+    global _pool, _pool_threads
+    with _pool_lock:
+        if _pool_threads < count:
+            if _pool is not None:
+                _pool.shutdown(wait=False)
+            _pool = ThreadPoolExecutor(count, "umbrage")
+            _pool_threads = count
+        return _pool
+
+
+def run_slices(one, count, threads=1, size=SLICE):
+    """
+    Calls one(first, number) for slices that cover 0 .. count - 1, on `threads` threads. An exception or an interrupt
+    ends the batch after the slices that are under way.
+    """
+    if threads <= 1 or count <= size:
+        for first in range(0, count, size):
+            one(first, min(size, count - first))
+        return
+    numbers = itertools.count(0, size)  # next() of it is one step of the interpreter
+    stop = threading.Event()
+
+    def work():
+        for first in numbers:
+            if first >= count or stop.is_set():
+                return
+            one(first, min(size, count - first))
+
+    pool = _threads(threads - 1)
+    futures = [pool.submit(work) for _ in range(threads - 1)]
+    try:
+        work()
+        for future in futures:
+            future.result()
+    except BaseException:
+        stop.set()
+        for future in futures:
+            future.exception()
+        raise
